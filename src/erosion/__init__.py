@@ -1,0 +1,76 @@
+"""How a rigid particle cuts a ductile surface, and at which angle it removes most.
+
+The public names load on first use, so that `erosion --help` need not wait for JAX.
+Importing the package turns JAX's 64-bit mode on (before JAX is loaded, if it is not yet).
+"""
+
+import importlib
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from erosion import models as models
+    from erosion.cases import CaseError as CaseError
+    from erosion.cases import dump_case as dump_case
+    from erosion.cases import load_case as load_case
+    from erosion.kernel import Impact as Impact
+    from erosion.kernel import impact as impact
+    from erosion.kernel import volume as volume
+    from erosion.model import ClosedForm as ClosedForm
+    from erosion.model import CuttingModel as CuttingModel
+    from erosion.model import Scales as Scales
+    from erosion.model import State as State
+    from erosion.model import Tip as Tip
+    from erosion.models import ModelError as ModelError
+    from erosion.models import available_models as available_models
+    from erosion.models import load_model as load_model
+    from erosion.parameters import MATERIALS as MATERIALS
+    from erosion.parameters import TABLE_1 as TABLE_1
+    from erosion.parameters import Parameters as Parameters
+    from erosion.parameters import validate as validate
+    from erosion.trajectory import Trajectory as Trajectory
+    from erosion.trajectory import simulate as simulate
+    from erosion.trigonometry import sincos as sincos
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "cases": ("CaseError", "dump_case", "load_case"),
+    "kernel": ("Impact", "impact", "volume"),
+    "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
+    "models": ("ModelError", "available_models", "load_model"),
+    "parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
+    "trajectory": ("Trajectory", "simulate"),
+    "trigonometry": ("sincos",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = ["__version__", "models", *_HOME_OF]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def _turn_float64_on() -> None:
+    # An explicit JAX_ENABLE_X64=0 is left alone: the first computation says what to do.
+    if "JAX_ENABLE_X64" in os.environ:
+        return
+    if "jax" in sys.modules:
+        sys.modules["jax"].config.update("jax_enable_x64", True)
+    else:
+        os.environ["JAX_ENABLE_X64"] = "1"
+
+
+_turn_float64_on()
+
+
+def __getattr__(name: str) -> Any:
+    if name == "models":
+        return importlib.import_module("erosion.models")
+    if name in _HOME_OF:
+        value = getattr(importlib.import_module(f"erosion.{_HOME_OF[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'erosion' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

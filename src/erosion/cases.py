@@ -1,0 +1,105 @@
+"""Case files: the parameters of an impact in TOML, with quantities as strings.
+
+    units = "inch-pound"          # of bare numbers, and of the results
+    v0 = "4400 in/s"
+    alpha = "20 deg"
+    k = 2
+
+A file without `units` is in SI, and then every dimensional quantity must carry its unit.
+"""
+
+import tomllib
+from pathlib import Path
+
+from erosion.parameters import QUANTITIES, Parameters
+from erosion.units import check_system, unit_name
+
+TEXT_KEYS = ("title", "units")
+
+
+class CaseError(ValueError):
+    """A case file that cannot be used; the message names the file and the field."""
+
+
+def load_case(path: str | Path) -> Parameters:
+    """Read the parameters in a TOML case file.
+
+    Args:
+        path: the file; its keys are `units`, `title` and the fields of `Parameters`.
+
+    Returns:
+        Validated parameters, in the file's units (SI where it names none).
+
+    Raises:
+        CaseError: one sentence naming the file and the field, for a file that cannot be
+            read, an unknown or missing key, a wrong dimension or a value out of range.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise CaseError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    except UnicodeDecodeError as error:
+        raise CaseError(f"{path}: is not a text file in UTF-8.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
+    except RecursionError as error:
+        raise CaseError(f"{path}: is nested too deeply to be a case file.") from error
+    try:
+        return _parameters(table)
+    except ValueError as error:
+        raise CaseError(f"{path}: {_lower_first(str(error))}") from error
+
+
+def dump_case(p: Parameters, title: str = "") -> str:
+    """The TOML text of a case file that `load_case` reads back to the last bit."""
+    lines = [f"title = {_toml_string(title)}"] if title else []
+    lines.append(f'units = "{p.units}"')
+    for name, quantity in QUANTITIES.items():
+        unit = unit_name(quantity.dimension, p.units)
+        comment = f"{quantity.meaning} [{unit}]" if unit else quantity.meaning
+        lines.append(f"{name} = {float(getattr(p, name))!r}  # {comment}")
+    return "\n".join(lines) + "\n"
+
+
+def _parameters(table: dict[str, object]) -> Parameters:
+    quantities: dict[str, float | str] = {}
+    for name, value in table.items():
+        if name in TEXT_KEYS:
+            if not isinstance(value, str):
+                raise ValueError(f"Field `{name}` must be text in quotes, but is {value!r}.")
+        elif name in QUANTITIES and isinstance(value, (int, float, str)):
+            quantities[name] = value
+        elif name in QUANTITIES:
+            raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {value!r}.")
+        else:
+            raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join((*TEXT_KEYS, *QUANTITIES))}.")
+    units = table.get("units")
+    if units is None:
+        _require_units(quantities)
+        units = "si"
+    try:
+        system = check_system(str(units))
+    except ValueError as error:
+        raise ValueError(str(error).replace("Argument", "Field")) from error
+    return Parameters.from_quantities(system, quantities)
+
+
+def _require_units(quantities: dict[str, float | str]) -> None:
+    for name, value in quantities.items():
+        bare = not isinstance(value, str) or value.strip().replace(".", "").isdigit()
+        if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):
+            raise ValueError(
+                f"Field `{name}` is the bare number {value}, but the file names no `units`; "
+                'write units = "inch-pound" or "si", or give the quantity a unit.'
+            )
+
+
+def _lower_first(sentence: str) -> str:
+    return sentence[0].lower() + sentence[1:]
+
+
+def _toml_string(text: str) -> str:
+    import json
+
+    return json.dumps(text, ensure_ascii=False)

@@ -1,0 +1,176 @@
+"""The one pluggable interface: what a model must say about a cut.
+
+A model says how a tip cuts. Everything else (trajectories, batches, derivatives, the best
+angle, fits, plots) works for any model without knowing which one it is.
+"""
+
+import abc
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from erosion.parameters import Parameters
+
+Scalar = Float[Array | np.ndarray, ""]
+
+
+class State(eqx.Module):
+    """The rigid body's motion: centre of mass and rotation, with their rates.
+
+    x points along the surface and **y points down into the target**. φ is the angle of the
+    line from the tip to the centre of mass, counter-clockwise; φ = π/2 is upright.
+
+    Args:
+        x, y: displacement of the centre of mass since contact [length].
+        phi: orientation φ [rad].
+        vx, vy: velocity of the centre of mass [speed].
+        omega: φ̇ [rad/s].
+    """
+
+    x: Any
+    y: Any
+    phi: Any
+    vx: Any
+    vy: Any
+    omega: Any
+
+
+class Tip(NamedTuple):
+    """Where the cutting tip is and how it moves.
+
+    Args:
+        x: along the surface from the point of contact [length].
+        depth: below the undisturbed surface [length], positive in the target.
+        vx: dx/dt [speed].
+        vdepth: d(depth)/dt [speed].
+    """
+
+    x: Any
+    depth: Any
+    vx: Any
+    vdepth: Any
+
+
+class Scales(NamedTuple):
+    """Typical size of a cut, for first steps, absolute tolerances and event functions.
+
+    Args:
+        time: a fraction of the cut's duration [s].
+        length: of the order of the greatest depth [length].
+    """
+
+    time: Any
+    length: Any
+
+
+class ClosedForm(eqx.Module):
+    """The exact solution of a model that has one. Every method broadcasts over arrays.
+
+    All are abstract: a closed form is complete or absent.
+    """
+
+    @abc.abstractmethod
+    def state(self, t: Any, p: Parameters) -> State:
+        """The state at time `t` [s] since contact, for t up to `t_c`."""
+
+    @abc.abstractmethod
+    def end_times(self, p: Parameters) -> dict[str, Any]:
+        """When each event alone would end the cut [s]; NaN where it never happens."""
+
+    @abc.abstractmethod
+    def t_c(self, p: Parameters) -> Any:
+        """When the cut ends [s]; 0 where nothing is cut."""
+
+    @abc.abstractmethod
+    def ended_by(self, p: Parameters) -> np.ndarray:
+        """How the cut ends: "rebound", "stop" or "no-cut"."""
+
+    @abc.abstractmethod
+    def volume(self, p: Parameters) -> Any:
+        """Removed volume [volume]."""
+
+    @abc.abstractmethod
+    def dvolume(self, p: Parameters) -> Any:
+        """dV/dα [volume/rad]."""
+
+    @abc.abstractmethod
+    def d2volume(self, p: Parameters) -> Any:
+        """d²V/dα² [volume/rad²]."""
+
+    @abc.abstractmethod
+    def alpha_max(self, p: Parameters) -> Any:
+        """The angle in (0, π/2) where V is greatest [rad]; NaN where there is none."""
+
+
+class CuttingModel(eqx.Module):
+    """How a tip cuts: initial state, motion, tip. Subclass it (or, shorter, `RigidErodent`).
+
+    A model is autonomous (its motion depends on the state alone) and written for **one**
+    impact with `jax.numpy`; the engines batch and differentiate it. `initial_state`,
+    `derivative` and `tip` must be given. `events`, `removal_rate`, `scales` and
+    `closed_form` have the defaults that the physics of all built-in models shares, and are
+    the only implemented methods a model may replace.
+
+    The state may be any pytree of scalars; `State` serves a rigid body.
+    """
+
+    @abc.abstractmethod
+    def initial_state(self, p: Parameters) -> Any:
+        """The state at first contact."""
+
+    @abc.abstractmethod
+    def derivative(self, state: Any, p: Parameters) -> Any:
+        """d(state)/dt, a pytree of the state's own structure."""
+
+    @abc.abstractmethod
+    def tip(self, state: Any, p: Parameters) -> Tip:
+        """The cutting tip's position and velocity in this state."""
+
+    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
+        """What ends a cut: by name, a smooth function that is positive while cutting.
+
+        The functions are dimensionless and of order 1. The cut ends when the first of them
+        falls through zero. By default **rebound** (the tip's depth returns to 0) and
+        **stop** (its horizontal velocity reaches 0). Where one is negative at contact, or
+        is zero there and does not rise, nothing is cut.
+        """
+        tip = self.tip(state, p)
+        return {"rebound": tip.depth / self.scales(p).length, "stop": tip.vx / p.v0}
+
+    def removal_rate(self, state: Any, p: Parameters) -> Any:
+        """dV/dt [volume/s], by default b · depth · ẋ_tip (Laverty (27), at the tip)."""
+        tip = self.tip(state, p)
+        return p.b * tip.depth * tip.vx
+
+    def scales(self, p: Parameters) -> Scales:
+        """Typical time and depth, by default 1/ω and v₀ sin α/ω with ω = √(k c/m)."""
+        return Scales(1 / p.rate, p.v0 * jnp.sin(p.alpha) / p.rate)
+
+    def closed_form(self) -> ClosedForm | None:
+        """The exact solution, if there is one."""
+        return None
+
+
+def event_rates(model: CuttingModel, state: Any, rate: Any, p: Parameters) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The event functions in a state, and their time derivatives along `rate` = d(state)/dt."""
+    return jax.jvp(lambda s: model.events(s, p), (state,), (rate,))
+
+
+def cuts_at_all(model: CuttingModel, p: Parameters) -> Any:
+    """Whether an impact starts to cut: every event function is positive or rises from zero."""
+    state = model.initial_state(p)
+    values, rates = event_rates(model, state, model.derivative(state, p), p)
+    time = model.scales(p).time
+    begins = jnp.asarray(True)
+    for name, value in values.items():
+        rises = (jnp.abs(value) <= ZERO) & (rates[name] * time > ZERO)
+        begins = begins & ((value > ZERO) | rises)
+    return begins
+
+
+ZERO = 1e-15
+"""Event functions below this are zero at contact: cos(π/2) is 6e-17 in floating point."""

@@ -1,0 +1,25 @@
+"""The models: their classes, the parts they are made of, and the registry."""
+
+from erosion.models.as_printed import AsPrinted as AsPrinted
+from erosion.models.finnie import Finnie as Finnie
+from erosion.models.linearized import Linearized as Linearized
+from erosion.models.registry import ModelError as ModelError
+from erosion.models.registry import ModelInfo as ModelInfo
+from erosion.models.registry import available_models as available_models
+from erosion.models.registry import load_model as load_model
+from erosion.models.registry import model_name as model_name
+from erosion.models.rigid import CentreOfMassTip as CentreOfMassTip
+from erosion.models.rigid import CircularTip as CircularTip
+from erosion.models.rigid import ConstantRatio as ConstantRatio
+from erosion.models.rigid import ForceLaw as ForceLaw
+from erosion.models.rigid import ForceRatio as ForceRatio
+from erosion.models.rigid import FullTorque as FullTorque
+from erosion.models.rigid import HorizontalTorque as HorizontalTorque
+from erosion.models.rigid import NoTorque as NoTorque
+from erosion.models.rigid import RigidErodent as RigidErodent
+from erosion.models.rigid import SmallAngleTip as SmallAngleTip
+from erosion.models.rigid import TanAlpha as TanAlpha
+from erosion.models.rigid import TipKinematics as TipKinematics
+from erosion.models.rigid import Torque as Torque
+from erosion.models.rigid import VelocityAligned as VelocityAligned
+from erosion.models.rotating import Rotating as Rotating

@@ -1,0 +1,39 @@
+"""Equations (16)-(21) exactly as the scenario prints them, slips included."""
+
+from typing import Any
+
+from erosion.model import State, Tip
+from erosion.models.rigid import CentreOfMassTip, ForceLaw, RigidErodent, TipKinematics, Torque
+from erosion.parameters import Parameters
+from erosion.trigonometry import sincos
+
+
+class PrintedForce(ForceLaw):
+    """F_x = -c (y - r sin φ), F_y = k F_x: it pushes the erodent *forward* at contact."""
+
+    def __call__(self, state: State, tip: Tip, p: Parameters) -> tuple[Any, Any]:
+        horizontal = -p.stiffness * (state.y - p.r * sincos(state.phi)[0])
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p: Parameters) -> Any:
+        return p.k
+
+
+class PrintedTorque(Torque):
+    """τ = -r c y, from the depth of the centre of mass (Laverty (20))."""
+
+    def __call__(self, state: State, force: tuple[Any, Any], p: Parameters) -> Any:
+        return -p.r * p.stiffness * state.y
+
+
+class AsPrinted(RigidErodent):
+    """The literal reading of Laverty (16)-(21), to show what it does; not for use.
+
+    Events and volume are on the centre of mass. With φ(0) = π/2 the force is that of a
+    depth -r at first contact, so the erodent is first thrown forward and down, and the
+    volume only falls with the angle.
+    """
+
+    kinematics: TipKinematics = CentreOfMassTip()
+    force: ForceLaw = PrintedForce()
+    torque: Torque = PrintedTorque()

@@ -1,0 +1,186 @@
+"""Exact solutions of the models whose tip depth does not depend on the turn.
+
+With constant K = k the depth is y = (v₀ sin α/ω) sin ωt, ω² = k c/m, and the tip's
+horizontal velocity, whether it turns or not, is
+
+    ẋ_tip = v₀ [u - (sin α/P) (1 - cos ωt)].
+
+`linearized` has u = cos α and P = k; `finnie` has u = cos α + r φ̇₀/v₀ and
+P = k/(1 + 1/β), because the torque slows the tip as well.
+"""
+
+import abc
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from erosion.model import ZERO, ClosedForm, State
+from erosion.models.rigid import UPRIGHT
+from erosion.parameters import Parameters
+
+
+class SineCut(ClosedForm):
+    """Constant force ratio and depth y: what `linearized` and `finnie` share."""
+
+    @abc.abstractmethod
+    def tip_ratio(self, p: Parameters) -> Any:
+        """P [-]."""
+
+    @abc.abstractmethod
+    def tip_speed(self, p: Parameters) -> Any:
+        """u, the tip's horizontal speed at contact over v₀ [-]."""
+
+    @abc.abstractmethod
+    def omega(self, vx: Any, p: Parameters) -> Any:
+        """φ̇ when the centre of mass moves at `vx`."""
+
+    @abc.abstractmethod
+    def turn(self, t: Any, x: Any, p: Parameters) -> Any:
+        """φ - π/2 at time `t`, when the centre of mass is at `x`."""
+
+    def state(self, t: Any, p: Parameters) -> State:
+        rate, sine = p.rate, jnp.sin(p.alpha)
+        # 1 - cos ωt = 2 sin²(ωt/2), which keeps its digits for small ωt.
+        vx = p.v0 * (jnp.cos(p.alpha) - sine / p.k * 2 * jnp.sin(rate * t / 2) ** 2)
+        x = p.v0 * jnp.cos(p.alpha) * t - p.v0 * sine / p.k * (t - jnp.sin(rate * t) / rate)
+        return State(
+            x=x,
+            y=p.v0 * sine / rate * jnp.sin(rate * t),
+            phi=UPRIGHT + self.turn(t, x, p),
+            vx=vx,
+            vy=p.v0 * sine * jnp.cos(rate * t),
+            omega=self.omega(vx, p),
+        )
+
+    def end_times(self, p: Parameters) -> dict[str, Any]:
+        fall = self.tip_ratio(p) * self.tip_speed(p) / (2 * jnp.sin(p.alpha))
+        stops = (fall >= 0) & (fall <= 1)
+        # cos ωt = 1 - P u/sin α, as sin²(ωt/2) = P u/(2 sin α).
+        stop = 2 / p.rate * jnp.arcsin(jnp.sqrt(jnp.where(stops, fall, 0.0)))
+        return {"rebound": jnp.pi / p.rate + 0 * stop, "stop": jnp.where(stops, stop, jnp.nan)}
+
+    def t_c(self, p: Parameters) -> Any:
+        times = self.end_times(p)
+        return jnp.where(self.tip_speed(p) <= ZERO, 0.0, jnp.fmin(times["rebound"], times["stop"]))
+
+    def ended_by(self, p: Parameters) -> np.ndarray:
+        ends = np.where(np.asarray(self._rebounds(p)), "rebound", "stop")
+        return np.where(np.asarray(self.tip_speed(p)) <= ZERO, "no-cut", ends)
+
+    def volume(self, p: Parameters) -> Any:
+        ratio, u, sine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha)
+        return self._piecewise(p, 2 * u * sine - 2 / ratio * sine**2, ratio / 2 * u**2)
+
+    def dvolume(self, p: Parameters) -> Any:
+        ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
+        rebound = 2 * (u * cosine - sine**2) - 4 / ratio * sine * cosine
+        return self._piecewise(p, rebound, -ratio * u * sine)
+
+    def d2volume(self, p: Parameters) -> Any:
+        ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
+        rebound = -2 * sine * (u + 3 * cosine) - 4 / ratio * (cosine**2 - sine**2)
+        return self._piecewise(p, rebound, ratio * (sine**2 - u * cosine))
+
+    def alpha_max(self, p: Parameters) -> Any:
+        """½ arctan P without spin; with spin the root of V′, by bisection to the last bit.
+
+        V′ is positive as α → 0, negative where rebound gives way to stop and beyond, and
+        has one root between.
+        """
+        spin = self.tip_speed(p) - jnp.cos(p.alpha)
+        ratio = self.tip_ratio(p)
+        low = jnp.zeros_like(spin + ratio)
+        # sin α = (P/2)(cos α + s), as √(P²/4 + 1) cos(α + arctan(2/P)) = -s P/2.
+        crossing = jnp.clip(-spin * ratio / 2 / jnp.sqrt(ratio**2 / 4 + 1), -1.0, 1.0)
+        high = jnp.minimum(jnp.arccos(crossing) - jnp.arctan(2 / ratio), jnp.pi / 2)
+
+        def halve(_: Any, bracket: tuple[Any, Any]) -> tuple[Any, Any]:
+            low, high = bracket
+            middle = (low + high) / 2
+            rising = jnp.cos(2 * middle) + spin * jnp.cos(middle) > jnp.sin(2 * middle) / ratio
+            return jnp.where(rising, middle, low), jnp.where(rising, high, middle)
+
+        low, high = jax.lax.fori_loop(0, 64, halve, (low, high))
+        best = jnp.where(spin == 0, jnp.arctan(ratio) / 2, (low + high) / 2)
+        return jnp.where(spin <= -1, jnp.nan, best)
+
+    def _rebounds(self, p: Parameters) -> Any:
+        return jnp.sin(p.alpha) <= self.tip_ratio(p) / 2 * self.tip_speed(p)
+
+    def _piecewise(self, p: Parameters, rebound: Any, stop: Any) -> Any:
+        value = p.volume_scale / p.k * jnp.where(self._rebounds(p), rebound, stop)
+        return jnp.where(self.tip_speed(p) <= ZERO, 0.0, value)
+
+
+class LinearizedCut(SineCut):
+    """Laverty (22)-(25): V = (V*/k)[sin 2α - (2/k) sin²α] for tan α ≤ k/2, (V*/2) cos²α above."""
+
+    def tip_ratio(self, p: Parameters) -> Any:
+        return p.k
+
+    def tip_speed(self, p: Parameters) -> Any:
+        return jnp.cos(p.alpha)
+
+    def omega(self, vx: Any, p: Parameters) -> Any:
+        return p.phidot0 + 0 * vx
+
+    def turn(self, t: Any, x: Any, p: Parameters) -> Any:
+        return p.phidot0 * t + 0 * x
+
+
+class FinnieCut(SineCut):
+    """Finnie 1958, for any β and spin; P = k/3 for β = ½ is his "6/k" form."""
+
+    def tip_ratio(self, p: Parameters) -> Any:
+        return p.k / (1 + 1 / p.inertia)
+
+    def tip_speed(self, p: Parameters) -> Any:
+        return jnp.cos(p.alpha) + p.spin
+
+    def omega(self, vx: Any, p: Parameters) -> Any:
+        # φ̇ - φ̇₀ = (ẋ - ẋ(0))/(β r), from I φ̈ = r m ẍ.
+        return p.phidot0 + (vx - p.v0 * jnp.cos(p.alpha)) / (p.inertia * p.r)
+
+    def turn(self, t: Any, x: Any, p: Parameters) -> Any:
+        return p.phidot0 * t + (x - p.v0 * jnp.cos(p.alpha) * t) / (p.inertia * p.r)
+
+
+class StraightCut(ClosedForm):
+    """K = tan α: motion on a straight line, ẋ = v₀ cos α cos ωt with ω² = c tan α/m.
+
+    It always stops, at ωt = π/2, and V = (V*/2) cos²α only falls: no greatest angle.
+    """
+
+    def state(self, t: Any, p: Parameters) -> State:
+        rate = self._rate(p)
+        along, speed = p.v0 * jnp.sin(rate * t) / rate, p.v0 * jnp.cos(rate * t)
+        sine, cosine = jnp.sin(p.alpha), jnp.cos(p.alpha)
+        phi = UPRIGHT + p.phidot0 * t
+        return State(along * cosine, along * sine, phi, speed * cosine, speed * sine, p.phidot0 + 0 * speed)
+
+    def end_times(self, p: Parameters) -> dict[str, Any]:
+        rate = self._rate(p)
+        return {"rebound": jnp.pi / rate, "stop": jnp.pi / 2 / rate}
+
+    def t_c(self, p: Parameters) -> Any:
+        return jnp.where(jnp.cos(p.alpha) <= ZERO, 0.0, self.end_times(p)["stop"])
+
+    def ended_by(self, p: Parameters) -> np.ndarray:
+        return np.where(np.cos(np.asarray(p.alpha + 0 * p.v0)) <= ZERO, "no-cut", "stop")
+
+    def volume(self, p: Parameters) -> Any:
+        return p.volume_scale / 2 * jnp.cos(p.alpha) ** 2
+
+    def dvolume(self, p: Parameters) -> Any:
+        return -p.volume_scale / 2 * jnp.sin(2 * p.alpha)
+
+    def d2volume(self, p: Parameters) -> Any:
+        return -p.volume_scale * jnp.cos(2 * p.alpha)
+
+    def alpha_max(self, p: Parameters) -> Any:
+        return jnp.nan * (p.alpha + p.v0)
+
+    def _rate(self, p: Parameters) -> Any:
+        return jnp.sqrt(p.stiffness * jnp.tan(p.alpha) / p.m)

@@ -1,0 +1,192 @@
+"""Models by name: the built-in ones, those of installed packages, and files by path."""
+
+import importlib.metadata
+import importlib.util
+import inspect
+import sys
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from erosion.model import CuttingModel
+from erosion.models.as_printed import AsPrinted
+from erosion.models.finnie import Finnie
+from erosion.models.linearized import Linearized
+from erosion.models.rigid import FullTorque, TanAlpha, VelocityAligned
+from erosion.models.rotating import Rotating
+
+ENTRY_POINT_GROUP = "erosion.models"
+"""A package offers a model as an entry point here: its name, and a model or a class of one."""
+
+
+class ModelError(ValueError):
+    """A model that cannot be found or loaded; the message says which and why."""
+
+
+@dataclass(frozen=True)
+class ModelInfo:
+    """A model's name, one line on what it is, and the source's equations for it."""
+
+    name: str
+    summary: str
+    equations: str
+    make: Callable[[], CuttingModel]
+
+
+def _built_in() -> Mapping[str, ModelInfo]:
+    tan, aligned, full = TanAlpha(), VelocityAligned(), FullTorque()
+    entries = (
+        ("linearized", "no rotation, constant K = k", "(22)-(25)", Linearized),
+        ("tan-alpha", "no rotation, K = tan α", "additional question 2", lambda: Linearized(force=tan)),
+        ("velocity-aligned", "no rotation, K = ẏ/ẋ along the motion", "additional question 3, (29)",
+         lambda: Linearized(force=aligned)),
+        ("finnie", "rotation to first order, constant K = k, torque r F_x", "Finnie (1958)", Finnie),
+        ("rotating", "full rotation, constant K = k, torque r F_x", "additional question 1, (16)-(21)", Rotating),
+        ("rotating-full-torque", "full rotation, constant K = k, torque of both force components",
+         "additional question 1", lambda: Rotating(torque=full)),
+        ("rotating-tan-alpha", "full rotation, K = tan α, torque r F_x", "additional questions 1 and 2",
+         lambda: Rotating(force=tan)),
+        ("rotating-velocity-aligned", "full rotation, K = ẏ/ẋ of the centre of mass, torque r F_x",
+         "additional questions 1 and 3", lambda: Rotating(force=aligned)),
+        ("rotating-tan-alpha-full-torque", "full rotation, K = tan α, torque of both force components",
+         "additional questions 1 and 2", lambda: Rotating(force=tan, torque=full)),
+        ("rotating-velocity-aligned-full-torque",
+         "full rotation, K = ẏ/ẋ of the centre of mass, torque of both force components",
+         "additional questions 1 and 3", lambda: Rotating(force=aligned, torque=full)),
+        ("as-printed", "equations (16)-(21) to the letter, slips included", "(16)-(21) as printed", AsPrinted),
+    )  # fmt: skip
+    return types.MappingProxyType({entry[0]: ModelInfo(*entry) for entry in entries})
+
+
+BUILT_IN: Mapping[str, ModelInfo] = _built_in()
+
+
+def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
+    """Every model that `load_model` knows by name, with its description.
+
+    Args:
+        path: a folder (or file) of plug-ins to list as well, by path.
+
+    Returns:
+        `ModelInfo` by name: built-in models, then entry points, then files.
+
+    Raises:
+        ModelError: for a plug-in that cannot be loaded.
+    """
+    found = dict(BUILT_IN)
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
+        if entry.name not in found:
+            found[entry.name] = _describe(entry.name, _from_entry_point(entry))
+    if path is not None:
+        folder = Path(path)
+        if not folder.exists():
+            raise ModelError(f"{folder}: there is no such file or folder of models.")
+        files = sorted(folder.glob("*.py")) if folder.is_dir() else [folder]
+        for file in files:
+            found[str(file)] = _describe(str(file), _from_file(file))
+    return found
+
+
+def load_model(name: str | Path | CuttingModel) -> CuttingModel:
+    """A model by registered name, or by the path of a Python file.
+
+    A file defines its model as a variable `model`, or as its only `CuttingModel` class that
+    can be made without arguments. Loading a file runs it: load only what you trust.
+
+    Args:
+        name: "rotating", "models/my_model.py", or a model, which is returned as it is.
+
+    Raises:
+        ModelError: one sentence on what is wrong with the name or the file.
+    """
+    if isinstance(name, CuttingModel):
+        return name
+    if not isinstance(name, (str, Path)):
+        raise ModelError(f"Argument `model` must be a model, its name or a path, but is {name!r}.")
+    if str(name) in BUILT_IN:
+        return BUILT_IN[str(name)].make()
+    if str(name).endswith(".py"):
+        return _from_file(Path(name))
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
+        if entry.name == str(name):
+            return _from_entry_point(entry)
+    known = ", ".join(available_models())
+    raise ModelError(f"There is no model {str(name)!r}; known are {known}, and Python files by path (…/model.py).")
+
+
+def model_name(model: CuttingModel) -> str:
+    """The registered name of a model, or its class where it has none."""
+    for name, info in BUILT_IN.items():
+        if _same(info.make(), model):
+            return name
+    return type(model).__name__
+
+
+def _same(one: CuttingModel, other: CuttingModel) -> bool:
+    # Built-in models hold no arrays, so equality of the modules is equality of their parts.
+    return type(one) is type(other) and bool(one == other)
+
+
+def _describe(name: str, model: CuttingModel) -> ModelInfo:
+    documented = sys.modules.get(type(model).__module__) if name.endswith(".py") else None
+    text = inspect.getdoc(documented or type(model)) or inspect.getdoc(type(model)) or "no description"
+    return ModelInfo(name, text.strip().splitlines()[0], "plug-in", lambda: model)
+
+
+def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:
+    where = f"Model {entry.name!r} (entry point {entry.value})"
+    try:
+        loaded = entry.load()
+    # A plug-in may fail in any way while it is imported.
+    except Exception as error:
+        raise ModelError(f"{where} cannot be imported: {type(error).__name__}: {error}.") from error
+    return _made(loaded, where)
+
+
+def _from_file(path: Path) -> CuttingModel:
+    if not path.is_file():
+        raise ModelError(f"{path}: there is no such model file.")
+    module_name = "erosion_plugin_" + "".join(c if c.isalnum() else "_" for c in str(path.resolve()))
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    if spec is None or spec.loader is None:
+        raise ModelError(f"{path}: is not a Python file.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[module_name]
+        raise ModelError(f"{path}: cannot be imported: {type(error).__name__}: {error}.") from error
+    return _made(_choose(module, path), str(path))
+
+
+def _choose(module: types.ModuleType, path: Path) -> object:
+    if hasattr(module, "model"):
+        return module.model
+    classes = [
+        value
+        for value in vars(module).values()
+        if inspect.isclass(value)
+        and issubclass(value, CuttingModel)
+        and value.__module__ == module.__name__
+        and not inspect.isabstract(value)
+    ]
+    if len(classes) != 1:
+        found = ", ".join(c.__name__ for c in classes) or "none"
+        raise ModelError(f"{path}: must define `model`, or exactly one complete CuttingModel class, but has {found}.")
+    return classes[0]
+
+
+def _made(candidate: object, where: str) -> CuttingModel:
+    if isinstance(candidate, CuttingModel):
+        return candidate
+    if not callable(candidate):
+        raise ModelError(f"{where}: must offer a CuttingModel, but offers {candidate!r}.")
+    try:
+        model = candidate()
+    except Exception as error:
+        raise ModelError(f"{where}: cannot be made without arguments: {type(error).__name__}: {error}.") from error
+    if not isinstance(model, CuttingModel):
+        raise ModelError(f"{where}: must offer a CuttingModel, but makes {model!r}.")
+    return model

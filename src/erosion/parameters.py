@@ -1,0 +1,245 @@
+"""The physical parameters of an impact, with Table 1 and Table 2 of the scenario.
+
+Source: R. Laverty, *Solid Particle Erosion* (a modelling scenario after I. Finnie, *The
+Mechanism of Erosion of Ductile Metals*, Proc. 3rd U.S. Natl. Congr. Appl. Mech., 1958,
+527-532). Equation and table numbers in this package are the scenario's.
+"""
+
+import dataclasses
+import types
+from collections.abc import Mapping
+from typing import Any, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from erosion.tables import Row, format_number, to_html, to_text
+from erosion.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
+
+type_of_leaf = (int, float, np.ndarray, np.generic, jax.Array)
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What a parameter or a result is called, and its unit: the one source of labels."""
+
+    symbol: str
+    meaning: str
+    dimension: Dimension
+
+    def label(self, units: System) -> str:
+        """An axis label: "v₀ impact speed [in/s]"."""
+        unit = unit_name(self.dimension, units)
+        return f"{self.symbol}  {self.meaning}" + (f" [{unit}]" if unit else "")
+
+
+def _float64(value: Any) -> Any:
+    """Numbers and arrays to float64 (numpy stays numpy: making parameters starts no device)."""
+    if isinstance(value, jax.Array):
+        return jnp.asarray(value, jnp.float64)
+    if isinstance(value, bool) or not isinstance(value, (*type_of_leaf, list, tuple)):
+        raise TypeError(f"Parameters must be numbers or arrays, but one is {value!r}.")
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"Parameters must be real numbers or arrays, but one is {value!r}.")
+    return array.astype(np.float64)
+
+
+def _parameter(symbol: str, meaning: str, dimension: Dimension, default: float | None = None) -> Any:
+    metadata = {"quantity": Quantity(symbol, meaning, dimension)}
+    if default is None:
+        return eqx.field(converter=_float64, metadata=metadata)
+    return eqx.field(converter=_float64, metadata=metadata, default=default)
+
+
+class Parameters(eqx.Module):
+    """Erodent, target and impact: the symbols of the scenario's equations, as float64 leaves.
+
+    Any consistent unit system works; `units` names the one these numbers are in. Leaves are
+    scalars, or arrays that broadcast against each other. Values are not checked here (a
+    constructor must work on JAX's tracers); see `validate`.
+
+    Args:
+        k: force ratio F_y/F_x [-], > 0.
+        psi: contact height over the tip's depth ψ = l/y_tip [-], > 0.
+        r: distance from the centre of mass to the tip [length], > 0.
+        b: width of the erodent out of the plane [length], > 0.
+        m: mass of the erodent [mass], > 0.
+        v0: impact speed [speed], > 0.
+        sigma: flow stress of the target σ [stress], > 0.
+        alpha: angle of attack from the surface [rad], in (0, π/2].
+        phidot0: initial spin φ̇(0) [rad/s]; positive spin moves the tip forward.
+        inertia: β in I = β m r² [-], > 0; ½ for the scenario's flat cylinder, 2/5 for a sphere.
+        units: "inch-pound" (in, s, lbf, slinch) or "si".
+
+    References:
+        Laverty, Table 1 and equations (16)-(21). The scenario fixes β = ½; here it is free.
+    """
+
+    k: Float[Array | np.ndarray, "..."] = _parameter("k", "force ratio", "1")
+    psi: Float[Array | np.ndarray, "..."] = _parameter("ψ", "contact height over depth", "1")
+    r: Float[Array | np.ndarray, "..."] = _parameter("r", "centre of mass to tip", "length")
+    b: Float[Array | np.ndarray, "..."] = _parameter("b", "width of the erodent", "length")
+    m: Float[Array | np.ndarray, "..."] = _parameter("m", "mass of the erodent", "mass")
+    v0: Float[Array | np.ndarray, "..."] = _parameter("v₀", "impact speed", "speed")
+    sigma: Float[Array | np.ndarray, "..."] = _parameter("σ", "flow stress", "stress")
+    alpha: Float[Array | np.ndarray, "..."] = _parameter("α", "angle of attack", "angle")
+    phidot0: Float[Array | np.ndarray, "..."] = _parameter("φ̇₀", "initial spin", "angular speed", 0.0)
+    inertia: Float[Array | np.ndarray, "..."] = _parameter("β", "moment of inertia over m r²", "1", 0.5)
+    units: System = eqx.field(static=True, default="inch-pound", converter=check_system)
+
+    @classmethod
+    def from_quantities(cls, units: str, quantities: Mapping[str, float | str]) -> Self:
+        """Make parameters from numbers (in `units`) and strings such as "4400 in/s".
+
+        Raises:
+            ValueError: for an unknown or missing name, or a quantity that cannot be read, has
+                the wrong dimension or is out of range; one sentence that names the field.
+        """
+        system = check_system(units)
+        for name in quantities:
+            if name not in QUANTITIES:
+                raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join(QUANTITIES)}.")
+        values: dict[str, float] = {}
+        for name, value in quantities.items():
+            if isinstance(value, str):
+                try:
+                    values[name] = read_quantity(value, QUANTITIES[name].dimension, system)
+                except ValueError as error:
+                    raise ValueError(f"Field `{name}` {error}.") from error
+            elif isinstance(value, (int, float)) and not isinstance(value, bool):
+                values[name] = float(value)
+            else:
+                raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {value!r}.")
+        missing = [name for name in REQUIRED if name not in values]
+        if missing:
+            raise ValueError(f"Field `{missing[0]}` ({QUANTITIES[missing[0]].meaning}) is missing.")
+        parameters = cls(**values, units=system)
+        validate(parameters, what="Field")
+        return parameters
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with some fields changed: `p.replace(alpha=0.5)`. Does not convert units."""
+        unknown = [name for name in changes if name not in QUANTITIES]
+        if unknown:
+            hint = '; use `p.to("si")` to convert units' if unknown[0] == "units" else ""
+            raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
+        return dataclasses.replace(self, **changes)
+
+    def to(self, units: str) -> Self:
+        """The same impact in another unit system."""
+        system = check_system(units)
+        converted = {
+            name: getattr(self, name) * conversion_factor(quantity.dimension, self.units, system)
+            for name, quantity in QUANTITIES.items()
+        }
+        return dataclasses.replace(self, **converted, units=system)
+
+    @property
+    def stiffness(self) -> Any:
+        """Contact stiffness c = σ b ψ, so that F_x = -c · depth."""
+        return self.sigma * self.b * self.psi
+
+    @property
+    def moment_of_inertia(self) -> Any:
+        """I = β m r² about the centre of mass."""
+        return self.inertia * self.m * self.r**2
+
+    @property
+    def rate(self) -> Any:
+        """ω = √(k c/m) [1/s], the rate of the linearized cut: y ∝ sin ωt."""
+        return jnp.sqrt(self.k * self.stiffness / self.m)
+
+    @property
+    def volume_scale(self) -> Any:
+        """V* = m v₀²/(σψ) [volume], on which every volume scales."""
+        return self.m * self.v0**2 / (self.sigma * self.psi)
+
+    @property
+    def spin(self) -> Any:
+        """s = r φ̇₀/v₀ [-], the tip's speed by spin over the speed of impact."""
+        return self.r * self.phidot0 / self.v0
+
+    def __str__(self) -> str:
+        return to_text(f"Parameters ({self.units})", self.rows())
+
+    def _repr_html_(self) -> str:
+        return to_html(f"Parameters ({self.units})", self.rows())
+
+    def rows(self) -> list[Row]:
+        """Name, symbol, value, unit and meaning of each field, for tables."""
+        return [
+            Row(name, quantity.symbol, format_number(getattr(self, name)),
+                unit_name(quantity.dimension, self.units), quantity.meaning)
+            for name, quantity in QUANTITIES.items()
+        ]  # fmt: skip
+
+
+QUANTITIES: Mapping[str, Quantity] = types.MappingProxyType(
+    {field.name: field.metadata["quantity"] for field in dataclasses.fields(Parameters) if "quantity" in field.metadata}
+)
+"""Symbol, meaning and dimension of each parameter, in the order of the constructor."""
+
+REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("phidot0", "inertia"))
+"""The fields without a default."""
+
+# α = π/2 reached through degrees may round up by an ulp.
+_STEEPEST = np.pi / 2 * (1 + 4 * np.finfo(float).eps)
+
+
+def validate(p: Parameters, what: str = "Argument") -> None:
+    """Check concrete parameter values; traced ones pass unseen.
+
+    Args:
+        p: parameters whose leaves are numbers or arrays.
+        what: what a field is called in the message ("Argument", "Field").
+
+    Raises:
+        ValueError: one sentence naming the first field that is not finite or out of range,
+            its value and, in an array, the index; or leaves that do not broadcast.
+    """
+    leaves = {name: getattr(p, name) for name in QUANTITIES}
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves.values()):
+        return
+    for name, leaf in leaves.items():
+        values = np.asarray(leaf)
+        if name == "phidot0":
+            good, condition = np.isfinite(values), "must be a finite number"
+        elif name == "alpha":
+            good, condition = (values > 0) & (values <= _STEEPEST), "must be in (0, π/2] rad"
+        else:
+            good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
+        if not np.all(good):
+            raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(values, good)}{_hint(name, values)}.")
+    try:
+        np.broadcast_shapes(*(np.shape(leaf) for leaf in leaves.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {np.shape(leaf)}" for name, leaf in leaves.items() if np.ndim(leaf))
+        raise ValueError(f"{what}s must broadcast against each other, but have shapes {shapes}.") from None
+
+
+def _first_bad(values: np.ndarray, good: np.ndarray) -> str:
+    if values.ndim == 0:
+        return f"{float(values):g}"
+    index = tuple(int(i) for i in np.argwhere(~good)[0])
+    return f"{float(values[index]):g} at index {index[0] if len(index) == 1 else index}"
+
+
+def _hint(name: str, values: np.ndarray) -> str:
+    if name == "alpha" and np.any((values > _STEEPEST) & (values <= 90)):
+        return ' (for degrees write "20 deg" in files and on the command line, np.deg2rad(20) in Python)'
+    return ""
+
+
+TABLE_1 = Parameters(
+    k=2.0, psi=0.04, r=0.04, b=0.04, m=2.855e-7, v0=4400.0, sigma=200e3, alpha=np.deg2rad(20.0), units="inch-pound"
+)
+"""Quartz sand on aluminium: Laverty, Table 1 (initial spin 0, flat cylinder β = ½)."""
+
+MATERIALS: Mapping[str, float] = types.MappingProxyType(
+    {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
+)
+"""Flow stress of the metals of Laverty, Table 2 [lbf/in²]: `TABLE_1.replace(sigma=MATERIALS["copper"])`."""

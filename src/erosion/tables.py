@@ -1,0 +1,69 @@
+"""Rows of named values with units, as text for a terminal and as HTML for a notebook."""
+
+import html
+import io
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+
+class Row(NamedTuple):
+    """One line of a table; all cells are text already."""
+
+    name: str
+    symbol: str
+    value: str
+    unit: str
+    meaning: str = ""
+
+
+def format_number(value: Any, digits: int = 10) -> str:
+    """A number as read by a person; an array as its shape and range."""
+    if isinstance(value, jax.core.Tracer):
+        return f"traced{list(value.shape)}"
+    array = np.asarray(value)
+    if array.dtype.kind in "US":
+        if array.ndim == 0:
+            return str(array)
+        names, counts = np.unique(array, return_counts=True)
+        return ", ".join(f"{count:,} {name}" for name, count in zip(names, counts, strict=True))
+    if array.ndim == 0:
+        return f"{float(array):.{digits}g}"
+    if not array.size:
+        return f"{list(array.shape)} empty"
+    return f"{list(array.shape)} {np.nanmin(array):.{digits}g} … {np.nanmax(array):.{digits}g}"
+
+
+def to_text(title: str, rows: Sequence[Row]) -> str:
+    """An aligned table under a title, without colour, ending without a newline."""
+    from rich.console import Console
+
+    buffer = io.StringIO()
+    Console(file=buffer, width=120, highlight=False, color_system=None).print(to_rich(title, rows))
+    return "\n".join(line.rstrip() for line in buffer.getvalue().rstrip().splitlines())
+
+
+def to_rich(title: str, rows: Sequence[Row]) -> Any:
+    """The same as a rich table, for the terminal."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
+    table.add_column("quantity")
+    table.add_column("", no_wrap=True)
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    table.add_column("meaning", style="dim")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    return table
+
+
+def to_html(title: str, rows: Sequence[Row]) -> str:
+    """The same as an HTML table."""
+    head = "".join(f"<th>{cell}</th>" for cell in ("quantity", "", "value", "unit", "meaning"))
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><caption>{html.escape(title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

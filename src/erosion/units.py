@@ -1,0 +1,134 @@
+"""The two consistent unit systems, and the only place where pint is used.
+
+Numbers inside the package are plain floats in one consistent system; a `Parameters`
+carries the name of its system. Units appear at the edges: case files, the command line,
+tables and axis labels.
+"""
+
+import functools
+import re
+import types
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal, get_args
+
+if TYPE_CHECKING:
+    import pint
+
+System = Literal["inch-pound", "si"]
+Dimension = Literal[
+    "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
+    "volume per angle", "volume per angle²",
+]  # fmt: skip
+
+SYSTEMS: tuple[System, ...] = get_args(System)
+
+# pint's name of each dimension's unit. The inch-pound-second system is consistent only with
+# mass in slinch ("dozens of slugs", lbf s²/in), 1 slinch = 175.126835246 kg.
+_PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
+    {
+        "inch-pound": {
+            "1": "", "length": "inch", "area": "inch**2", "volume": "inch**3", "mass": "slinch",
+            "time": "s", "speed": "inch/s", "stress": "lbf/inch**2", "angle": "rad",
+            "angular speed": "rad/s", "volume per angle": "inch**3/rad",
+            "volume per angle²": "inch**3/rad**2",
+        },
+        "si": {
+            "1": "", "length": "m", "area": "m**2", "volume": "m**3", "mass": "kg",
+            "time": "s", "speed": "m/s", "stress": "Pa", "angle": "rad",
+            "angular speed": "rad/s", "volume per angle": "m**3/rad",
+            "volume per angle²": "m**3/rad**2",
+        },
+    }
+)  # fmt: skip
+
+_SUPERSCRIPTS = {"**2": "²", "**3": "³"}
+
+
+class UnitError(ValueError):
+    """A quantity that cannot be read, or of the wrong dimension."""
+
+
+def check_system(units: str) -> System:
+    """Return `units` if it names a unit system, else raise `ValueError`."""
+    for system in SYSTEMS:
+        if units == system:
+            return system
+    raise ValueError(f"Argument `units` must be one of {', '.join(map(repr, SYSTEMS))}, but is {units!r}.")
+
+
+def unit_name(dimension: Dimension, system: System) -> str:
+    """The unit as a person writes it: "in³", "slinch", "" for a pure number."""
+    name = re.sub(r"\binch\b", "in", _PINT_UNITS[system][dimension])
+    for ascii_power, superscript in _SUPERSCRIPTS.items():
+        name = name.replace(ascii_power, superscript)
+    return name
+
+
+@functools.cache
+def conversion_factor(dimension: Dimension, source: System, target: System) -> float:
+    """What a number in `source` units is multiplied by to be in `target` units."""
+    if source == target or not _PINT_UNITS[source][dimension]:
+        return 1.0
+    registry = _registry()
+    return float(registry.Quantity(1.0, _PINT_UNITS[source][dimension]).to(_PINT_UNITS[target][dimension]).magnitude)
+
+
+def read_quantity(text: str, dimension: Dimension, system: System) -> float:
+    """Read "4400 in/s" as a float in the units of `system`.
+
+    A bare number is taken to be in the system's own unit (angles: radians).
+
+    Raises:
+        UnitError: with a clause that starts with "must", to follow the field's name.
+    """
+    import pint
+
+    registry = _registry()
+    unit = _PINT_UNITS[system][dimension]
+    expected = f"a {dimension} such as {_EXAMPLES[system][dimension]}" if unit else "a pure number such as 2"
+    try:
+        quantity = registry.Quantity(text.strip())
+    # pint lets errors of its tokenizer and of Python's arithmetic through as they are.
+    except (pint.errors.PintError, ArithmeticError, AssertionError, AttributeError, SyntaxError, TypeError, ValueError,
+            KeyError, IndexError, RecursionError) as error:  # fmt: skip
+        raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
+    try:
+        if quantity.unitless and _is_bare_number(text):
+            return float(quantity.magnitude)
+        return float(quantity.to(unit or "dimensionless").magnitude)
+    except pint.errors.DimensionalityError as error:
+        raise UnitError(f"must be {expected}, but is {text!r}, of dimension {_dimension_of(quantity)}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
+
+
+_EXAMPLES: Mapping[System, Mapping[str, str]] = {
+    "inch-pound": {
+        "length": '"0.04 in"', "mass": '"2.855e-7 slinch"', "speed": '"4400 in/s"', "stress": '"200e3 lbf/in^2"',
+        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "time": '"60 us"', "volume": '"1e-4 in^3"',
+    },
+    "si": {
+        "length": '"1 mm"', "mass": '"50 ug"', "speed": '"110 m/s"', "stress": '"1.4 GPa"',
+        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "time": '"60 us"', "volume": '"3 mm^3"',
+    },
+}  # fmt: skip
+
+
+def _is_bare_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _dimension_of(quantity: "pint.Quantity") -> str:
+    text = str(quantity.dimensionality).replace(" ** ", "^")
+    return "1 (a pure number)" if text == "dimensionless" else text
+
+
+@functools.cache
+def _registry() -> "pint.UnitRegistry":
+    import pint
+
+    return pint.UnitRegistry(cache_folder=None)
