@@ -9,6 +9,8 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
+from erosion.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from erosion import models as models
     from erosion.cases import CaseError as CaseError
@@ -32,8 +34,6 @@ if TYPE_CHECKING:
     from erosion.trajectory import Trajectory as Trajectory
     from erosion.trajectory import simulate as simulate
     from erosion.trigonometry import sincos as sincos
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "cases": ("CaseError", "dump_case", "load_case"),

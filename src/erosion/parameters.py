@@ -8,7 +8,7 @@ Mechanism of Erosion of Ductile Metals*, Proc. 3rd U.S. Natl. Congr. Appl. Mech.
 import dataclasses
 import types
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,31 +16,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from erosion.quantities import Quantity
 from erosion.tables import Row, format_number, to_html, to_text
 from erosion.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
 
-type_of_leaf = (int, float, np.ndarray, np.generic, jax.Array)
-
-
-@dataclasses.dataclass(frozen=True)
-class Quantity:
-    """What a parameter or a result is called, and its unit: the one source of labels."""
-
-    symbol: str
-    meaning: str
-    dimension: Dimension
-
-    def label(self, units: System) -> str:
-        """An axis label: "v₀ impact speed [in/s]"."""
-        unit = unit_name(self.dimension, units)
-        return f"{self.symbol}  {self.meaning}" + (f" [{unit}]" if unit else "")
+_LEAF_TYPES = (int, float, np.ndarray, np.generic, jax.Array)
 
 
 def _float64(value: Any) -> Any:
     """Numbers and arrays to float64 (numpy stays numpy: making parameters starts no device)."""
     if isinstance(value, jax.Array):
         return jnp.asarray(value, jnp.float64)
-    if isinstance(value, bool) or not isinstance(value, (*type_of_leaf, list, tuple)):
+    if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
         raise TypeError(f"Parameters must be numbers or arrays, but one is {value!r}.")
     array = np.asarray(value)
     if array.dtype.kind not in "iuf":
@@ -92,7 +79,7 @@ class Parameters(eqx.Module):
     units: System = eqx.field(static=True, default="inch-pound", converter=check_system)
 
     @classmethod
-    def from_quantities(cls, units: str, quantities: Mapping[str, float | str]) -> Self:
+    def from_quantities(cls, units: str, quantities: Mapping[str, float | str]) -> "Parameters":
         """Make parameters from numbers (in `units`) and strings such as "4400 in/s".
 
         Raises:
@@ -121,7 +108,7 @@ class Parameters(eqx.Module):
         validate(parameters, what="Field")
         return parameters
 
-    def replace(self, **changes: Any) -> Self:
+    def replace(self, **changes: Any) -> "Parameters":
         """A copy with some fields changed: `p.replace(alpha=0.5)`. Does not convert units."""
         unknown = [name for name in changes if name not in QUANTITIES]
         if unknown:
@@ -129,7 +116,7 @@ class Parameters(eqx.Module):
             raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
         return dataclasses.replace(self, **changes)
 
-    def to(self, units: str) -> Self:
+    def to(self, units: str) -> "Parameters":
         """The same impact in another unit system."""
         system = check_system(units)
         converted = {
@@ -160,7 +147,7 @@ class Parameters(eqx.Module):
 
     @property
     def spin(self) -> Any:
-        """s = r φ̇₀/v₀ [-], the tip's speed by spin over the speed of impact."""
+        """Spin s = r φ̇₀/v₀ [-], the tip's speed by spin over the speed of impact."""
         return self.r * self.phidot0 / self.v0
 
     def __str__(self) -> str:
@@ -221,7 +208,7 @@ def validate(p: Parameters, what: str = "Argument") -> None:
         raise ValueError(f"{what}s must broadcast against each other, but have shapes {shapes}.") from None
 
 
-def _first_bad(values: np.ndarray, good: np.ndarray) -> str:
+def _first_bad(values: np.ndarray, good: Any) -> str:
     if values.ndim == 0:
         return f"{float(values):g}"
     index = tuple(int(i) for i in np.argwhere(~good)[0])

@@ -18,19 +18,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import brentq
 
 from erosion.model import CuttingModel, State, cuts_at_all, event_rates
 from erosion.models import load_model, model_name
-from erosion.parameters import QUANTITIES, Parameters, Quantity, validate
+from erosion.parameters import QUANTITIES, Parameters, validate
 from erosion.precision import require_float64
-from erosion.tables import Row, format_number, to_html, to_text
-from erosion.units import unit_name
+from erosion.quantities import result_row
+from erosion.tables import Row, to_html, to_text
 
 _MAX_STEPS = 4096
 _SAMPLES = 8  # looks at the event functions within each step
 _LONGEST_CUT = 1e4  # of the model's time scale; longer ones are reported, not waited for
-_ATOL = 1e-40  # errors count relative to each quantity; this only keeps 0/0 away
+_NEWTON_STEPS = 60  # from a cubic's accuracy two or three suffice; a graze needs bisection
+_ATOL = 1e-15  # of each quantity's size: rounding
+_FIRST_STEP = 0.01  # of the model's time scale
 _LONGEST_STEP = 0.05  # of the model's time scale: sampled 8 times, a cubic errs by 1e-10 or less
 
 
@@ -93,26 +94,32 @@ class Trajectory:
 
     @property
     def x(self) -> np.ndarray:
+        """Displacement of the centre of mass along the surface [length]."""
         return self._body().x
 
     @property
     def y(self) -> np.ndarray:
+        """Displacement of the centre of mass into the target [length]."""
         return self._body().y
 
     @property
     def phi(self) -> np.ndarray:
+        """Orientation [rad]; π/2 is upright."""
         return self._body().phi
 
     @property
     def vx(self) -> np.ndarray:
+        """Velocity of the centre of mass along the surface [speed]."""
         return self._body().vx
 
     @property
     def vy(self) -> np.ndarray:
+        """Velocity of the centre of mass into the target [speed]."""
         return self._body().vy
 
     @property
     def omega(self) -> np.ndarray:
+        """Spin φ̇ [rad/s]."""
         return self._body().omega
 
     @property
@@ -143,11 +150,11 @@ class Trajectory:
     def rows(self) -> list[Row]:
         """The results as rows of a table."""
         return [
-            result_row("t_c", self.t_c, self.p),
+            result_row("t_c", self.t_c, self.p.units),
             Row("ended_by", "", self.ended_by, "", "how the cut ends"),
-            result_row("volume", self.volume, self.p),
-            result_row("max_depth", self.max_depth, self.p),
-            result_row("turn", self.turn, self.p),
+            result_row("volume", self.volume, self.p.units),
+            result_row("max_depth", self.max_depth, self.p.units),
+            result_row("turn", self.turn, self.p.units),
         ]
 
     def __str__(self) -> str:
@@ -164,23 +171,6 @@ class Trajectory:
         if not isinstance(self.states, State):
             raise AttributeError(f"{type(self.model).__name__} keeps a state of its own: use `.states`.")
         return self.states
-
-
-RESULTS = {
-    "t_c": Quantity("t_c", "end of the cut", "time"),
-    "volume": Quantity("V", "removed volume", "volume"),
-    "dvolume": Quantity("dV/dα", "change of volume with angle", "volume per angle"),
-    "d2volume": Quantity("d²V/dα²", "its own change with angle", "volume per angle²"),
-    "max_depth": Quantity("d_max", "greatest depth of the tip", "length"),
-    "turn": Quantity("Δφ", "how far the body turned", "angle"),
-}
-
-
-def result_row(name: str, value: Any, p: Parameters) -> Row:
-    """One result as a table row, in the units of `p`."""
-    quantity = RESULTS[name]
-    unit = unit_name(quantity.dimension, p.units)
-    return Row(name, quantity.symbol, format_number(value), unit, quantity.meaning)
 
 
 def simulate(
@@ -200,8 +190,8 @@ def simulate(
         points: times at which the histories are given, ≥ 2.
         rtol: relative tolerance of each step.
         solver: a diffrax solver with dense output, by default `Dopri8`.
-        stepsize_controller: by default a PID controller at `rtol`; steps are bounded in any
-            case to a twentieth of the model's time scale.
+        stepsize_controller: by default a PID controller at `rtol`, with steps of at most a
+            twentieth of the model's time scale. It sees all quantities scaled to order 1.
 
     Returns:
         The trajectory. Its end is the earliest fall of any event function through zero,
@@ -236,78 +226,74 @@ def _follow(
     rtol: float,
     points: int,
 ) -> Trajectory:
-    begins, first, time = _begin(model, p)
-    start = (first, jnp.zeros_like(time))
+    begins, start, sizes, time = _begin(model, p)
     if not begins:
         only = jax.tree.map(lambda leaf: leaf[None], start)
-        return _trajectory(model, p, np.zeros(1), only, "no-cut", lambda t: _repeat(first, t))
+        return _trajectory(model, p, np.zeros(1), only, "no-cut", lambda t: _repeat(start[0], t))
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
-    solution = _solve(model, p, solver, controller, start, 0.0 * time, _LONGEST_CUT * time)
+    solution = _solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
     ends = np.asarray(solution.ts[0])
     ends = np.append(0.0, ends[np.isfinite(ends)])
-    name, low, high = _bracket(model, p, solution, ends, float(time))
+
+    def dense(t: np.ndarray) -> Any:
+        return _interpolate(solution, sizes, jnp.asarray(t))
+
+    name, guess, low, high = _bracket(model, p, dense, ends, float(time))
 
     # From the start of the step in which the cut ends, steps of full order to any time in it.
     begun = int(np.searchsorted(ends, low, side="right")) - 1
-    before = start if begun == 0 else jax.tree.map(lambda leaf: leaf[begun - 1], solution.ys[0])
+    before = start if begun == 0 else jax.tree.map(lambda leaf, size: leaf[begun - 1] * size, solution.ys[0], sizes)
 
     def reach(t: float) -> Any:
         if t <= ends[begun]:
             return before
-        there = _solve(model, p, solver, controller, before, jnp.asarray(ends[begun]), jnp.asarray(t)).ys[1]
-        return jax.tree.map(lambda leaf: leaf[0], there)
+        there = _solve(model, p, solver, controller, before, sizes, jnp.asarray(ends[begun]), jnp.asarray(t)).ys[1]
+        return jax.tree.map(lambda leaf, size: leaf[0] * size, there, sizes)
 
-    def event(t: float) -> float:
-        return float(model.events(reach(t)[0], p)[name])
+    def event(t: float) -> tuple[float, float]:
+        value, rate = _event(model, p, reach(t)[0])
+        return float(value[name]), float(rate[name])
 
-    t_c = _root(event, low, high)
+    t_c = _root(event, guess, low, high)
     t = np.linspace(0.0, t_c, points)
-    states = _interpolate(solution, jnp.asarray(t))
+    states = dense(t)
     # The ends of the histories are known better than the dense output gives them.
     states = jax.tree.map(lambda all_, last: all_.at[-1].set(last), states, reach(t_c))
-    return _trajectory(model, p, t, states, name, lambda t: _interpolate(solution, jnp.asarray(t))[0])
+    return _trajectory(model, p, t, states, name, lambda t: dense(t)[0])
 
 
 def _bracket(
-    model: CuttingModel, p: Parameters, solution: diffrax.Solution, ends: np.ndarray, time: float
-) -> tuple[str, float, float]:
-    """The event that ends the cut and times between which it falls through zero, once."""
+    model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], Any], ends: np.ndarray, time: float
+) -> tuple[str, float, float, float]:
+    """The event that ends the cut, when it does so to a cubic's accuracy, and times around that."""
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
     # Padded to a power of two, so that few lengths are ever compiled.
     padded = np.append(t, np.full((1 << (len(t) - 1).bit_length()) - len(t), t[-1]))
-    values, rates, _ = _look(model, p, _interpolate(solution, jnp.asarray(padded))[0])
-    found: list[tuple[float, float, str]] = []
+    values, rates, _ = _look(model, p, dense(padded)[0])
+    found: list[tuple[float, float, float, str]] = []
     for name in values:
         value, rate = np.array(values[name])[: len(t)], np.asarray(rates[name])[: len(t)]
         if not (np.all(np.isfinite(value)) and np.all(np.isfinite(rate))):
             raise SimulationError(f"{model_name(model)}: the motion is not finite after {_last_finite(t, value):g} s.")
-        value[0] = max(value[0], np.finfo(float).tiny)  # rises from contact, `cuts_at_all` has checked
-        falls = np.flatnonzero(value[1:] <= 0)
-        # A dip between two looks: down at the first, up at the second, and a cubic below zero.
-        dips = np.flatnonzero((rate[:-1] < 0) & (rate[1:] > 0) & (value[1:] > 0) & (value[:-1] > 0))
-        found += [(t[i], t[i + 1], name) for i in falls[:1]]
-        for i in dips:
-            spline = CubicHermiteSpline(t[i : i + 2], value[i : i + 2], rate[i : i + 2])
-            lowest = min(spline.derivative().roots(extrapolate=False), key=spline, default=t[i])
-            if spline(lowest) <= 0:
-                found.append((t[i], float(lowest), name))
+        value[0] = max(value[0], 0.0)  # rises from contact, `cuts_at_all` has checked
+        falls = value[1:] <= 0
+        # A dip between two looks: down at the first, up at the second.
+        dips = (rate[:-1] < 0) & (rate[1:] > 0) & ~falls & (value[:-1] > 0)
+        for i in np.flatnonzero(falls | dips):
+            root = _first_root(t[i : i + 2], value[i : i + 2], rate[i : i + 2])
+            if root is not None:
+                found.append((root, float(t[i]), float(t[i + 1]), name))
                 break
     if not found:
         raise SimulationError(
             f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
             f"({ends[-1] / time:.3g} time scales, {len(ends) - 1} steps)."
         )
-    # Two events may fall between the same two looks: the cubics tell which is first.
-    first = min(low for low, _, _ in found)
-    rivals = [f for f in found if f[0] == first]
-    if len(rivals) > 1:
-        i = int(np.searchsorted(t, first))
-        rivals.sort(key=lambda f: _cubic_root(t[i : i + 2], values[f[2]][i : i + 2], rates[f[2]][i : i + 2], f[1]))
-    low, high, name = rivals[0]
-    return name, float(low), float(high)
+    guess, low, high, name = min(found)
+    return name, guess, low, high
 
 
 def _trajectory(
@@ -339,26 +325,31 @@ def _solve(
     solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController,
     start: tuple[Any, Any],
+    sizes: tuple[Any, Any],
     t0: Any,
     t1: Any,
 ) -> diffrax.Solution:
-    """Integrate (state, volume) from `t0` until `t1`, or the first step that ends past an event."""
-    time = model.scales(p).time
+    """Integrate (state, volume) from `t0` until `t1`, or the first step that ends past an event.
+
+    diffrax sees everything divided by `sizes`, so that one absolute tolerance fits all.
+    """
 
     def rate(t: Any, y: Any, args: Any) -> Any:
-        return model.derivative(y[0], p), model.removal_rate(y[0], p)
+        state, _ = jax.tree.map(jnp.multiply, y, sizes)
+        return jax.tree.map(jnp.divide, (model.derivative(state, p), model.removal_rate(state, p)), sizes)
 
     # A boolean condition only tells diffrax when to stop stepping; the names are its own.
     def past_the_end(t: Any, y: Any, args: Any, **kwargs: Any) -> Any:
-        return (t > t0) & (_least(model.events(y[0], p)) <= 0)
+        state, _ = jax.tree.map(jnp.multiply, y, sizes)
+        return (t > t0) & (_least(model.events(state, p)) <= 0)
 
     return diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
         solver,
         t0=t0,
         t1=t1,
-        dt0=jnp.minimum(0.01 * time, t1 - t0),
-        y0=start,
+        dt0=jnp.minimum(_FIRST_STEP * model.scales(p).time, t1 - t0),
+        y0=jax.tree.map(jnp.divide, start, sizes),
         saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(steps=True), diffrax.SubSaveAt(t1=True)), dense=True),
         stepsize_controller=controller,
         event=diffrax.Event(past_the_end),
@@ -369,12 +360,29 @@ def _solve(
 
 @eqx.filter_jit
 def _begin(model: CuttingModel, p: Parameters) -> Any:
-    return cuts_at_all(model, p), model.initial_state(p), model.scales(p).time
+    """Whether it cuts; the start; how large everything gets, by a look ahead; the time scale."""
+    time, start = model.scales(p).time, (model.initial_state(p), jnp.zeros_like(model.scales(p).time))
+
+    def rate(y: Any) -> Any:
+        return model.derivative(y[0], p), model.removal_rate(y[0], p)
+
+    def size(*values: Any) -> Any:
+        largest = jnp.max(jnp.abs(jnp.stack(values)))
+        return jnp.where(jnp.isfinite(largest) & (largest > 0), largest, 1.0)
+
+    now = jax.tree.map(lambda k: time * k, rate(start))
+    ahead = jax.tree.map(lambda k: time * k, rate(jax.tree.map(jnp.add, start, now)))
+    return cuts_at_all(model, p), start, jax.tree.map(size, start, now, ahead), time
 
 
 @eqx.filter_jit
-def _interpolate(solution: diffrax.Solution, times: Any) -> Any:
-    return jax.vmap(solution.evaluate)(times)
+def _interpolate(solution: diffrax.Solution, sizes: Any, times: Any) -> Any:
+    return jax.tree.map(jnp.multiply, jax.vmap(solution.evaluate)(times), sizes)
+
+
+@eqx.filter_jit
+def _event(model: CuttingModel, p: Parameters, state: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    return event_rates(model, state, model.derivative(state, p), p)
 
 
 @eqx.filter_jit
@@ -388,23 +396,32 @@ def _look(model: CuttingModel, p: Parameters, states: Any) -> Any:
     return jax.vmap(one)(states)
 
 
-def _root(event: Callable[[float], float], low: float, high: float) -> float:
-    """Where `event` falls through zero in (low, high], to a few ulp."""
-    if event(high) > 0:  # a graze that only the cubic saw: its lowest point is the end
-        return high
-    # At contact an event may be zero and rising; brentq must not find that root.
-    while low == 0.0 or event(low) <= 0:
-        trial = low + (high - low) / 16
-        if event(trial) <= 0:
-            high = trial
-        else:
-            low = trial
-    return float(brentq(event, low, high, xtol=1e-15 * high, rtol=8 * np.finfo(float).eps))
+def _root(event: Callable[[float], tuple[float, float]], guess: float, low: float, high: float) -> float:
+    """Where `event` falls through zero near `guess`, by Newton's method kept within the bracket."""
+    t = guess
+    for _ in range(_NEWTON_STEPS):
+        value, rate = event(t)
+        low, high = (t, high) if value > 0 else (low, t)
+        step = -value / rate if rate < 0 else np.inf
+        # A graze at its lowest point has no slope to follow.
+        step = step if low < t + step <= high else (low + high) / 2 - t
+        t += step
+        if abs(step) <= 4 * np.finfo(float).eps * t:
+            break
+    return t
 
 
-def _cubic_root(t: np.ndarray, values: Any, rates: Any, latest: float) -> float:
-    spline = CubicHermiteSpline(t, np.asarray(values), np.asarray(rates))
-    return min((float(r) for r in spline.roots(extrapolate=False) if t[0] < r <= t[1]), default=latest)
+def _first_root(t: np.ndarray, values: np.ndarray, rates: np.ndarray) -> float | None:
+    """Where the cubic through both ends first falls to zero after its start; None if it does not."""
+    length = float(t[1] - t[0])
+    from_, to, rise = length * rates[0], length * rates[1], values[1] - values[0]
+    cubic = [from_ + to - 2 * rise, 3 * rise - 2 * from_ - to, from_, values[0]]
+    # A start at zero (contact) is no fall: divide that root out.
+    roots = np.roots(cubic[:3] if values[0] == 0 else cubic)
+    real = [float(root.real) for root in roots if abs(root.imag) <= 1e-7 and 0 < root.real <= 1]
+    if not real:
+        return float(t[1]) if values[1] <= 0 else None
+    return float(t[0]) + length * min(real)
 
 
 def _last_finite(t: np.ndarray, value: np.ndarray) -> float:

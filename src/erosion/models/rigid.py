@@ -152,7 +152,7 @@ class VelocityAligned(ForceRatio):
 
     def ratio(self, state: State, p: Parameters) -> Any:
         sine, cosine = sincos(p.alpha)
-        guard = (1e-3 * p.v0) ** 2
+        guard = (0.1 * p.v0) ** 2
         return (state.vx * state.vy + guard * sine * cosine) / (state.vx**2 + guard * cosine**2)
 
     def typical_ratio(self, p: Parameters) -> Any:

@@ -1,0 +1,45 @@
+# Two commands do the whole thing from nothing: `make report` and `make test`.
+# They need python3 (3.11 or newer) and the network once, for the locked environment.
+
+PYTHON ?= python3
+UV_VERSION := 0.13.8
+STAMP := .venv/.synced
+
+# A uv of one's own is used if there is one; else a private copy is installed beside .venv.
+UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
+
+.PHONY: report test lint format clean
+
+report: $(STAMP)
+	.venv/bin/erosion report
+
+test: $(STAMP)
+	.venv/bin/pytest
+
+lint: $(STAMP)
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/pyright
+	.venv/bin/lint-imports
+
+format: $(STAMP)
+	.venv/bin/ruff check --fix .
+	.venv/bin/ruff format .
+
+clean:
+	rm -rf .venv .uv report
+
+$(STAMP): pyproject.toml uv.lock | $(UV)
+	$(UV) sync --locked --all-extras --python $(PYTHON)
+	@touch $@
+
+.uv/bin/uv:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "erosion needs Python 3.11 or newer; $$($(PYTHON) --version) is too old. Try: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || \
+	  { echo "$(PYTHON) lacks the venv module; on Debian or Ubuntu: apt-get install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv .uv
+	.uv/bin/pip install --quiet "uv==$(UV_VERSION)"
+
+# uv on the PATH is no file of ours to make.
+$(filter-out .uv/bin/uv,$(UV)):

@@ -1,0 +1,55 @@
+"""The command line: arguments to the public API to printed text.
+
+One verb a module; JAX loads only when a verb computes. Bad input is one line on stderr and
+exit status 2, a failed solve exit status 1, never a traceback.
+"""
+
+import sys
+from collections.abc import Sequence
+
+import cyclopts
+
+from erosion.cli.models import models
+from erosion.cli.options import BadInput
+from erosion.cli.report import report
+from erosion.cli.run import run
+from erosion.version import __version__
+
+app = cyclopts.App(
+    name="erosion",
+    help="How a rigid particle cuts a ductile surface, and at which angle it removes most.",
+    version=__version__,
+    help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
+)
+for verb in (run, report, models):
+    app.command(verb)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit."""
+    sys.exit(_status(sys.argv[1:] if arguments is None else arguments))
+
+
+def _status(arguments: Sequence[str]) -> int:
+    try:
+        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+    except cyclopts.CycloptsError as error:
+        return _say(2, " ".join(str(error).split()))
+    except BadInput as error:
+        return _say(2, str(error))
+    except BrokenPipeError:
+        # The reader has gone (`erosion models | head -1`): say nothing, and let Python close in peace.
+        sys.stdout = None
+        return 0
+    except KeyboardInterrupt:
+        return _say(130, "interrupted")
+    # Anything below comes from the computation itself; a person gets the sentence.
+    except (ArithmeticError, RuntimeError) as error:
+        return _say(1, f"{error}" or type(error).__name__)
+    return 0
+
+
+def _say(status: int, message: str) -> int:
+    print(f"erosion: {message}", file=sys.stderr)
+    return status

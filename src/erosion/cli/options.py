@@ -1,0 +1,146 @@
+"""What all verbs share: the case, its overrides, the model, and how results are printed."""
+
+import contextlib
+import dataclasses
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from erosion.model import CuttingModel
+    from erosion.parameters import Parameters
+    from erosion.tables import Row
+
+
+class BadInput(ValueError):
+    """Something the user gave that cannot be used; the message is one sentence."""
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class CaseOptions:
+    """Which impact: a case file, and changes to it."""
+
+    case: Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 without it.")] = None
+    units: Annotated[str | None, Parameter(help='Convert the case to "inch-pound" or "si".')] = None
+    k: Annotated[str | None, Parameter(help="Force ratio F_y/F_x.", allow_leading_hyphen=True)] = None
+    psi: Annotated[str | None, Parameter(help="Contact height over depth.", allow_leading_hyphen=True)] = None
+    r: Annotated[str | None, Parameter(help='Centre of mass to tip: "0.04 in".', allow_leading_hyphen=True)] = None
+    b: Annotated[str | None, Parameter(help='Width: "1 mm".', allow_leading_hyphen=True)] = None
+    m: Annotated[str | None, Parameter(help='Mass: "50 mg".', allow_leading_hyphen=True)] = None
+    v0: Annotated[str | None, Parameter(help='Impact speed: "4400 in/s".', allow_leading_hyphen=True)] = None
+    sigma: Annotated[str | None, Parameter(help='Flow stress: "1.4 GPa".', allow_leading_hyphen=True)] = None
+    alpha: Annotated[
+        str | None, Parameter(help='Angle of attack: "20deg"; bare numbers are radians.', allow_leading_hyphen=True)
+    ] = None
+    phidot0: Annotated[str | None, Parameter(help='Initial spin: "1000 rad/s".', allow_leading_hyphen=True)] = None
+    inertia: Annotated[str | None, Parameter(help="β in I = β m r².", allow_leading_hyphen=True)] = None
+
+    def parameters(self) -> "Parameters":
+        """The case with its overrides, validated.
+
+        Raises:
+            BadInput: one sentence naming the file or the option.
+        """
+        from erosion.cases import load_case
+        from erosion.parameters import QUANTITIES, TABLE_1, validate
+        from erosion.units import read_quantity
+
+        with user_errors():
+            p = TABLE_1 if self.case is None else load_case(self.case)
+            if self.units is not None:
+                p = p.to(self.units)
+        changes = {}
+        for name, quantity in QUANTITIES.items():
+            text = getattr(self, name)
+            if text is not None:
+                try:
+                    changes[name] = read_quantity(text, quantity.dimension, p.units)
+                except ValueError as error:
+                    raise BadInput(f"Option `--{name}` {error}.") from error
+        with user_errors():
+            p = p.replace(**changes)
+            validate(p, what="Option" if changes else "Field")
+        return p
+
+
+ModelOption = Annotated[
+    str, Parameter(name=["--model", "-m"], help="A model's name (see `erosion models`), or the path of a Python file.")
+]
+JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON and nothing else.")]
+
+
+def load(name: str) -> "CuttingModel":
+    """The model by name or path."""
+    from erosion.models import load_model
+
+    with user_errors():
+        return load_model(name)
+
+
+@contextlib.contextmanager
+def user_errors(*also: type[Exception]) -> Iterator[None]:
+    """Errors of what the user gave become `BadInput`."""
+    try:
+        yield
+    except (ValueError, OSError, *also) as error:
+        raise BadInput(str(error)) from error
+
+
+def start_engine() -> None:
+    """Keep compiled programs in the user's cache folder, so that the next start is quick."""
+    import os
+
+    import platformdirs
+
+    # With error checks in the program (host callbacks) JAX would not cache it; every verb
+    # checks outcomes itself.
+    os.environ.setdefault("EQX_ON_ERROR", "nan")
+    import jax
+
+    if jax.config.jax_compilation_cache_dir is None:
+        with contextlib.suppress(OSError):
+            folder = platformdirs.user_cache_path("erosion", ensure_exists=True) / "compiled"
+            jax.config.update("jax_compilation_cache_dir", str(folder))
+            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """JSON on stdout; NaN, which JSON lacks, as null."""
+    print(json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def print_table(title: str, rows: "Sequence[Row]") -> None:
+    """A table on stdout, in colour where it is a terminal."""
+    from rich.console import Console
+
+    from erosion.tables import to_rich
+
+    Console(highlight=False).print(to_rich(title, rows))
+
+
+def warn(message: str) -> None:
+    """A warning on stderr."""
+    print(f"warning: {message}", file=sys.stderr)
+
+
+def parameters_as_json(p: "Parameters") -> dict[str, Any]:
+    """The parameters as plain numbers."""
+    from erosion.parameters import QUANTITIES
+
+    return {"units": p.units, **{name: float(getattr(p, name)) for name in QUANTITIES}}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (str, int, bool)) or value is None:
+        return value
+    number = float(value)
+    return number if number - number == 0 else None

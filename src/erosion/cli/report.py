@@ -1,0 +1,30 @@
+"""`erosion report`: the scenario, answered."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from erosion.cli.options import CaseOptions, start_engine, user_errors
+
+
+def report(
+    case: CaseOptions | None = None,
+    *,
+    out: Annotated[Path, Parameter(help="Folder for the page, its figures and numbers.")] = Path("report"),
+    only: Annotated[str | None, Parameter(help='Only these questions: "q1,q4".')] = None,
+) -> None:
+    """Answer the scenario's questions for a case, on one self-contained page."""
+    options = case or CaseOptions()
+    p = options.parameters()
+    start_engine()
+    from rich.console import Console
+
+    from erosion.report import write_report
+
+    name = "Table 1" if options.case is None else options.case.stem
+    questions = None if only is None else [part.strip() for part in only.split(",") if part.strip()]
+    console = Console(stderr=True, highlight=False)
+    with user_errors(), console.status("report") as status:
+        page = write_report(p, out, case_name=name, only=questions, progress=status.update)
+    print(page.resolve())

@@ -1,0 +1,85 @@
+"""`erosion run`: one impact."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.options import (
+    CaseOptions,
+    JsonOption,
+    ModelOption,
+    load,
+    parameters_as_json,
+    print_json,
+    print_table,
+    start_engine,
+    user_errors,
+    warn,
+)
+
+
+def run(
+    case: CaseOptions | None = None,
+    *,
+    model: ModelOption = "linearized",
+    plot: Annotated[Path | None, Parameter(help="Also draw the cut into this file (.svg, .png, .pdf).")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Follow one impact to the end of its cut: when, how, and how much is removed."""
+    p = (case or CaseOptions()).parameters()
+    start_engine()
+    import warnings
+
+    import numpy as np
+
+    from erosion.kernel import impact
+    from erosion.quantities import RESULTS
+    from erosion.tables import Row, format_number
+    from erosion.trajectory import TurnWarning, simulate
+    from erosion.units import conversion_factor, unit_name
+
+    chosen = load(model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TurnWarning)  # they are printed below
+        trajectory = simulate(chosen, p)
+    dvolume = float(impact(chosen, p, derivatives=1).dvolume)
+    in_si = conversion_factor("volume", p.units, "si")
+    if plot is not None:
+        from erosion.plotting import plot_trajectory, save_plot
+
+        with user_errors():
+            save_plot(plot_trajectory(trajectory), plot)
+    for message in trajectory.warnings:
+        warn(message)
+    numbers: dict[str, Any] = {
+        "t_c": trajectory.t_c,
+        "ended_by": trajectory.ended_by,
+        "volume": trajectory.volume,
+        "volume_m3": trajectory.volume * in_si,
+        "dvolume": dvolume,
+        "max_depth": trajectory.max_depth,
+        "turn": trajectory.turn,
+    }
+    if json:
+        units = {name: unit_name(RESULTS[name].dimension, p.units) for name in RESULTS if name in numbers}
+        print_json(
+            {
+                "model": model,
+                "parameters": parameters_as_json(p),
+                **numbers,
+                "units": units,
+                "warnings": list(trajectory.warnings),
+            }
+        )
+        return
+    rows = trajectory.rows()
+    after_volume = 1 + [row.name for row in rows].index("volume")
+    quantity = RESULTS["dvolume"]
+    rows[after_volume:after_volume] = [
+        Row("", "", format_number(trajectory.volume * in_si), "m³", "the same in SI"),
+        Row("dvolume", quantity.symbol, format_number(dvolume), unit_name(quantity.dimension, p.units), quantity.meaning),
+    ]
+    print_table(f"{model} at α = {np.rad2deg(float(p.alpha)):.6g}°", rows)
+    if plot is not None:
+        print(f"figure: {plot}")

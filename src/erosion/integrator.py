@@ -1,0 +1,411 @@
+"""A block of impacts: an error-controlled Runge-Kutta loop whose lanes end exactly at an event.
+
+There is one trace of the Runge-Kutta step in the loop. A lane is advancing, or locating: the
+step just tried went past an event, so the lane tries again **from the same start** with the
+length at which it expects the event. The state at the event thus has the full order of the
+method, not an interpolant's.
+
+Arrays run over lanes in their last axis, so that one instruction serves several lanes: a jet
+is a tuple of (leaves, lanes) arrays; event functions and their rates are (events, lanes).
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.experimental.xla_metadata import set_xla_metadata
+
+from erosion.jets import Cut, Derivatives, Direction, Jets, at_event
+from erosion.model import CuttingModel, cuts_at_all, event_rates
+from erosion.parameters import Parameters
+
+# Prince and Dormand's 8(7) pair, 13 stages, the last of which is the next step's first.
+_TABLEAU = diffrax.Dopri8.tableau
+_A = [np.asarray(row) for row in _TABLEAU.a_lower]
+_B = np.asarray(_TABLEAU.b_sol)
+_B_ERROR = np.asarray(_TABLEAU.b_error)
+
+ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
+
+NO_CUT = -1
+"""The event index of a lane in which nothing is cut."""
+
+_SLACK = 5.0  # the embedded estimate is of 7th order, the solution of 8th: see docs/performance.md
+_TINY = 1e-200  # keeps 0/0 away
+_FIRST_STEP = 0.35  # of the model's time scale
+_LONGEST_CUT = 1e4  # likewise; later is "unfinished"
+_MAX_TRIALS = 20_000
+_NEAR = 1e-4  # of the time scale and of the cut: this near the event, Heun and Newton do the rest
+_LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known
+_LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)²
+
+
+class Ends(NamedTuple):
+    """The event functions and their rates at one time, each (events, lanes)."""
+
+    value: Any
+    rate: Any
+
+
+class Clock(NamedTuple):
+    """Where a lane stands; all (lanes,) and of floats, so that they fit one array."""
+
+    mode: Any
+    time: Any  # from contact to the start of the step
+    trial: Any  # the length to try next
+    step: Any  # the length the error control would like
+    low: Any  # while locating: lengths before and past the event
+    high: Any
+    which: Any
+    left: Any  # from the last trial's end to the event
+    trials: Any
+
+
+class Lanes(NamedTuple):
+    """What the loop carries."""
+
+    clock: Clock
+    start: Ends
+    jet: tuple[Any, ...]
+    rate: tuple[Any, ...]
+
+
+class Solution(NamedTuple):
+    """A block's results, each of shape (lanes,); `which` is the event's index, or `NO_CUT`."""
+
+    mode: Any
+    which: Any
+    time: Derivatives
+    volume: Derivatives
+    trials: Any
+
+
+def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...], rtol: Any) -> Solution:
+    """Integrate a block of impacts to their ends.
+
+    Args:
+        model: its own leaves are shared by all lanes.
+        p: leaves of shape (lanes,).
+        order: 0, 1 or 2 derivatives.
+        directions: see `Jets`; traced ones have shape (lanes,).
+        rtol: of volume, end time and derivatives.
+    """
+    block = _Block(model, p, order, directions)
+    scale = block.time_scale()
+    lanes = lax.while_loop(
+        lambda lanes: jnp.any(lanes.clock.mode <= LOCATING),
+        lambda lanes: _advance(block, scale, rtol, lanes),
+        _begin(block, scale),
+    )
+    clock = lanes.clock
+    # Heun's method over the short time left, then Newton's for what is left of that.
+    guess = block.move(clock.left, lanes.jet, lanes.rate)
+    jet = block.move(clock.left / 2, block.move(clock.left / 2, lanes.jet, lanes.rate), block.rate(guess))
+    rate = block.rate(jet)
+    ends = block.look(jet, rate)
+    cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
+    remaining = jnp.where(cut, -_pick(ends.value, clock.which) / _pick(ends.rate, clock.which), 0.0)
+    time, volume = block.at_event(block.move(remaining, jet, rate), clock.which)
+    time = time._replace(value=clock.time + clock.left + remaining)
+    return _finish(clock, time, volume)
+
+
+class _Block:
+    """Model, parameters and directions of a block; each method is one or a few kernels."""
+
+    def __init__(self, model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...]) -> None:
+        self.model, self.order, self.directions = model, order, directions
+        self.named = all(isinstance(d, str) for d in directions)
+        self.lane_arguments = (p, () if self.named else directions)
+        one = jax.tree.map(lambda leaf: leaf[0], self.lane_arguments)
+        shapes = jax.eval_shape(lambda arguments: self._jets(arguments).initial(), one)
+        self.members = range(len(shapes))
+        self.structure = jax.tree.structure(shapes[0])
+        # Made once, so that JAX traces each of them once for the dozen places it is called at.
+        self._rates = [Kernel(self._over_lanes(self._rate_of, i)) for i in self.members]
+        self._look = Kernel(self._over_lanes(self._look_at))
+        self._move = Kernel(lambda length, u, k: u + length * k)
+
+    def time_scale(self) -> Any:
+        return Kernel(self._over_lanes(lambda arguments: self.model.scales(arguments[0]).time))()
+
+    def begins(self) -> Any:
+        return Kernel(self._over_lanes(lambda arguments: cuts_at_all(self.model, arguments[0])))()
+
+    def initial(self) -> tuple[Any, ...]:
+        def member(arguments: Any, i: int) -> list[Any]:
+            return jax.tree.leaves(self._jets(arguments).initial()[i])
+
+        return tuple(Kernel(self._over_lanes(member, i))() for i in self.members)
+
+    def rate(self, jet: Sequence[Any]) -> tuple[Any, ...]:
+        """The jet's time derivative."""
+        return tuple(kernel(*jet) for kernel in self._rates)
+
+    def move(self, length: Any, jet: Sequence[Any], rate: Sequence[Any]) -> tuple[Any, ...]:
+        return tuple(self._move(length, u, k) for u, k in zip(jet, rate, strict=True))
+
+    def look(self, jet: Sequence[Any], rate: Sequence[Any]) -> Ends:
+        """The event functions and their rates."""
+        both = self._look(jet[0], rate[0])
+        half = both.shape[0] // 2
+        return Ends(both[:half], both[half:])
+
+    def at_event(self, jet: Sequence[Any], which: Any) -> tuple[Derivatives, Derivatives]:
+        def lane(arguments: Any, which: Any, *rows: Any) -> list[Any]:
+            jets = self._jets(arguments)
+            ends = at_event(jets, self._cuts(rows), which)
+            return jax.tree.leaves(tuple(jets.per_unit(part) for part in ends))
+
+        found = list(Kernel(self._over_lanes(lane))(which, *jet))
+        none = Derivatives(None, None, None, None)
+        if self.order == 0:
+            return none, none._replace(value=found[0])
+        count = 2 + (self.order == 2)
+        time, volume = found[:count], found[count:]
+        return Derivatives(None, *time, *([None] * (3 - count))), Derivatives(*volume, *([None] * (3 - count)))
+
+    def _rate_of(self, arguments: Any, *rows: Any, i: int) -> list[Any]:
+        return jax.tree.leaves(self._jets(arguments).rate(self._cuts(rows))[i])
+
+    def _look_at(self, arguments: Any, row: Any, rate: Any) -> list[Any]:
+        (cut, flow), (p, _) = self._cuts([row, rate]), arguments
+        values, rates = event_rates(self.model, cut.state, flow.state, p)
+        return [*values.values(), *(rates[name] for name in values)]
+
+    def _over_lanes(self, lane: Callable[..., Any], i: int | None = None) -> Callable[..., Any]:
+        """A function of one lane's scalars made one of all lanes, its results stacked."""
+
+        def lanes(*inputs: Any) -> Any:
+            options = {} if i is None else {"i": i}
+            rows = [list(array) if array.ndim == 2 else array for array in inputs]
+            found = jax.vmap(lambda *values: lane(*values, **options))(self.lane_arguments, *rows)
+            return jnp.stack(found) if isinstance(found, list) else found
+
+        return lanes
+
+    def _jets(self, arguments: Any) -> Jets:
+        p, directions = arguments
+        return Jets(self.model, p, self.order, self.directions if self.named else directions)
+
+    def _cuts(self, rows: Sequence[Any]) -> tuple[Cut, ...]:
+        return tuple(jax.tree.unflatten(self.structure, row) for row in rows)
+
+
+class Kernel:
+    """A function whose result is one array, kept whole as one loop over the lanes.
+
+    Left alone, XLA's CPU compiler fuses each Runge-Kutta stage with all before it and
+    computes the vector field hundreds of times over; it ignores optimization barriers there.
+    A call that is not inlined is respected. On a GPU fusion does no such harm.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        def inlined(*arguments: Any) -> Any:
+            # What the function itself calls (`jnp.where` is a call) is inlined into it.
+            with set_xla_metadata(inlineable=None):
+                return function(*arguments)
+
+        self.function = jax.jit(inlined)
+
+    def __call__(self, *arguments: Any) -> Any:
+        if jax.default_backend() != "cpu":
+            return self.function(*arguments)
+        with set_xla_metadata(inlineable="false"):
+            return self.function(*arguments)
+
+
+def _begin(block: _Block, scale: Any) -> Lanes:
+    jet = block.initial()
+    rate = block.rate(jet)
+    start = block.look(jet, rate)
+    finite = jnp.isfinite(scale) & (scale > 0)
+    for member in (*jet, *rate):
+        finite = finite & jnp.all(jnp.isfinite(member), axis=0)
+    begins = block.begins()
+    zero = jnp.zeros_like(scale)
+    first = _FIRST_STEP * scale
+    clock = Clock(
+        mode=jnp.where(finite, jnp.where(begins, float(ADVANCING), ENDED), FAILED),
+        time=zero,
+        trial=first,
+        step=first,
+        low=zero,
+        high=zero,
+        which=jnp.where(begins, 0.0, NO_CUT),
+        left=zero,
+        trials=zero,
+    )
+    # Where an event function is zero at contact it rises, or nothing is cut.
+    return Lanes(clock, start._replace(value=jnp.maximum(start.value, 0.0)), jet, rate)
+
+
+def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
+    """Try one step in every lane, and act on what it was."""
+    jet, rate, error = _step(block, lanes.jet, lanes.rate, lanes.clock.trial)
+    ends = block.look(jet, rate)
+
+    def decide(clock: Clock, start: Ends, ends: Ends, error: Any, scale: Any) -> Any:
+        return jnp.stack(_decide(clock, start, ends, error / (_SLACK * rtol), scale))
+
+    def choose(moves: Any, new: Any, old: Any) -> Any:
+        return jnp.where(moves, new, old)
+
+    *clock, moves = Kernel(decide)(lanes.clock, lanes.start, ends, error, scale)
+    chosen = Kernel(choose)
+    new = Lanes(Clock(*clock), ends, jet, rate)
+    return Lanes(new.clock, *jax.tree.map(lambda one, other: chosen(moves > 0, one, other), new[1:], lanes[1:]))
+
+
+def _decide(clock: Clock, start: Ends, ends: Ends, error: Any, scale: Any) -> list[Any]:
+    """The clock after a trial, and whether the lane moves to the trial's end.
+
+    Args:
+        clock: before the trial.
+        start, ends: the event functions at both its ends.
+        error: over the tolerance; NaN is an error.
+        scale: the model's time scale.
+    """
+    # Event by event: a reduction over an axis would not be one loop over the lanes.
+    events = [
+        (Ends(*before), Ends(*after)) for before, after in zip(zip(*start, strict=True), zip(*ends, strict=True), strict=True)
+    ]
+    going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
+    good = locating | (error <= 1)
+    past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in events])
+    # A dip that may reach below zero: land on its lowest point before anything is decided.
+    dip = functools.reduce(jnp.minimum, [_dip(*event, clock.trial) for event in events])
+    landing = good & (dip < 1)
+    fits = good & (dip >= 1)
+    bracketed = good & (past | locating)
+
+    low = jnp.where(fits & locating & ~past, clock.trial, jnp.where(locating, clock.low, 0.0))
+    high = jnp.where(good & past, clock.trial, clock.high)
+    expected, which = clock.high + jnp.inf, clock.which
+    for i, (before, after) in enumerate(events):
+        # Past the trial's end all may still fall; before it, those that have fallen at it.
+        falls = (after.value <= 0) | ~past
+        root = jnp.where(falls, _expect(before, after, clock.trial, low, high), jnp.inf)
+        which = jnp.where(root < expected, float(i), which)
+        expected = jnp.minimum(expected, root)
+    left = expected - clock.trial
+    near = _NEAR * jnp.minimum(scale, clock.time + clock.trial)
+    ended = going & fits & bracketed & (jnp.abs(left) <= near)
+    accepted = going & fits & ~bracketed
+
+    # The eighth root by square roots: XLA's `pow` on a CPU is one library call a number.
+    factor = 0.9 / jnp.sqrt(jnp.sqrt(jnp.sqrt(error + 1e-30)))
+    factor = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2)
+    # Steps cut short to land on a dip say little about the step to take next.
+    step = jnp.where(good & (clock.trial < clock.step), jnp.maximum(factor * clock.trial, clock.step), factor * clock.trial)
+    step = jnp.where(locating, clock.step, step)
+    trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, expected, step))
+    time = clock.time + jnp.where(accepted | ended, clock.trial, 0.0)
+
+    mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
+    mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
+    mode = jnp.where(~(trial > 1e-14 * scale), FAILED, mode)
+    mode = jnp.where(ended, ENDED, mode)
+    return [
+        jnp.where(going, mode, clock.mode),
+        jnp.where(going, time, clock.time),
+        jnp.where(going, trial, clock.trial),
+        step,
+        low,
+        high,
+        jnp.where(ended, which, clock.which),
+        jnp.where(ended, left, clock.left),
+        clock.trials + going,
+        (accepted | ended).astype(float),
+    ]
+
+
+def _step(block: _Block, jet: Any, rate: Any, length: Any) -> tuple[Any, Any, Any]:
+    """One Runge-Kutta step: jet and rate at its end, and its relative error."""
+    stages = [[k] for k in rate]
+    at = jet
+    for row in (*_A[:-1], _B):
+        combine = Kernel(lambda u, ks, length, row=row: u + length * _combine(row, ks))
+        at = tuple(combine(u, _used(row, ks), length) for u, ks in zip(jet, stages, strict=True))
+        for ks, k in zip(stages, block.rate(at), strict=True):
+            ks.append(k)
+
+    def worst(before: Any, after: Any, slopes: Any, stages: Any, length: Any) -> Any:
+        # Errors count relative to each quantity's size in this step; a derivative's also
+        # relative to the size of what it is the derivative of.
+        sizes, errors = jnp.full_like(before[0], _TINY), jnp.zeros_like(length)
+        for u, v, slope, ks in zip(before, after, slopes, stages, strict=True):
+            sizes = jnp.maximum(jnp.maximum(jnp.abs(u), jnp.abs(v)), jnp.maximum(jnp.abs(length * slope), sizes))
+            errors = functools.reduce(jnp.maximum, list(jnp.abs(length * _combine(_B_ERROR, ks)) / sizes), errors)
+        return errors
+
+    error = Kernel(worst)(jet, at, rate, [_used(_B_ERROR, ks) for ks in stages], length)
+    return at, tuple(ks[-1] for ks in stages), error
+
+
+def _used(weights: np.ndarray, stages: Sequence[Any]) -> list[Any]:
+    return [stage for weight, stage in zip(weights, stages, strict=False) if weight != 0]
+
+
+def _combine(weights: np.ndarray, stages: Sequence[Any]) -> Any:
+    terms = [float(weight) * stage for weight, stage in zip(weights[weights != 0], stages, strict=True)]
+    return sum(terms[1:], terms[0])
+
+
+def _dip(start: Ends, end: Ends, length: Any) -> Any:
+    """Where in the step (0 to 1) an event function may dip to zero and return; 2 if it does not.
+
+    The cubic through both ends has its minimum at θ. It errs by less than a small multiple
+    of θ²(1-θ)², so that a minimum above that is harmless, and one below is to be looked at.
+    """
+    from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
+    a, b = 3 * (from_ + to - 2 * rise), 2 * (3 * rise - 2 * from_ - to)
+    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * from_, 0.0))
+    # Of the two roots of the cubic's derivative, the one with positive curvature √….
+    upper = jnp.where(b >= 0, -2 * from_ / (b + root), (root - b) / (2 * a))
+    inside = (b * b > 4 * a * from_) & (upper > 0) & (upper < 1) & (end.value > 0)
+    theta = jnp.where(inside, upper, 0.5)
+    lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
+    width = theta * (1 - theta)
+    harmless = lowest > _LOW * (jnp.abs(from_) + jnp.abs(to)) * width**2
+    return jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
+
+
+def _expect(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> Any:
+    """When an event function is expected to fall through zero.
+
+    By the cubic through both ends of a trial, taken a little beyond it if need be; always
+    between the lengths `low` and `high`, known to be before and past the event.
+    """
+    from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
+    c2, c3 = 3 * rise - 2 * from_ - to, from_ + to - 2 * rise
+    left, right = low / length, high / length
+    # Newton from the trial's end, because an event function may start at zero.
+    theta = jnp.clip(1 - end.value / jnp.where(to < 0, to, -1.0), left, right)
+    for _ in range(4):
+        value = start.value + theta * (from_ + theta * (c2 + theta * c3))
+        slope = from_ + theta * (2 * c2 + theta * 3 * c3)
+        left, right = jnp.where(value > 0, theta, left), jnp.where(value > 0, right, theta)
+        newton = theta - value / jnp.where(slope == 0, 1.0, slope)
+        # A converged step may leave the bracket by rounding: that is no reason to bisect.
+        inside = (newton > left - 1e-9) & (newton < right + 1e-9)
+        theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
+    return length * theta
+
+
+def _finish(clock: Clock, time: Derivatives, volume: Derivatives) -> Solution:
+    """Zeros where nothing is cut; NaN, said to be failed, where a number is not finite."""
+    numbers = jax.tree.map(lambda value: jnp.where(clock.which == NO_CUT, 0.0, value), (time, volume))
+    whole = (clock.mode == ENDED) & jnp.isfinite(numbers[0].value) & jnp.isfinite(numbers[1].value)
+    mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
+    numbers = jax.tree.map(lambda value: jnp.where(whole, value, jnp.nan), numbers)
+    return Solution(mode, clock.which, *numbers, trials=clock.trials)
+
+
+def _pick(values: Any, index: Any) -> Any:
+    return jnp.sum(jnp.where(jnp.arange(values.shape[0])[:, None] == index, values, 0.0), axis=0)

@@ -1,0 +1,38 @@
+"""A matplotlib figure as an SVG element of a page that may be light or dark."""
+
+import re
+from collections.abc import Mapping
+
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+
+from erosion.plotting import DIM, FAINT, INK, PALETTE, render
+
+THEMES: Mapping[str, Mapping[str, str]] = {
+    "light": {**PALETTE, "ink": INK, "faint": FAINT, "dim": DIM, "paper": "#ffffff", "page": "#f4f5f7",
+              "accent": "#00568a"},
+    "dark": {"blue": "#4fb0f0", "vermillion": "#ff8a47", "green": "#2fcca0", "purple": "#e3a0c6", "sky": "#2f7fb8",
+             "orange": "#f0b429", "ink": "#e4e7eb", "faint": "#39414a", "dim": "#98a2ad", "paper": "#1b2027",
+             "page": "#12161b", "accent": "#7cc4f5"},
+}  # fmt: skip
+"""Colours of the page by CSS variable. Figures use the same, lighter on a dark page."""
+
+_VARIABLES = {THEMES["light"][name]: name for name in (*PALETTE, "ink", "faint", "dim")}
+
+
+def inline_svg(fig: Figure, name: str, description: str) -> Markup:
+    """The figure as `<svg>`: it fills its box, follows the page's colours, and keeps its ids to itself.
+
+    Args:
+        fig: what to draw.
+        name: unique on the page; ids begin with it.
+        description: what it shows, for those who cannot see it.
+    """
+    text = render(fig, "svg", transparent=True).decode()
+    text = text[text.index("<svg") :].strip()
+    for color, variable in _VARIABLES.items():
+        text = re.sub(color, f"var(--{variable})", text, flags=re.IGNORECASE)
+    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
+    start, rest = text.split(">", 1)
+    start = re.sub(r'\s(?:width|height|version)="[^"]*"', "", start)
+    return Markup(start + f' role="img" aria-label="{escape(description)}">' + rest)

@@ -1,0 +1,3 @@
+"""The scenario's questions, one a file, and the registry of them."""
+
+from erosion.report.questions.registry import QUESTIONS as QUESTIONS

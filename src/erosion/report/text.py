@@ -1,0 +1,150 @@
+"""Numbers, units, formulas and tables as a reader sees them."""
+
+import math as maths
+import re
+from collections.abc import Sequence
+
+from latex2mathml.converter import convert
+from markupsafe import Markup, escape
+
+from erosion.plotting import readable_scale, superscript
+from erosion.units import Dimension, System, unit_name
+
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+_MINUS = "\N{MINUS SIGN}"
+_FUNCTION = r"(?:\\(?:sin|cos|tan|cot|arcsin|arccos|arctan)(?![a-zA-Z])(?:\^(?:\{[^{}]*\}|\w))?|\\mathrm\{arcosh\})"
+_BEFORE_FUNCTION = re.compile(rf"(?<!\\cdot)(?<!\\propto)(?<=[\w}})])\s*(?={_FUNCTION})")
+_AFTER_FUNCTION = re.compile(rf"({_FUNCTION})\s*(?!\s*(?:\(|\\left|\^))")
+
+
+def _parts(value: float, digits: int, strip: bool) -> tuple[str, int | None]:
+    """Mantissa and, for very large and small numbers, the power of ten."""
+    if value == 0 or not maths.isfinite(value):
+        return f"{value:g}".replace("-0", "0"), None
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    power = int(exponent)
+    plain = -3 <= power < 6
+    text = f"{float(f'{mantissa}e{power}'):.{max(digits - 1 - power, 0)}f}" if plain else mantissa
+    if strip and "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return text, None if plain else power
+
+
+def number(value: float, digits: int = 5, *, strip: bool = False) -> str:
+    """A number to `digits` significant digits: "1.8164 × 10⁻⁴", "−752.44".
+
+    Args:
+        value: any float.
+        digits: significant digits.
+        strip: leave out zeros at the end, for numbers that are given and not computed.
+    """
+    text, power = _parts(value, digits, strip)
+    if power is not None:
+        text += f"{_NO_BREAK}×{_NO_BREAK}10{superscript(power)}"
+    return text.replace("-", _MINUS)
+
+
+def number_tex(value: float, digits: int = 5, *, strip: bool = False) -> str:
+    """The same in LaTeX."""
+    text, power = _parts(value, digits, strip)
+    return text if power is None else rf"{text}\times 10^{{{power}}}"
+
+
+_CORRECTIONS = (
+    ("<mi>&#x000B1;</mi>", "<mo>&#x000B1;</mo>"),
+    ("<mo>&#x0002F;</mo>", '<mo lspace="0" rspace="0">&#x0002F;</mo>'),
+)
+
+
+def quantity(value: float, dimension: Dimension, units: System, digits: int = 5, *, like: float | None = None) -> str:
+    """A number with its unit: "1.8164 × 10⁻⁴ in³".
+
+    Args:
+        value: in the base unit.
+        dimension: what it measures.
+        units: the unit system.
+        digits: significant digits.
+        like: the magnitude that chooses a handier unit, such as "66.353 µs" or "2.9766 mm³".
+    """
+    value, unit = _in_unit(value, dimension, units, like)
+    return number(value, digits) + (_NO_BREAK + unit if unit else "")
+
+
+def quantity_tex(
+    value: float, dimension: Dimension, units: System, digits: int = 5, *, like: float | None = None
+) -> str:
+    """The same in LaTeX."""
+    value, unit = _in_unit(value, dimension, units, like)
+    return with_unit_tex(number_tex(value, digits), unit)
+
+
+def with_unit_tex(tex: str, unit: str) -> str:
+    """Some LaTeX followed by a unit, set upright."""
+    for raised, power in (("⁻¹", "-1"), ("²", "2"), ("³", "3")):
+        unit = unit.replace(raised, rf"}}^{{{power}}}\text{{")
+    return rf"{tex}\,\text{{{unit}}}".replace(r"\text{}", "") if unit else tex
+
+
+def _in_unit(value: float, dimension: Dimension, units: System, like: float | None) -> tuple[float, str]:
+    scale = None if like is None else readable_scale(dimension, units, abs(like))
+    if scale is None or scale.unit.startswith("10"):
+        return value, unit_name(dimension, units)
+    return value / scale.size, scale.unit
+
+
+def degrees(angle: float, digits: int = 5) -> str:
+    """An angle [rad] in degrees: "31.717°"."""
+    return number(maths.degrees(angle), digits, strip=True) + "°"
+
+
+def degrees_tex(angle: float, digits: int = 5) -> str:
+    """An angle [rad] in degrees, in LaTeX."""
+    return number_tex(maths.degrees(angle), digits, strip=True) + r"{}^\circ"
+
+
+def math(tex: str, *, display: bool = False) -> Markup:
+    """LaTeX as MathML, within a line of text or displayed."""
+    # MathML sets "A sin x" without gaps, for the converter does not mark functions as operators.
+    tex = _AFTER_FUNCTION.sub(r"\1\\,", _BEFORE_FUNCTION.sub(r"\\,", tex))
+    mathml = convert(tex, display="block" if display else "inline")
+    for written, meant in _CORRECTIONS:
+        mathml = mathml.replace(written, meant)
+    return Markup(mathml)
+
+
+def formula(tex: str) -> Markup:
+    r"""A formula on its own line; where it is too wide it breaks at \qquad and before ⇒, then scrolls."""
+    pieces = re.split(r"\\qquad|\\quad(?=\\(?:Left)?[Rr]ightarrow)", tex)
+    return Markup('<div class="math" tabindex="0">{}</div>').format(
+        Markup("").join(math(piece, display=True) for piece in pieces)
+    )
+
+
+def paragraph(*parts: str) -> Markup:
+    """A paragraph of text and inline formulas; plain strings are escaped."""
+    return Markup("<p>{}</p>").format(Markup("").join(parts))
+
+
+def note(*parts: str) -> Markup:
+    """A paragraph set apart, on where the source and this page differ."""
+    return Markup('<p class="note">{}</p>').format(Markup("").join(parts))
+
+
+def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
+    """A table with numbers aligned to the right; the first column names the row."""
+    top = Markup("").join(Markup("<th scope='col'>{}</th>").format(cell) for cell in head)
+    body = Markup("").join(
+        Markup("<tr><th scope='row'>{}</th>{}</tr>").format(
+            row[0], Markup("").join(Markup("<td>{}</td>").format(cell) for cell in row[1:])
+        )
+        for row in rows
+    )
+    return Markup(
+        '<div class="table" tabindex="0"><table><caption>{}</caption><thead><tr>{}</tr></thead>'
+        "<tbody>{}</tbody></table></div>"
+    ).format(caption, top, body)
+
+
+def join(*parts: str) -> Markup:
+    """Blocks of HTML, one after another."""
+    return Markup("\n").join(escape(part) for part in parts)

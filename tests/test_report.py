@@ -1,0 +1,284 @@
+"""The report: right numbers for any case, one whole page that needs nothing else, safe files."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters import TABLE_1, Parameters
+from erosion.report import write_report
+from erosion.report.case import Case
+from erosion.report.newton import Jet, greatest
+from erosion.report.questions import QUESTIONS
+from erosion.report.text import degrees, formula, math, number, number_tex, quantity, quantity_tex
+from erosion.trajectory import SimulationError
+
+CLOSED = LinearizedCut()
+CASES = {
+    "Table 1": TABLE_1,
+    "SI": TABLE_1.to("si"),
+    "k = 0.1": TABLE_1.replace(k=0.1),
+    "k = 10": TABLE_1.replace(k=10.0),
+    "60°": TABLE_1.replace(alpha=np.pi / 3),
+}
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The folder of each case's report."""
+    folders = {}
+    for name, p in CASES.items():
+        folders[name] = write_report(p, tmp_path_factory.mktemp("report") / "new", case_name=name).parent
+    return folders
+
+
+@pytest.fixture(scope="module")
+def page(reports: dict[str, Path]) -> str:
+    return (reports["Table 1"] / "index.html").read_text(encoding="utf-8")
+
+
+def numbers(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "numbers.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_numbers_are_those_of_the_closed_forms(reports: dict[str, Path], name: str) -> None:
+    p, record = CASES[name], numbers(reports[name])
+    q1, q2, q3, q4 = (record["answers"][key] for key in ("q1", "q2", "q3", "q4"))
+    k, alpha = float(p.k), float(p.alpha)
+    omega = np.sqrt(k * p.sigma * p.b * p.psi / p.m)
+    assert q1["omega"] == pytest.approx(omega, rel=1e-14)
+    assert q1["y_amplitude"] == pytest.approx(p.v0 * np.sin(alpha) / omega, rel=1e-14)
+    assert q1["x_slope"] == pytest.approx(p.v0 * (np.cos(alpha) - np.sin(alpha) / k), rel=1e-13)
+    # The solver works to 1e-12 a step.
+    assert q1["largest_difference"]["y"] < 1e-10 * q1["y_amplitude"]
+
+    stops = np.tan(alpha) > k / 2
+    t_c = (np.arccos(1 - k / np.tan(alpha)) if stops else np.pi) / omega
+    assert q2["t_c"] == pytest.approx(t_c, rel=1e-12)
+    assert q2["t_c_numerical"] == pytest.approx(t_c, rel=1e-10)
+    assert q2["ended_by"] == q2["ended_by_numerical"] == ("stop" if stops else "rebound")
+    assert (q2["candidates"]["stop"] is not None) == stops
+    assert q2["cusp"] == pytest.approx(np.arctan(k / 2), rel=1e-15)
+
+    scale = p.m * p.v0**2 / (p.sigma * p.psi)
+    below = (np.sin(2 * alpha) - 2 / k * np.sin(alpha) ** 2) / k
+    volume = scale * (np.cos(alpha) ** 2 / 2 if stops else below)
+    assert q3["volume"] == pytest.approx(volume, rel=1e-13)
+    assert q3["volume_numerical"] == pytest.approx(volume, rel=1e-10)
+    assert q3["volume_from_speeds"] == pytest.approx(volume, rel=1e-10)
+    errors = [q3["volume_midpoint"][n] / volume - 1 for n in ("10", "100", "1000")]
+    # Its error is -h²/24 times the difference of the integrand's slope b(ẏẋ + yẍ) at both ends.
+    x_slowing, end = -p.sigma * p.b * p.psi / p.m, CLOSED.state(t_c, p)
+    slopes = p.b * (end.vy * end.vx + x_slowing * end.y**2 - p.v0**2 * np.sin(alpha) * np.cos(alpha))
+    assert errors[1] == pytest.approx(float(-((t_c / 100) ** 2) / 24 * slopes / volume), rel=0.01)
+    # Second order: ten times the panels, a hundredth of the error.
+    assert errors[0] < 0.02
+    assert errors[0] / errors[1] == pytest.approx(100, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(100, rel=0.1)
+    assert q3["volume_si"] == pytest.approx(volume * (0.0254**3 if p.units == "inch-pound" else 1), rel=1e-13)
+
+    # The kernel's V′ has 1e-12 of its scale; V″ turns that into an angle.
+    assert q4["alpha_max"] == pytest.approx(np.arctan(k) / 2, abs=1e-10)
+    assert q4["volume_max"] == pytest.approx(scale * (np.sqrt(1 + k**2) - 1) / k**2, rel=1e-10)
+    assert q4["iterates"][-1]["alpha"] == q4["alpha_max"]
+
+
+def test_table_1_reproduces_the_settled_figures(reports: dict[str, Path]) -> None:
+    answers = numbers(reports["Table 1"])["answers"]
+    # PHYSICS.md, section 6, as printed there.
+    assert answers["q2"]["t_c"] == pytest.approx(6.6353363429e-5, rel=1e-10)
+    assert answers["q3"]["volume"] == pytest.approx(1.816436352531e-4, rel=1e-12)
+    assert np.rad2deg(answers["q4"]["alpha_max"]) == pytest.approx(31.717474411, abs=1e-8)
+    assert answers["q4"]["volume_max"] == pytest.approx(2.135029315836e-4, rel=1e-10)
+    assert np.rad2deg(answers["q1"]["turn_if_free"]) == pytest.approx(-69.7, abs=0.05)
+
+
+def test_sentences_say_the_numbers(page: str) -> None:
+    text = re.sub(r"<[^>]*>", "", page).replace("\N{NO-BREAK SPACE}", " ")
+    for said in (
+        "The cut stops after 66.353 µs, when the erodent rebounds",
+        "One impact removes 1.8164 × 10⁻⁴ in³ (2.9766 mm³).",
+        "Most is removed at α = 31.717°: 2.1350 × 10⁻⁴ in³ an impact, 1.175 times as much as at 20°.",
+        "it turns by 69.7° during this cut",
+    ):
+        assert said in text
+
+
+def test_a_stop_is_told_as_a_stop(reports: dict[str, Path]) -> None:
+    text = (reports["60°"] / "index.html").read_text(encoding="utf-8")
+    assert "when the erodent has lost its forward speed" in text
+    assert "rebounds: its tip is back" not in text
+
+
+@pytest.mark.parametrize("name", ["Table 1", "SI"])
+def test_page_is_well_formed_and_its_ids_are_unique(reports: dict[str, Path], name: str) -> None:
+    text = (reports[name] / "index.html").read_text(encoding="utf-8")
+    root = ET.fromstring(text.removeprefix("<!DOCTYPE html>"))
+    ids = [element.get("id") for element in root.iter() if element.get("id")]
+    assert len(ids) == len(set(ids))
+    links = {(element.get("href") or "")[1:] for element in root.iter("{http://www.w3.org/1999/xhtml}a")}
+    assert links <= set(ids)
+    assert len(list(root.iter("{http://www.w3.org/2000/svg}svg"))) == 5
+    assert len(list(root.iter("{http://www.w3.org/1998/Math/MathML}math"))) > 40
+    for element in root.iter("{http://www.w3.org/1998/Math/MathML}mi"):
+        assert element.text != "&"
+
+
+def test_page_is_self_contained(page: str) -> None:
+    for attribute in re.findall(r'(?:src|href|action|data|poster|srcset)="([^"]*)"', page):
+        assert attribute.startswith("#") or attribute == "data:,"
+    for address in re.findall(r"url\(([^)]*)\)", page):
+        assert address.startswith("#")
+    for forbidden in ("<script", "@import", "@font-face", "javascript:", "<iframe", " onload"):
+        assert forbidden not in page
+    assert "default-src 'none'" in page
+
+
+def test_figures_follow_the_theme(page: str) -> None:
+    drawings = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
+    assert drawings
+    for drawing in drawings:
+        assert "var(--ink)" in drawing
+        assert not re.search(r"#(?:24292f|0072b2|d55e00|000000)", drawing)
+        assert 'viewBox="' in drawing.split(">", 1)[0]
+        assert 'width="' not in drawing.split(">", 1)[0]
+        for reference in re.findall(r'(?:url\(|href=")#([^)"]*)', drawing):
+            assert f'id="{reference}"' in drawing
+
+
+def test_same_case_same_bytes(reports: dict[str, Path], tmp_path: Path) -> None:
+    write_report(TABLE_1, tmp_path, case_name="Table 1")
+    first, second = (
+        {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        for folder in (reports["Table 1"], tmp_path)
+    )
+    assert first == second
+    names = sorted(str(path) for path in first)
+    assert names[:2] == ["figures/figure-7-histories.png", "figures/figure-7-histories.svg"]
+    assert names[-2:] == ["index.html", "numbers.json"]
+    assert len(names) == 12
+
+
+def test_only_answers_what_is_asked_in_the_pages_order(tmp_path: Path) -> None:
+    said: list[str] = []
+    page = write_report(TABLE_1, tmp_path, only=["q4", "q3"], progress=said.append)
+    assert list(numbers(tmp_path)["answers"]) == ["q3", "q4"]
+    assert re.findall(r'<section id="(q\d)"', page.read_text(encoding="utf-8")) == ["q3", "q4"]
+    assert said == ["Question 3", "Question 4", "Figures and page"]
+
+
+@pytest.mark.parametrize("only", [["q4", "q99"], [], "q4"])
+def test_unknown_questions_are_refused_by_name(tmp_path: Path, only: Any) -> None:
+    with pytest.raises(ValueError, match=r"'q1', 'q2', 'q3', 'q4'"):
+        write_report(TABLE_1, tmp_path / "new", only=only)
+    assert not (tmp_path / "new").exists()
+
+
+def test_bad_parameters_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="`alpha` must be in"):
+        write_report(TABLE_1.replace(alpha=2.0), tmp_path / "new")
+    with pytest.raises(ValueError, match="`v0` must be a single number"):
+        write_report(TABLE_1.replace(v0=np.array([1.0, 2.0])), tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("place", ["file", "file/below"])
+def test_a_place_that_cannot_be_written_is_named_in_one_sentence(tmp_path: Path, place: str) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(OSError, match=r": the report cannot be written there \([^()\n]*\)\.$") as caught:
+        write_report(TABLE_1, tmp_path / place)
+    assert str(caught.value).startswith(f"{tmp_path / place}: ")
+    assert (tmp_path / "file").read_text() == "not a folder"
+
+
+def test_nothing_half_written_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, content: bytes) -> int:
+        path.write_text("half")
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left on device"):
+        write_report(TABLE_1, tmp_path, only=["q2"])
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_a_normal_impact_cuts_nothing_and_says_so(tmp_path: Path) -> None:
+    page = write_report(TABLE_1.replace(alpha=np.pi / 2), tmp_path).read_text(encoding="utf-8")
+    assert "the cut stops before it begins" in page
+    assert "With the numbers of this case" not in page
+    answers = numbers(tmp_path)["answers"]
+    assert answers["q3"]["volume"] == answers["q2"]["t_c"] == 0.0
+    assert answers["q4"]["alpha_max"] == pytest.approx(np.arctan(2.0) / 2, abs=1e-10)
+
+
+def test_a_case_name_is_text_not_html(tmp_path: Path) -> None:
+    page = write_report(TABLE_1, tmp_path, case_name="<b>a & b</b>", only=["q2"]).read_text(encoding="utf-8")
+    assert "&lt;b&gt;a &amp; b&lt;/b&gt;" in page
+    assert "<b>a" not in page
+
+
+def test_every_question_answers_under_its_own_key() -> None:
+    for key in ("q2", "q3"):
+        assert QUESTIONS[key](Case(TABLE_1, "Table 1")).key == key
+
+
+def closed_jet(p: Parameters) -> Jet:
+    def jet(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        q = p.replace(alpha=angles)
+        return np.asarray(CLOSED.volume(q)), np.asarray(CLOSED.dvolume(q)), np.asarray(CLOSED.d2volume(q))
+
+    return jet
+
+
+@pytest.mark.parametrize("k", [1e-4, 0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 1e3, 1e6])
+def test_newton_finds_the_greatest_volume_for_any_k(k: float) -> None:
+    steps = greatest(closed_jet(TABLE_1.replace(k=k)))
+    assert steps[-1].alpha == pytest.approx(np.arctan(k) / 2, abs=1e-11)
+    assert len(steps) < 30
+    assert steps[-1].kind == "Newton"
+
+
+def test_newton_refuses_what_it_cannot_answer() -> None:
+    def falling(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return np.cos(angles), -np.sin(angles) - 0.1, -np.cos(angles)
+
+    def failing(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return np.where(angles > 0.7, np.nan, angles), angles, angles
+
+    with pytest.raises(SimulationError, match="vanishes"):
+        greatest(falling)
+    with pytest.raises(SimulationError, match=r"α = 45°|could not be computed"):
+        greatest(failing)
+
+
+def test_numbers_read_well() -> None:
+    plain = str.maketrans("\N{NO-BREAK SPACE}", " ")
+    assert number(1.81643635e-4).translate(plain) == "1.8164 × 10⁻⁴"
+    assert number(-752.4442) == "−752.44"
+    assert number(99999.96, 5).translate(plain) == "100000"
+    assert number(0.0) == number(-0.0) == "0"
+    assert number(200e3, 7, strip=True) == "200000"
+    assert number(200e3, 6, strip=True) == "200000"
+    assert number(2.855e-7, 7, strip=True).translate(plain) == "2.855 × 10⁻⁷"
+    assert number_tex(-1.5e9) == r"-1.5000\times 10^{9}"
+    assert quantity(6.635e-5, "time", "si", like=6.6e-5).translate(plain) == "66.350 µs"
+    assert quantity(6.635e-5, "time", "si").translate(plain) == "6.6350 × 10⁻⁵ s"
+    assert quantity_tex(2e-4, "volume", "inch-pound", 2) == r"2.0\times 10^{-4}\,\text{in}^{3}"
+    assert degrees(np.deg2rad(20)) == "20°"
+    assert degrees(np.arctan(2) / 2) == "31.717°"
+
+
+def test_formulas_are_sound_mathml() -> None:
+    for tex in (r"k\cot\alpha=\pm\dot{x}/2", r"\begin{align*} a&=b\\c&=d\end{align*}", r"\sin^2\alpha\left(1\right)"):
+        root = ET.fromstring(math(tex))
+        assert root.tag.endswith("math")
+    assert "<mo>&#x000B1;</mo>" in math(r"\pm")
+    assert math(r"k\sin x").count("<mspace") == 2
+    assert math(r"\cdot\sin(x)").count("<mspace") == 0
+    assert formula("x").startswith('<div class="math"')
