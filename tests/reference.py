@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import erosion
+
 
 class Figure(NamedTuple):
     volume: float
@@ -28,3 +30,10 @@ AT_20_DEGREES = {
 AS_PRINTED = (4.9551209838e-4, 7.46068867e-5, "rebound")
 
 CLOSED = ("linearized", "tan-alpha", "velocity-aligned", "finnie")
+
+
+def closed_form(name: str) -> erosion.ClosedForm:
+    """The exact solution of a model that has one."""
+    exact = erosion.load_model(name).closed_form()
+    assert exact is not None
+    return exact

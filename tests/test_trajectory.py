@@ -4,7 +4,7 @@ from scipy.integrate import solve_ivp
 
 import erosion
 from erosion.trajectory import SimulationError, TurnWarning
-from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED
+from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
 
 P = erosion.TABLE_1
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
@@ -40,7 +40,7 @@ def test_as_printed_is_the_literal_reading():
 @pytest.mark.parametrize("degrees", [0.01, 5, 20, 45, 63, 89, 89.99])
 def test_motion_equals_the_closed_form(name, degrees):
     p = P.replace(alpha=np.deg2rad(degrees), phidot0=3000.0)
-    cut, exact = quietly(name, p), erosion.load_model(name).closed_form()
+    cut, exact = quietly(name, p), closed_form(name)
     assert cut.ended_by == str(exact.ended_by(p))
     assert cut.t_c == pytest.approx(float(exact.t_c(p)), rel=1e-12)
     assert cut.volume == pytest.approx(float(exact.volume(p)), rel=1e-11)
@@ -54,7 +54,7 @@ def test_motion_equals_the_closed_form(name, degrees):
 @pytest.mark.parametrize(("name", "ratio"), [("linearized", 2.0), ("finnie", 2 / 3)])
 def test_no_wrong_end_near_the_cusp(name, ratio):
     cusp = np.arctan(ratio / 2)
-    exact = erosion.load_model(name).closed_form()
+    exact = closed_form(name)
     for offset in np.linspace(-2, 2, 400):  # even: the tie itself has no right answer
         p = P.replace(alpha=cusp + np.deg2rad(offset))
         cut = quietly(name, p, points=2)
@@ -95,7 +95,8 @@ def scipy_cut(name, p):
         return u[3] + r * np.sin(u[2]) * u[5]
 
     for event in (rebound, stop):
-        event.terminal, event.direction = True, -1
+        setattr(event, "terminal", True)  # noqa: B010  (scipy reads attributes of the function)
+        setattr(event, "direction", -1)  # noqa: B010
     start = [0, 0, np.pi / 2, v0 * np.cos(alpha), v0 * np.sin(alpha), float(p.phidot0), 0]
     scale = np.sqrt(m / (k * c))
     found = solve_ivp(rate, (0, 50 * scale), start, "DOP853", rtol=1e-12, atol=1e-18, events=(rebound, stop),
@@ -151,7 +152,7 @@ def test_tip_and_histories_are_consistent():
 
 
 def test_at_gives_the_motion_at_any_time():
-    cut, exact = quietly("linearized", P), erosion.load_model("linearized").closed_form()
+    cut, exact = quietly("linearized", P), closed_form("linearized")
     times = np.linspace(0, cut.t_c, 37)
     assert np.abs(cut.at(times).x - exact.state(times, P).x).max() < 1e-12 * cut.x[-1]
     assert cut.at(cut.t_c / 3).y == pytest.approx(float(exact.state(cut.t_c / 3, P).y), rel=1e-11)

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from erosion.parameters import TABLE_1 as TABLE_1
     from erosion.parameters import Parameters as Parameters
     from erosion.parameters import validate as validate
+    from erosion.trajectory import SimulationError as SimulationError
     from erosion.trajectory import Trajectory as Trajectory
+    from erosion.trajectory import TurnWarning as TurnWarning
     from erosion.trajectory import simulate as simulate
     from erosion.trigonometry import sincos as sincos
 
@@ -41,7 +43,7 @@ _HOMES = {
     "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
     "parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
-    "trajectory": ("Trajectory", "simulate"),
+    "trajectory": ("SimulationError", "Trajectory", "TurnWarning", "simulate"),
     "trigonometry": ("sincos",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

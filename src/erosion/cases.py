@@ -63,7 +63,7 @@ def dump_case(p: Parameters, title: str = "") -> str:
 
 
 def _parameters(table: dict[str, object]) -> Parameters:
-    quantities: dict[str, float | str] = {}
+    quantities: dict[str, int | float | str] = {}
     for name, value in table.items():
         if name in TEXT_KEYS:
             if not isinstance(value, str):
@@ -85,7 +85,7 @@ def _parameters(table: dict[str, object]) -> Parameters:
     return Parameters.from_quantities(system, quantities)
 
 
-def _require_units(quantities: dict[str, float | str]) -> None:
+def _require_units(quantities: dict[str, int | float | str]) -> None:
     for name, value in quantities.items():
         bare = not isinstance(value, str) or value.strip().replace(".", "").isdigit()
         if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):

@@ -46,14 +46,14 @@ _LOW = 0.1  # a dip's cubic errs by less than this times its variation times Î¸Â
 
 
 class Ends(NamedTuple):
-    """The event functions and their rates at one time, each (events, lanes)."""
+    """An event function and its rate at one time."""
 
     value: Any
     rate: Any
 
 
 class Clock(NamedTuple):
-    """Where a lane stands; all (lanes,) and of floats, so that they fit one array."""
+    """Where a lane stands: the rows of one array of floats."""
 
     mode: Any
     time: Any  # from contact to the start of the step
@@ -64,13 +64,14 @@ class Clock(NamedTuple):
     which: Any
     left: Any  # from the last trial's end to the event
     trials: Any
+    moved: Any  # whether the lane took the last trial
 
 
 class Lanes(NamedTuple):
-    """What the loop carries."""
+    """What the loop carries: few whole arrays, taken apart only inside kernels."""
 
-    clock: Clock
-    start: Ends
+    clock: Any  # a `Clock`
+    start: Any  # the event functions, then their rates
     jet: tuple[Any, ...]
     rate: tuple[Any, ...]
 
@@ -98,18 +99,18 @@ def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Dire
     block = _Block(model, p, order, directions)
     scale = block.time_scale()
     lanes = lax.while_loop(
-        lambda lanes: jnp.any(lanes.clock.mode <= LOCATING),
+        lambda lanes: jnp.any(lanes.clock[0] <= LOCATING),
         lambda lanes: _advance(block, scale, rtol, lanes),
         _begin(block, scale),
     )
-    clock = lanes.clock
+    clock = Clock(*lanes.clock)
     # Heun's method over the short time left, then Newton's for what is left of that.
     guess = block.move(clock.left, lanes.jet, lanes.rate)
     jet = block.move(clock.left / 2, block.move(clock.left / 2, lanes.jet, lanes.rate), block.rate(guess))
     rate = block.rate(jet)
-    ends = block.look(jet, rate)
+    value, slope = jnp.split(block.look(jet, rate), 2)
     cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
-    remaining = jnp.where(cut, -_pick(ends.value, clock.which) / _pick(ends.rate, clock.which), 0.0)
+    remaining = jnp.where(cut, -_pick(value, clock.which) / _pick(slope, clock.which), 0.0)
     time, volume = block.at_event(block.move(remaining, jet, rate), clock.which)
     time = time._replace(value=clock.time + clock.left + remaining)
     return _finish(clock, time, volume)
@@ -150,11 +151,9 @@ class _Block:
     def move(self, length: Any, jet: Sequence[Any], rate: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(self._move(length, u, k) for u, k in zip(jet, rate, strict=True))
 
-    def look(self, jet: Sequence[Any], rate: Sequence[Any]) -> Ends:
-        """The event functions and their rates."""
-        both = self._look(jet[0], rate[0])
-        half = both.shape[0] // 2
-        return Ends(both[:half], both[half:])
+    def look(self, jet: Sequence[Any], rate: Sequence[Any]) -> Any:
+        """The event functions, then their rates."""
+        return self._look(jet[0], rate[0])
 
     def at_event(self, jet: Sequence[Any], which: Any) -> tuple[Derivatives, Derivatives]:
         def lane(arguments: Any, which: Any, *rows: Any) -> list[Any]:
@@ -214,6 +213,7 @@ class Kernel:
         self.function = jax.jit(inlined)
 
     def __call__(self, *arguments: Any) -> Any:
+        """The function's result."""
         if jax.default_backend() != "cpu":
             return self.function(*arguments)
         with set_xla_metadata(inlineable="false"):
@@ -240,59 +240,82 @@ def _begin(block: _Block, scale: Any) -> Lanes:
         which=jnp.where(begins, 0.0, NO_CUT),
         left=zero,
         trials=zero,
+        moved=zero,
     )
+    half = start.shape[0] // 2
     # Where an event function is zero at contact it rises, or nothing is cut.
-    return Lanes(clock, start._replace(value=jnp.maximum(start.value, 0.0)), jet, rate)
+    start = start.at[:half].set(jnp.maximum(start[:half], 0.0))
+    return Lanes(jnp.stack(clock), start, jet, rate)
 
 
 def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
     """Try one step in every lane, and act on what it was."""
-    jet, rate, error = _step(block, lanes.jet, lanes.rate, lanes.clock.trial)
+    jet, rate, error = _step(block, lanes.jet, lanes.rate, lanes.clock)
     ends = block.look(jet, rate)
 
-    def decide(clock: Clock, start: Ends, ends: Ends, error: Any, scale: Any) -> Any:
-        return jnp.stack(_decide(clock, start, ends, error / (_SLACK * rtol), scale))
+    def dips(clock: Any, start: Any, ends: Any) -> Any:
+        return functools.reduce(jnp.minimum, [_dip(*event, Clock(*clock).trial) for event in _events(start, ends)])
 
-    def choose(moves: Any, new: Any, old: Any) -> Any:
-        return jnp.where(moves, new, old)
+    def fences(clock: Any, start: Any, ends: Any, error: Any, dip: Any) -> Any:
+        past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
+        return jnp.stack(_fences(Clock(*clock), error / (_SLACK * rtol), dip, past))
 
-    *clock, moves = Kernel(decide)(lanes.clock, lanes.start, ends, error, scale)
-    chosen = Kernel(choose)
-    new = Lanes(Clock(*clock), ends, jet, rate)
-    return Lanes(new.clock, *jax.tree.map(lambda one, other: chosen(moves > 0, one, other), new[1:], lanes[1:]))
+    def expected(clock: Any, start: Any, ends: Any, fences: Any, i: int) -> Any:
+        before, after = _events(start, ends)[i]
+        root = _expect(before, after, Clock(*clock).trial, fences[0], fences[1])
+        # Past the trial's end all may still fall; before it, those that have fallen at it.
+        return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
+
+    def decide(clock: Any, error: Any, scale: Any, dip: Any, fences: Any, roots: Any) -> Any:
+        return jnp.stack(_decide(Clock(*clock), error / (_SLACK * rtol), scale, dip, fences, roots))
+
+    dip = Kernel(dips)(lanes.clock, lanes.start, ends)
+    fence = Kernel(fences)(lanes.clock, lanes.start, ends, error, dip)
+    roots = [
+        Kernel(functools.partial(expected, i=i))(lanes.clock, lanes.start, ends, fence)
+        for i in range(ends.shape[0] // 2)
+    ]
+    clock = Kernel(decide)(lanes.clock, error, scale, dip, fence, roots)
+    choose = Kernel(lambda clock, new, old: jnp.where(Clock(*clock).moved > 0, new, old))
+    chosen = jax.tree.map(lambda new, old: choose(clock, new, old), (ends, jet, rate), tuple(lanes[1:]))
+    return Lanes(clock, *chosen)
 
 
-def _decide(clock: Clock, start: Ends, ends: Ends, error: Any, scale: Any) -> list[Any]:
+def _events(start: Any, ends: Any) -> list[tuple[Ends, Ends]]:
+    # One by one: a reduction over an axis would not be one loop over the lanes.
+    half = start.shape[0] // 2
+    return [(Ends(start[i], start[half + i]), Ends(ends[i], ends[half + i])) for i in range(half)]
+
+
+def _fences(clock: Clock, error: Any, dip: Any, past: Any) -> list[Any]:
+    """Lengths known to be before and past the event, and whether the trial's end is past it."""
+    locating = clock.mode == LOCATING
+    good = locating | (error <= 1)
+    low = jnp.where(good & (dip >= 1) & locating & ~past, clock.trial, jnp.where(locating, clock.low, 0.0))
+    high = jnp.where(good & past, clock.trial, clock.high)
+    return [low, high, past.astype(float)]
+
+
+def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: list[Any]) -> list[Any]:
     """The clock after a trial, and whether the lane moves to the trial's end.
 
     Args:
         clock: before the trial.
-        start, ends: the event functions at both its ends.
         error: over the tolerance; NaN is an error.
         scale: the model's time scale.
+        dip: see `_dip`. A dip that may reach below zero is landed on before anything is decided.
+        fences: see `_fences`.
+        roots: when each event is expected to fall through zero.
     """
-    # Event by event: a reduction over an axis would not be one loop over the lanes.
-    events = [
-        (Ends(*before), Ends(*after)) for before, after in zip(zip(*start, strict=True), zip(*ends, strict=True), strict=True)
-    ]
+    low, high, past = fences[0], fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
     good = locating | (error <= 1)
-    past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in events])
-    # A dip that may reach below zero: land on its lowest point before anything is decided.
-    dip = functools.reduce(jnp.minimum, [_dip(*event, clock.trial) for event in events])
-    landing = good & (dip < 1)
-    fits = good & (dip >= 1)
+    landing, fits = good & (dip < 1), good & (dip >= 1)
     bracketed = good & (past | locating)
-
-    low = jnp.where(fits & locating & ~past, clock.trial, jnp.where(locating, clock.low, 0.0))
-    high = jnp.where(good & past, clock.trial, clock.high)
-    expected, which = clock.high + jnp.inf, clock.which
-    for i, (before, after) in enumerate(events):
-        # Past the trial's end all may still fall; before it, those that have fallen at it.
-        falls = (after.value <= 0) | ~past
-        root = jnp.where(falls, _expect(before, after, clock.trial, low, high), jnp.inf)
-        which = jnp.where(root < expected, float(i), which)
-        expected = jnp.minimum(expected, root)
+    expected = functools.reduce(jnp.minimum, roots)
+    which = jnp.zeros_like(expected)
+    for i, root in enumerate(roots):
+        which = jnp.where(root == expected, float(i), which)
     left = expected - clock.trial
     near = _NEAR * jnp.minimum(scale, clock.time + clock.trial)
     ended = going & fits & bracketed & (jnp.abs(left) <= near)
@@ -302,7 +325,9 @@ def _decide(clock: Clock, start: Ends, ends: Ends, error: Any, scale: Any) -> li
     factor = 0.9 / jnp.sqrt(jnp.sqrt(jnp.sqrt(error + 1e-30)))
     factor = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2)
     # Steps cut short to land on a dip say little about the step to take next.
-    step = jnp.where(good & (clock.trial < clock.step), jnp.maximum(factor * clock.trial, clock.step), factor * clock.trial)
+    step = jnp.where(
+        good & (clock.trial < clock.step), jnp.maximum(factor * clock.trial, clock.step), factor * clock.trial
+    )
     step = jnp.where(locating, clock.step, step)
     trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, expected, step))
     time = clock.time + jnp.where(accepted | ended, clock.trial, 0.0)
@@ -325,17 +350,18 @@ def _decide(clock: Clock, start: Ends, ends: Ends, error: Any, scale: Any) -> li
     ]
 
 
-def _step(block: _Block, jet: Any, rate: Any, length: Any) -> tuple[Any, Any, Any]:
-    """One Runge-Kutta step: jet and rate at its end, and its relative error."""
+def _step(block: _Block, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, Any]:
+    """One Runge-Kutta step of the length to try: jet and rate at its end, and its relative error."""
     stages = [[k] for k in rate]
     at = jet
     for row in (*_A[:-1], _B):
-        combine = Kernel(lambda u, ks, length, row=row: u + length * _combine(row, ks))
-        at = tuple(combine(u, _used(row, ks), length) for u, ks in zip(jet, stages, strict=True))
+        combine = Kernel(lambda u, ks, clock, row=row: u + Clock(*clock).trial * _combine(row, ks))
+        at = tuple(combine(u, _used(row, ks), clock) for u, ks in zip(jet, stages, strict=True))
         for ks, k in zip(stages, block.rate(at), strict=True):
             ks.append(k)
 
-    def worst(before: Any, after: Any, slopes: Any, stages: Any, length: Any) -> Any:
+    def worst(before: Any, after: Any, slopes: Any, stages: Any, clock: Any) -> Any:
+        length = Clock(*clock).trial
         # Errors count relative to each quantity's size in this step; a derivative's also
         # relative to the size of what it is the derivative of.
         sizes, errors = jnp.full_like(before[0], _TINY), jnp.zeros_like(length)
@@ -344,7 +370,7 @@ def _step(block: _Block, jet: Any, rate: Any, length: Any) -> tuple[Any, Any, An
             errors = functools.reduce(jnp.maximum, list(jnp.abs(length * _combine(_B_ERROR, ks)) / sizes), errors)
         return errors
 
-    error = Kernel(worst)(jet, at, rate, [_used(_B_ERROR, ks) for ks in stages], length)
+    error = Kernel(worst)(jet, at, rate, [_used(_B_ERROR, ks) for ks in stages], clock)
     return at, tuple(ks[-1] for ks in stages), error
 
 

@@ -81,6 +81,8 @@ class Jets:
         self.mixed = order == 2 and len(directions) == 2
 
     def initial(self) -> tuple[Cut, ...]:
+        """The jet at contact."""
+
         def begin(model: CuttingModel, p: Parameters) -> Cut:
             state = model.initial_state(p)
             return Cut(state, jnp.zeros_like(jax.tree.leaves(state)[0]))
@@ -88,6 +90,8 @@ class Jets:
         return self._pack(self._lift(lambda _, model, p: begin(model, p), ()))
 
     def rate(self, jet: tuple[Cut, ...]) -> tuple[Cut, ...]:
+        """The time derivative of a jet."""
+
         def flow(cut: Cut, model: CuttingModel, p: Parameters) -> Cut:
             return Cut(model.derivative(cut.state, p), model.removal_rate(cut.state, p))
 
@@ -134,9 +138,7 @@ class Jets:
             leaves = perturbed(self.leaves, self.directions[-1], other_step)
             return jax.jvp(lambda c, e: along(c, e, leaves), (cut, zero), (cut_first, one))
 
-        (value, first), (other, second) = jax.jvp(
-            first_jet, (at.value, at.first, zero), (at.other, at.second, one)
-        )
+        (value, first), (other, second) = jax.jvp(first_jet, (at.value, at.first, zero), (at.other, at.second, one))
         return Derivatives(value, first, other, second)
 
 

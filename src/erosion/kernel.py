@@ -52,8 +52,8 @@ class Impact:
     volume: Any
     t_c: Any
     ended_by: Any
-    dvolume: Any | None
-    d2volume: Any | None
+    dvolume: Any
+    d2volume: Any
     wrt: str | tuple[str, ...]
 
     def rows(self) -> list[Row]:
@@ -120,10 +120,10 @@ def impact(
     lanes = [np.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves]
     single = isinstance(wrt, str)
     if derivatives == 0 or single:
-        fields = _run(model, p, lanes, derivatives, names, rtol)
+        fields = _run(model, lanes, derivatives, names, rtol)
         first, second = (fields.first, fields.second)
     else:
-        fields, first, second = _several(model, p, lanes, derivatives, names, rtol)
+        fields, first, second = _several(model, lanes, derivatives, names, rtol)
     tail = () if single else (len(names),)
     return Impact(
         model=model,
@@ -152,25 +152,23 @@ class _Fields:
 
 
 def _several(
-    model: CuttingModel, p: Parameters, lanes: list[np.ndarray], order: int, names: tuple[str, ...], rtol: float
+    model: CuttingModel, lanes: list[np.ndarray], order: int, names: tuple[str, ...], rtol: float
 ) -> tuple[_Fields, np.ndarray, np.ndarray]:
     """Gradient and Hessian over several parameters, a pass for each (pair)."""
     n, count = len(names), lanes[0].size
     first, second = np.empty((count, n)), np.empty((count, n, n))
     fields = None
     for i, name in enumerate(names):
-        fields = _run(model, p, lanes, order, (name,), rtol)
+        fields = _run(model, lanes, order, (name,), rtol)
         first[:, i], second[:, i, i] = fields.first, fields.second
     for i, j in itertools.combinations(range(n) if order == 2 else (), 2):
-        mixed = _run(model, p, lanes, 2, (names[i], names[j]), rtol).second
+        mixed = _run(model, lanes, 2, (names[i], names[j]), rtol).second
         second[:, i, j] = second[:, j, i] = mixed
     assert fields is not None
     return fields, first, second
 
 
-def _run(
-    model: CuttingModel, p: Parameters, lanes: list[np.ndarray], order: int, names: tuple[str, ...], rtol: float
-) -> _Fields:
+def _run(model: CuttingModel, lanes: list[np.ndarray], order: int, names: tuple[str, ...], rtol: float) -> _Fields:
     count = lanes[0].size
     results = _Fields(*(np.empty(count, dtype) for dtype in (np.int64, np.int64, float, float, float, float)))
     if not count:
@@ -184,7 +182,7 @@ def _run(
         index = np.minimum(np.arange(begin, begin + capacity), end - 1)
         blocks = -(-(end - begin) // block)
         chunk = [lane[index].reshape(-1, block) for lane in lanes]
-        out = _chunk(model, p.units, chunk, blocks, order, names if order else (), rtol)
+        out = _compiled_chunk()(model, chunk, blocks, order, names if order else (), rtol)
         for name in ("mode", "which", "time", "volume", "first", "second"):
             getattr(results, name)[begin:end] = np.asarray(getattr(out, name)).reshape(-1)[: end - begin]
 
@@ -197,14 +195,14 @@ def _run(
     return results
 
 
-@functools.partial(jax.jit, static_argnames=("units", "order", "names"))
 def _chunk(
-    model: CuttingModel, units: str, lanes: list[Any], blocks: Any, order: int, names: tuple[str, ...], rtol: Any
+    model: CuttingModel, lanes: list[Any], blocks: Any, order: int, names: tuple[str, ...], rtol: Any
 ) -> _Fields:
     """The first `blocks` blocks of a chunk, one after another; lanes are (blocks, block)."""
 
     def run(values: list[Any]) -> _Fields:
-        p = Parameters(**dict(zip(QUANTITIES, values, strict=True)), units=units)
+        # The physics does not depend on the unit system: one program serves all.
+        p = Parameters(**dict(zip(QUANTITIES, values, strict=True)))
         return _fields(solve(model, p, order, names, rtol))
 
     def block(i: Any, done: _Fields) -> _Fields:
@@ -214,6 +212,24 @@ def _chunk(
     shapes = jax.eval_shape(run, [values[0] for values in lanes])
     empty = jax.tree.map(lambda leaf: jnp.zeros((lanes[0].shape[0], *leaf.shape), leaf.dtype), shapes)
     return lax.fori_loop(0, blocks, block, empty)
+
+
+@functools.cache
+def _compiled_chunk() -> Any:
+    return jax.jit(_chunk, static_argnames=("order", "names"), compiler_options=_compiler_options())
+
+
+def _compiler_options() -> dict[str, Any]:
+    """Options worth a fifth of the time on a CPU, where this version of XLA knows them."""
+    if jax.default_backend() != "cpu":
+        return {}
+    # Vectors as wide as the machine has them, and no splitting of one small loop over threads.
+    options = {"xla_cpu_prefer_vector_width": 512, "xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
+    try:
+        jax.jit(lambda x: x + 1.0, compiler_options=options)(1.0)
+    except jax.errors.JaxRuntimeError:
+        return {}
+    return options
 
 
 def _fields(solution: Solution) -> _Fields:

@@ -8,17 +8,23 @@ Mechanism of Erosion of Ductile Metals*, Proc. 3rd U.S. Natl. Congr. Appl. Mech.
 import dataclasses
 import types
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.quantities import Quantity
 from erosion.tables import Row, format_number, to_html, to_text
 from erosion.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
+
+if TYPE_CHECKING:
+    Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one
+else:
+    Leaf = Float[Array | np.ndarray, "..."]
 
 _LEAF_TYPES = (int, float, np.ndarray, np.generic, jax.Array)
 
@@ -66,20 +72,20 @@ class Parameters(eqx.Module):
         Laverty, Table 1 and equations (16)-(21). The scenario fixes β = ½; here it is free.
     """
 
-    k: Float[Array | np.ndarray, "..."] = _parameter("k", "force ratio", "1")
-    psi: Float[Array | np.ndarray, "..."] = _parameter("ψ", "contact height over depth", "1")
-    r: Float[Array | np.ndarray, "..."] = _parameter("r", "centre of mass to tip", "length")
-    b: Float[Array | np.ndarray, "..."] = _parameter("b", "width of the erodent", "length")
-    m: Float[Array | np.ndarray, "..."] = _parameter("m", "mass of the erodent", "mass")
-    v0: Float[Array | np.ndarray, "..."] = _parameter("v₀", "impact speed", "speed")
-    sigma: Float[Array | np.ndarray, "..."] = _parameter("σ", "flow stress", "stress")
-    alpha: Float[Array | np.ndarray, "..."] = _parameter("α", "angle of attack", "angle")
-    phidot0: Float[Array | np.ndarray, "..."] = _parameter("φ̇₀", "initial spin", "angular speed", 0.0)
-    inertia: Float[Array | np.ndarray, "..."] = _parameter("β", "moment of inertia over m r²", "1", 0.5)
+    k: Leaf = _parameter("k", "force ratio", "1")
+    psi: Leaf = _parameter("ψ", "contact height over depth", "1")
+    r: Leaf = _parameter("r", "centre of mass to tip", "length")
+    b: Leaf = _parameter("b", "width of the erodent", "length")
+    m: Leaf = _parameter("m", "mass of the erodent", "mass")
+    v0: Leaf = _parameter("v₀", "impact speed", "speed")
+    sigma: Leaf = _parameter("σ", "flow stress", "stress")
+    alpha: Leaf = _parameter("α", "angle of attack", "angle")
+    phidot0: Leaf = _parameter("φ̇₀", "initial spin", "angular speed", 0.0)
+    inertia: Leaf = _parameter("β", "moment of inertia over m r²", "1", 0.5)
     units: System = eqx.field(static=True, default="inch-pound", converter=check_system)
 
     @classmethod
-    def from_quantities(cls, units: str, quantities: Mapping[str, float | str]) -> "Parameters":
+    def from_quantities(cls, units: str, quantities: Mapping[str, int | float | str]) -> "Parameters":
         """Make parameters from numbers (in `units`) and strings such as "4400 in/s".
 
         Raises:
@@ -189,7 +195,7 @@ def validate(p: Parameters, what: str = "Argument") -> None:
             its value and, in an array, the index; or leaves that do not broadcast.
     """
     leaves = {name: getattr(p, name) for name in QUANTITIES}
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves.values()):
+    if any(isinstance(leaf, Tracer) for leaf in leaves.values()):
         return
     for name, leaf in leaves.items():
         values = np.asarray(leaf)

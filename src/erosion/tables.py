@@ -5,8 +5,8 @@ import io
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
+from jax.core import Tracer
 
 
 class Row(NamedTuple):
@@ -21,7 +21,7 @@ class Row(NamedTuple):
 
 def format_number(value: Any, digits: int = 10) -> str:
     """A number as read by a person; an array as its shape and range."""
-    if isinstance(value, jax.core.Tracer):
+    if isinstance(value, Tracer):
         return f"traced{list(value.shape)}"
     array = np.asarray(value)
     if array.dtype.kind in "US":

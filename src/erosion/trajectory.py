@@ -10,7 +10,7 @@ import math
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import diffrax
 import equinox as eqx
@@ -226,30 +226,29 @@ def _follow(
     rtol: float,
     points: int,
 ) -> Trajectory:
+    given, p = p, dataclasses.replace(p, units="inch-pound")  # one program serves all unit systems
     begins, start, sizes, time = _begin(model, p)
     if not begins:
         only = jax.tree.map(lambda leaf: leaf[None], start)
-        return _trajectory(model, p, np.zeros(1), only, "no-cut", lambda t: _repeat(start[0], t))
+        return _trajectory(model, given, np.zeros(1), only, "no-cut", lambda t: _repeat(start[0], t))
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
-    solution = _solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
-    ends = np.asarray(solution.ts[0])
-    ends = np.append(0.0, ends[np.isfinite(ends)])
+    steps = _solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
+    ends = np.append(0.0, steps.ends[np.isfinite(steps.ends)])
 
     def dense(t: np.ndarray) -> Any:
-        return _interpolate(solution, sizes, jnp.asarray(t))
+        return _interpolate(steps.solution, sizes, jnp.asarray(t))
 
     name, guess, low, high = _bracket(model, p, dense, ends, float(time))
 
     # From the start of the step in which the cut ends, steps of full order to any time in it.
     begun = int(np.searchsorted(ends, low, side="right")) - 1
-    before = start if begun == 0 else jax.tree.map(lambda leaf, size: leaf[begun - 1] * size, solution.ys[0], sizes)
+    before = start if begun == 0 else jax.tree.map(lambda leaf: leaf[begun - 1], steps.states)
 
     def reach(t: float) -> Any:
         if t <= ends[begun]:
             return before
-        there = _solve(model, p, solver, controller, before, sizes, jnp.asarray(ends[begun]), jnp.asarray(t)).ys[1]
-        return jax.tree.map(lambda leaf, size: leaf[0] * size, there, sizes)
+        return _solve(model, p, solver, controller, before, sizes, jnp.asarray(ends[begun]), jnp.asarray(t)).last
 
     def event(t: float) -> tuple[float, float]:
         value, rate = _event(model, p, reach(t)[0])
@@ -260,7 +259,7 @@ def _follow(
     states = dense(t)
     # The ends of the histories are known better than the dense output gives them.
     states = jax.tree.map(lambda all_, last: all_.at[-1].set(last), states, reach(t_c))
-    return _trajectory(model, p, t, states, name, lambda t: dense(t)[0])
+    return _trajectory(model, given, t, states, name, lambda t: dense(t)[0])
 
 
 def _bracket(
@@ -300,7 +299,7 @@ def _trajectory(
     model: CuttingModel, p: Parameters, t: np.ndarray, states: Any, name: str, interpolate: Callable[[Any], Any]
 ) -> Trajectory:
     bodies, removed = jax.tree.map(np.asarray, states)
-    tip = jax.tree.map(np.asarray, _look(model, p, bodies)[2])
+    tip = jax.tree.map(np.asarray, _look(model, dataclasses.replace(p, units="inch-pound"), bodies)[2])
     return Trajectory(
         model=model,
         p=p,
@@ -318,6 +317,15 @@ def _trajectory(
     )
 
 
+class _Steps(NamedTuple):
+    """What diffrax did: its solution, and the ends of its steps (padded) with the states there."""
+
+    solution: diffrax.Solution
+    ends: Any
+    states: Any
+    last: Any
+
+
 @eqx.filter_jit
 def _solve(
     model: CuttingModel,
@@ -328,7 +336,7 @@ def _solve(
     sizes: tuple[Any, Any],
     t0: Any,
     t1: Any,
-) -> diffrax.Solution:
+) -> _Steps:
     """Integrate (state, volume) from `t0` until `t1`, or the first step that ends past an event.
 
     diffrax sees everything divided by `sizes`, so that one absolute tolerance fits all.
@@ -343,7 +351,7 @@ def _solve(
         state, _ = jax.tree.map(jnp.multiply, y, sizes)
         return (t > t0) & (_least(model.events(state, p)) <= 0)
 
-    return diffrax.diffeqsolve(
+    solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
         solver,
         t0=t0,
@@ -356,6 +364,8 @@ def _solve(
         max_steps=_MAX_STEPS,
         throw=False,
     )
+    (ends, _), (states, last) = cast(Any, solution.ts), cast(Any, solution.ys)
+    return _Steps(solution, ends, *(jax.tree.map(jnp.multiply, y, sizes) for y in (states, jax.tree.map(_only, last))))
 
 
 @eqx.filter_jit
@@ -431,6 +441,10 @@ def _last_finite(t: np.ndarray, value: np.ndarray) -> float:
 
 def _repeat(state: Any, t: np.ndarray) -> Any:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, t.shape), state)
+
+
+def _only(leaf: Any) -> Any:
+    return leaf[0]
 
 
 def _least(values: dict[str, Any]) -> Any:

@@ -86,21 +86,27 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     registry = _registry()
     unit = _PINT_UNITS[system][dimension]
     expected = f"a {dimension} such as {_EXAMPLES[system][dimension]}" if unit else "a pure number such as 2"
+    # Number and unit are taken apart here: pint reads "44 00 in" as a product.
+    parts = _QUANTITY.fullmatch(text)
+    if parts is None:
+        raise UnitError(f"must be {expected}, but {text!r} cannot be read")
+    number, given = float(parts["number"]), parts["unit"].strip()
+    if not given:
+        return number
     try:
-        quantity = registry.Quantity(text.strip())
+        return float(registry.Quantity(number, registry.parse_units(given)).to(unit or "dimensionless").magnitude)
+    except pint.errors.DimensionalityError as error:
+        dimensions = _dimension_of(registry.parse_units(given).dimensionality)
+        raise UnitError(f"must be {expected}, but is {text!r}, of dimension {dimensions}") from error
     # pint lets errors of its tokenizer and of Python's arithmetic through as they are.
     except (pint.errors.PintError, ArithmeticError, AssertionError, AttributeError, SyntaxError, TypeError, ValueError,
-            KeyError, IndexError, RecursionError) as error:  # fmt: skip
-        raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
-    try:
-        if quantity.unitless and _is_bare_number(text):
-            return float(quantity.magnitude)
-        return float(quantity.to(unit or "dimensionless").magnitude)
-    except pint.errors.DimensionalityError as error:
-        raise UnitError(f"must be {expected}, but is {text!r}, of dimension {_dimension_of(quantity)}") from error
-    except (TypeError, ValueError, OverflowError) as error:
+            LookupError, RecursionError) as error:  # fmt: skip
         raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
 
+
+_QUANTITY = re.compile(
+    r"\s*(?P<number>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan))(?P<unit>(?:\s*[^\d\s.+\-(][^\n]*)?)\s*"
+)
 
 _EXAMPLES: Mapping[System, Mapping[str, str]] = {
     "inch-pound": {
@@ -114,16 +120,8 @@ _EXAMPLES: Mapping[System, Mapping[str, str]] = {
 }  # fmt: skip
 
 
-def _is_bare_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _dimension_of(quantity: "pint.Quantity") -> str:
-    text = str(quantity.dimensionality).replace(" ** ", "^")
+def _dimension_of(dimensionality: object) -> str:
+    text = str(dimensionality).replace(" ** ", "^")
     return "1 (a pure number)" if text == "dimensionless" else text
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import cyclopts
 
 from erosion.cli.models import models
-from erosion.cli.options import BadInput
+from erosion.cli.options import InputError
 from erosion.cli.report import report
 from erosion.cli.run import run
 from erosion.version import __version__
@@ -36,7 +36,7 @@ def _status(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         return _say(2, " ".join(str(error).split()))
-    except BadInput as error:
+    except InputError as error:
         return _say(2, str(error))
     except BrokenPipeError:
         # The reader has gone (`erosion models | head -1`): say nothing, and let Python close in peace.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from erosion.tables import Row
 
 
-class BadInput(ValueError):
+class InputError(ValueError):
     """Something the user gave that cannot be used; the message is one sentence."""
 
 
@@ -44,7 +44,7 @@ class CaseOptions:
         """The case with its overrides, validated.
 
         Raises:
-            BadInput: one sentence naming the file or the option.
+            InputError: one sentence naming the file or the option.
         """
         from erosion.cases import load_case
         from erosion.parameters import QUANTITIES, TABLE_1, validate
@@ -61,7 +61,7 @@ class CaseOptions:
                 try:
                     changes[name] = read_quantity(text, quantity.dimension, p.units)
                 except ValueError as error:
-                    raise BadInput(f"Option `--{name}` {error}.") from error
+                    raise InputError(f"Option `--{name}` {error}.") from error
         with user_errors():
             p = p.replace(**changes)
             validate(p, what="Option" if changes else "Field")
@@ -84,11 +84,11 @@ def load(name: str) -> "CuttingModel":
 
 @contextlib.contextmanager
 def user_errors(*also: type[Exception]) -> Iterator[None]:
-    """Errors of what the user gave become `BadInput`."""
+    """Errors of what the user gave become `InputError`."""
     try:
         yield
     except (ValueError, OSError, *also) as error:
-        raise BadInput(str(error)) from error
+        raise InputError(str(error)) from error
 
 
 def start_engine() -> None:
@@ -102,7 +102,7 @@ def start_engine() -> None:
     os.environ.setdefault("EQX_ON_ERROR", "nan")
     import jax
 
-    if jax.config.jax_compilation_cache_dir is None:
+    if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         with contextlib.suppress(OSError):
             folder = platformdirs.user_cache_path("erosion", ensure_exists=True) / "compiled"
             jax.config.update("jax_compilation_cache_dir", str(folder))

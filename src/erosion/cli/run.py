@@ -78,7 +78,9 @@ def run(
     quantity = RESULTS["dvolume"]
     rows[after_volume:after_volume] = [
         Row("", "", format_number(trajectory.volume * in_si), "m³", "the same in SI"),
-        Row("dvolume", quantity.symbol, format_number(dvolume), unit_name(quantity.dimension, p.units), quantity.meaning),
+        Row(
+            "dvolume", quantity.symbol, format_number(dvolume), unit_name(quantity.dimension, p.units), quantity.meaning
+        ),
     ]
     print_table(f"{model} at α = {np.rad2deg(float(p.alpha)):.6g}°", rows)
     if plot is not None:

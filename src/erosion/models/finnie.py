@@ -2,7 +2,15 @@
 
 from erosion.model import ClosedForm
 from erosion.models.closed_forms import FinnieCut
-from erosion.models.rigid import ConstantRatio, ForceLaw, HorizontalTorque, RigidErodent, SmallAngleTip, TipKinematics, Torque
+from erosion.models.rigid import (
+    ConstantRatio,
+    ForceLaw,
+    HorizontalTorque,
+    RigidErodent,
+    SmallAngleTip,
+    TipKinematics,
+    Torque,
+)
 
 
 class Finnie(RigidErodent):

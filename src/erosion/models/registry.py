@@ -77,14 +77,16 @@ def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
     found = dict(BUILT_IN)
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name not in found:
-            found[entry.name] = _describe(entry.name, _from_entry_point(entry))
+            model = _from_entry_point(entry)
+            found[entry.name] = _describe(entry.name, model, type(model))
     if path is not None:
         folder = Path(path)
         if not folder.exists():
             raise ModelError(f"{folder}: there is no such file or folder of models.")
         files = sorted(folder.glob("*.py")) if folder.is_dir() else [folder]
         for file in files:
-            found[str(file)] = _describe(str(file), _from_file(file))
+            module = _import_file(file)
+            found[str(file)] = _describe(str(file), _made(_choose(module, file), str(file)), module)
     return found
 
 
@@ -107,7 +109,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     if str(name) in BUILT_IN:
         return BUILT_IN[str(name)].make()
     if str(name).endswith(".py"):
-        return _from_file(Path(name))
+        return _made(_choose(_import_file(Path(name)), Path(name)), str(name))
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name == str(name):
             return _from_entry_point(entry)
@@ -128,9 +130,8 @@ def _same(one: CuttingModel, other: CuttingModel) -> bool:
     return type(one) is type(other) and bool(one == other)
 
 
-def _describe(name: str, model: CuttingModel) -> ModelInfo:
-    documented = sys.modules.get(type(model).__module__) if name.endswith(".py") else None
-    text = inspect.getdoc(documented or type(model)) or inspect.getdoc(type(model)) or "no description"
+def _describe(name: str, model: CuttingModel, documented: object) -> ModelInfo:
+    text = inspect.getdoc(documented) or "no description"
     return ModelInfo(name, text.strip().splitlines()[0], "plug-in", lambda: model)
 
 
@@ -144,7 +145,7 @@ def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:
     return _made(loaded, where)
 
 
-def _from_file(path: Path) -> CuttingModel:
+def _import_file(path: Path) -> types.ModuleType:
     if not path.is_file():
         raise ModelError(f"{path}: there is no such model file.")
     module_name = "erosion_plugin_" + "".join(c if c.isalnum() else "_" for c in str(path.resolve()))
@@ -158,7 +159,7 @@ def _from_file(path: Path) -> CuttingModel:
     except Exception as error:
         del sys.modules[module_name]
         raise ModelError(f"{path}: cannot be imported: {type(error).__name__}: {error}.") from error
-    return _made(_choose(module, path), str(path))
+    return module
 
 
 def _choose(module: types.ModuleType, path: Path) -> object:

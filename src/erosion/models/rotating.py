@@ -1,6 +1,14 @@
 """The erodent turns as it cuts (Laverty's additional question 1)."""
 
-from erosion.models.rigid import CircularTip, ConstantRatio, ForceLaw, HorizontalTorque, RigidErodent, TipKinematics, Torque
+from erosion.models.rigid import (
+    CircularTip,
+    ConstantRatio,
+    ForceLaw,
+    HorizontalTorque,
+    RigidErodent,
+    TipKinematics,
+    Torque,
+)
 
 
 class Rotating(RigidErodent):

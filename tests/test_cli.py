@@ -1,0 +1,105 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from erosion.cli import _status
+
+ROOT = Path(__file__).parent.parent
+
+
+def erosion(*arguments, **options):
+    """The command as a shell runs it."""
+    command = [sys.executable, "-c", "from erosion.cli import main; main()", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
+
+
+def test_run_prints_the_reference_as_json(capsys):
+    assert _status(["run", "--case", str(ROOT / "cases/table-1.toml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["volume"] == pytest.approx(1.816436352531e-04, rel=1e-10)
+    assert found["ended_by"] == "rebound"
+    assert found["t_c"] == pytest.approx(6.6353363429e-05, rel=1e-10)
+    assert found["dvolume"] == pytest.approx(3.072135725e-4, rel=1e-9)
+    assert found["volume_m3"] == pytest.approx(found["volume"] * 0.0254**3, rel=1e-12)
+    assert found["units"]["volume"] == "in³"
+
+
+def test_run_takes_a_model_and_parameters(capsys):
+    assert _status(["run", "--model", "rotating", "--alpha", "20deg", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["volume"] == pytest.approx(1.014085387462e-04, rel=1e-10)
+    assert _status(["run", "--case", str(ROOT / "cases/table-1-si.toml"), "--v0", "8800 in/s", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["volume"] == pytest.approx(4 * 1.816436352531e-04 * 0.0254**3, rel=1e-10)
+    assert found["parameters"]["units"] == "si"
+
+
+def test_run_prints_a_table_and_draws(capsys, tmp_path):
+    assert _status(["run", "--plot", str(tmp_path / "cut.svg")]) == 0
+    out = capsys.readouterr().out
+    assert "0.0001816436353" in out
+    assert "m³" in out
+    assert (tmp_path / "cut.svg").read_text().startswith("<?xml")
+
+
+def test_a_far_turn_is_a_warning_on_stderr(capsys):
+    assert _status(["run", "--model", "rotating-tan-alpha", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith("warning: The body turned by 155")
+    assert json.loads(captured.out)["warnings"]
+
+
+def test_models_lists_them_all(capsys):
+    assert _status(["models", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)) == 11
+    assert _status(["models", "--path", str(ROOT / "models")]) == 0
+    assert "saturating_lip" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "--alpha", "95deg"], "Option `alpha` must be in (0, π/2] rad"),
+        (["run", "--alpha", "20"], 'write "20 deg"'),
+        (["run", "--v0", "3 kg"], "Option `--v0` must be a speed"),
+        (["run", "--v0", "-3"], "Option `v0` must be positive"),
+        (["run", "--model", "spinning"], "There is no model 'spinning'"),
+        (["run", "--model", "nowhere.py"], "nowhere.py: there is no such model file."),
+        (["run", "--case", "nowhere.toml"], "nowhere.toml: cannot be read"),
+        (["run", "--units", "cgs"], "`units` must be one of"),
+        (["run", "--beta", "3"], "Unknown option"),
+        (["run", "--plot", "cut.doc"], "cut.doc"),
+        (["run", "--plot", "/nowhere/cut.svg"], "/nowhere"),
+        (["fly"], "fly"),
+        (["report", "--only", "q99", "--out", "unused"], "q99"),
+        (["models", "--path", "/nowhere"], "/nowhere: there is no such file or folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(capsys, arguments, message):
+    assert _status(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_help_comes_without_jax():
+    code = "import sys; from erosion.cli import main\ntry: main(['--help'])\nfinally: assert 'jax' not in sys.modules"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert found.returncode == 0, found.stderr
+    assert "Commands" in found.stdout
+
+
+def test_the_process_exits_with_the_status():
+    assert erosion("run", "--alpha", "95deg").returncode == 2
+    assert erosion("--version").stdout.strip() == "0.1.0"
+
+
+def test_single_precision_is_refused():
+    found = erosion("run", env={**os.environ, "JAX_ENABLE_X64": "0"})
+    assert found.returncode == 1
+    assert "erosion needs float64" in found.stderr
+    assert "Traceback" not in found.stderr

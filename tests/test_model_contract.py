@@ -1,0 +1,112 @@
+"""Every model, built in or a file in models/, keeps what `CuttingModel` promises."""
+
+import warnings
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import erosion
+from erosion.model import event_rates
+
+P = erosion.TABLE_1
+FILES = sorted(Path(__file__).parent.parent.joinpath("models").glob("*.py"))
+NAMES = [*erosion.available_models(), *map(str, FILES)]
+CASES = [P, P.replace(alpha=0.9, phidot0=0.3 * P.v0 / P.r), P.to("si").replace(alpha=0.1)]
+
+
+@pytest.fixture(params=NAMES, ids=lambda name: Path(name).name)
+def model(request):
+    return erosion.load_model(request.param)
+
+
+def test_states_and_rates_have_one_structure(model):
+    for p in CASES:
+        state = model.initial_state(p)
+        rate = model.derivative(state, p)
+        assert jax.tree.structure(state) == jax.tree.structure(rate)
+        for leaf in jax.tree.leaves((state, rate)):
+            assert jnp.shape(leaf) == ()
+            assert jnp.asarray(leaf).dtype == jnp.float64
+            assert np.isfinite(leaf)
+
+
+def test_the_tip_starts_at_the_surface_and_goes_in(model):
+    for p in CASES:
+        tip = model.tip(model.initial_state(p), p)
+        assert tip.depth == pytest.approx(0, abs=1e-15 * float(p.r))
+        assert tip.vdepth > 0
+
+
+def test_tip_velocity_is_the_rate_of_its_position(model):
+    for p in CASES:
+        state = model.initial_state(p)
+        # A state away from contact, so that no rate is trivially zero.
+        state = jax.tree.map(lambda s, k, p=p: s + 0.3 * model.scales(p).time * k, state, model.derivative(state, p))
+        rate = model.derivative(state, p)
+        tip, flow = jax.jvp(lambda s, p=p: model.tip(s, p), (state,), (rate,))
+        assert flow.x == pytest.approx(float(tip.vx), rel=1e-12)
+        assert flow.depth == pytest.approx(float(tip.vdepth), rel=1e-12, abs=1e-12 * float(p.v0))
+
+
+def test_events_are_of_order_one_and_begin_positive(model):
+    for p in CASES:
+        state = model.initial_state(p)
+        values, rates = event_rates(model, state, model.derivative(state, p), p)
+        for name, value in values.items():
+            assert 0 <= value < 100, name
+            assert value > 0 or rates[name] > 0, name
+
+
+def test_scales_are_positive(model):
+    for p in CASES:
+        scales = model.scales(p)
+        assert scales.time > 0
+        assert scales.length > 0
+
+
+def test_both_engines_follow_it_to_the_same_end(model):
+    for p in CASES:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", erosion.TurnWarning)
+            cut = erosion.simulate(model, p, points=2)
+        hit = erosion.impact(model, p)
+        assert hit.ended_by == cut.ended_by
+        assert hit.volume == pytest.approx(cut.volume, rel=2e-9)
+        assert hit.t_c == pytest.approx(cut.t_c, rel=2e-9)
+
+
+def test_units_do_not_matter(model):
+    hit = erosion.impact(model, P, derivatives=1)
+    in_si = erosion.impact(model, P.to("si"), derivatives=1)
+    inch3 = 0.0254**3
+    assert in_si.ended_by == hit.ended_by
+    assert in_si.volume == pytest.approx(hit.volume * inch3, rel=1e-9)
+    assert in_si.dvolume == pytest.approx(hit.dvolume * inch3, rel=1e-8)
+
+
+def test_derivatives_exist_and_fit_differences(model):
+    h = 1e-5
+    hit = erosion.impact(model, P, derivatives=2, rtol=1e-12)
+    near = erosion.impact(model, P.replace(alpha=P.alpha + h * np.array([-1, 1])), derivatives=1, rtol=1e-12)
+    assert hit.dvolume == pytest.approx((near.volume[1] - near.volume[0]) / (2 * h), rel=1e-6)
+    assert hit.d2volume == pytest.approx((near.dvolume[1] - near.dvolume[0]) / (2 * h), rel=1e-6)
+
+
+def test_closed_forms_are_complete(model):
+    exact = model.closed_form()
+    if exact is None:
+        return
+    for p in CASES:
+        t = 0.4 * exact.t_c(p)
+        state, rate = jax.jvp(lambda t, p=p: exact.state(t, p), (t,), (jnp.ones_like(t),))
+        expected = model.derivative(state, p)
+        for name in ("x", "y", "phi", "vx", "vy", "omega"):
+            assert getattr(rate, name) == pytest.approx(float(getattr(expected, name)), rel=1e-11, abs=1e-12), name
+        slope, curve = (
+            jax.grad(lambda a, p=p, f=f: f(p.replace(alpha=a)))(p.alpha) for f in (exact.volume, exact.dvolume)
+        )
+        assert float(exact.dvolume(p)) == pytest.approx(float(slope), rel=1e-12)
+        assert float(exact.d2volume(p)) == pytest.approx(float(curve), rel=1e-12)

@@ -1,0 +1,128 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import erosion
+from erosion import models
+from erosion.models.registry import model_name
+from tests.reference import closed_form
+
+P = erosion.TABLE_1
+ELEVEN = {
+    "linearized", "tan-alpha", "velocity-aligned", "finnie", "as-printed", "rotating", "rotating-full-torque",
+    "rotating-tan-alpha", "rotating-tan-alpha-full-torque",
+    "rotating-velocity-aligned", "rotating-velocity-aligned-full-torque",
+}  # fmt: skip
+
+
+def test_the_eleven_models_are_registered_under_their_names():
+    assert set(erosion.available_models()) == ELEVEN
+    for name in ELEVEN:
+        assert model_name(erosion.load_model(name)) == name
+
+
+def test_a_variant_is_a_choice_of_parts():
+    mine = models.Rotating(force=models.TanAlpha(), torque=models.FullTorque())
+    assert model_name(mine) == "rotating-tan-alpha-full-torque"
+    assert erosion.load_model(mine) is mine
+    assert models.Rotating().closed_form() is None
+    assert models.Finnie(force=models.TanAlpha()).closed_form() is None
+
+
+def test_maxima_of_the_closed_forms():
+    # Physics note, section 6.
+    for name, degrees, volume in (
+        ("linearized", 31.717474411, 2.135029315836e-4),
+        ("finnie", 16.845033763, 1.045953579327e-4),
+    ):
+        exact = closed_form(name)
+        best = exact.alpha_max(P)
+        assert np.rad2deg(float(best)) == pytest.approx(degrees, abs=1e-9)
+        assert float(exact.volume(P.replace(alpha=best))) == pytest.approx(volume, rel=1e-12)
+    assert np.isnan(closed_form("tan-alpha").alpha_max(P))
+
+
+@pytest.mark.parametrize("s", [-0.8, -0.3, 0.2, 0.9])
+def test_maximum_of_finnie_with_spin(s):
+    exact = closed_form("finnie")
+    p = P.replace(phidot0=s * P.v0 / P.r)
+    best = exact.alpha_max(p)
+    at_best = p.replace(alpha=best)
+    assert float(exact.dvolume(at_best)) == pytest.approx(0, abs=1e-13 * float(exact.volume(at_best)))
+    scan = exact.volume(p.replace(alpha=np.linspace(1e-3, np.pi / 2, 20001)))
+    assert float(exact.volume(at_best)) >= float(scan.max())
+
+
+def test_openfoam_form_of_finnie():
+    # OpenFOAM's ParticleErosion: m v²/(ψ K σ) times sin 2α - (6/K) sin²α for tan α < K/6, (K/6) cos²α above.
+    alphas, k = np.linspace(0.01, 1.5, 50), 2.0
+    below = np.sin(2 * alphas) - 6 / k * np.sin(alphas) ** 2
+    expected = float(P.volume_scale) / k * np.where(np.tan(alphas) < k / 6, below, k / 6 * np.cos(alphas) ** 2)
+    exact = closed_form("finnie")
+    assert np.asarray(exact.volume(P.replace(alpha=alphas))) == pytest.approx(expected, rel=1e-13)
+
+
+def test_sincos_is_accurate_and_differentiable():
+    x = np.concatenate([np.linspace(-40, 40, 100_001), np.pi / 2 * np.arange(-20, 21)])
+    sine, cosine = jax.jit(erosion.sincos)(x)
+    assert np.abs(sine - np.sin(x)).max() < 3e-16
+    assert np.abs(cosine - np.cos(x)).max() < 3e-16
+    assert erosion.sincos(jnp.pi / 2)[0] == 1.0  # so that the tip starts exactly at the surface
+    curvature = jax.grad(jax.grad(lambda a: erosion.sincos(a)[0]))
+    assert curvature(1.3) == pytest.approx(-np.sin(1.3), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "there is no such model file"),
+        ("1/0", "cannot be imported: ZeroDivisionError: division by zero"),
+        ("import nowhere_to_be_found", "cannot be imported: ModuleNotFoundError"),
+        ("x = 1", "must define `model`, or exactly one complete CuttingModel class, but has none"),
+        ("model = 3", "must offer a CuttingModel, but offers 3"),
+        ("def model(): return 3", "must offer a CuttingModel, but makes 3"),
+        ("import erosion\nclass M(erosion.CuttingModel):\n  '''Half.'''\n", "but has none"),
+        (
+            "import erosion\nclass M(erosion.models.RigidErodent):\n  '''No parts.'''\n"
+            "  kinematics: erosion.models.TipKinematics\n  force: erosion.models.ForceLaw\n"
+            "  torque: erosion.models.Torque\n",
+            "cannot be made without arguments: TypeError",
+        ),
+    ],
+)
+def test_a_bad_plug_in_gets_one_sentence(tmp_path, text, message):
+    file = tmp_path / "mine.py"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(erosion.ModelError, match=message) as caught:
+        erosion.load_model(str(file))
+    assert "mine.py" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert erosion.load_model("rotating") == models.Rotating()
+
+
+def test_files_are_listed_by_path(tmp_path):
+    (tmp_path / "one.py").write_text('"""One of mine."""\nimport erosion\nmodel = erosion.models.Rotating()\n')
+    found = erosion.available_models(tmp_path)
+    assert found[str(tmp_path / "one.py")].summary == "One of mine."
+    with pytest.raises(erosion.ModelError, match="no such file or folder"):
+        erosion.available_models(tmp_path / "nowhere")
+
+
+def test_unknown_names_list_the_known_ones():
+    with pytest.raises(erosion.ModelError, match="no model 'rotated'; known are linearized"):
+        erosion.load_model("rotated")
+
+
+def test_entry_points_are_found(monkeypatch):
+    from importlib.metadata import EntryPoint
+
+    from erosion.models import registry
+
+    group = registry.ENTRY_POINT_GROUP
+    entries = [EntryPoint("theirs", "erosion.models:Rotating", group), EntryPoint("broken", "nowhere:model", group)]
+    monkeypatch.setattr(registry.importlib.metadata, "entry_points", lambda group: entries)
+    assert erosion.load_model("theirs") == models.Rotating()
+    with pytest.raises(erosion.ModelError, match=r"'broken'.*cannot be imported: ModuleNotFoundError"):
+        erosion.load_model("broken")

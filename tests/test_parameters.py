@@ -1,0 +1,202 @@
+import math
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import erosion
+from erosion.parameters import QUANTITIES
+from erosion.units import read_quantity, unit_name
+
+P = erosion.TABLE_1
+CASES = Path(__file__).parent.parent / "cases"
+
+
+def test_table_1_and_its_derived_numbers():
+    # Physics note, section 1 and 4.
+    assert float(P.rate) == pytest.approx(47346, rel=1e-5)
+    assert float(P.volume_scale) == pytest.approx(6.9091e-4, rel=1e-5)
+    assert float(P.moment_of_inertia) == pytest.approx(0.5 * 2.855e-7 * 0.04**2)
+    assert {metal: v / 1e3 for metal, v in erosion.MATERIALS.items()} == {
+        "mild steel": 37, "brass": 27, "copper": 10, "stainless steel": 75, "titanium": 136,
+    }  # fmt: skip
+
+
+def test_leaves_are_float64_whatever_comes_in():
+    p = erosion.Parameters(k=2, psi=0.04, r=np.float32(0.5), b=0.04, m=1e-7, v0=[1, 2], sigma=2e5, alpha=np.array(0.3))
+    assert {np.asarray(leaf).dtype for leaf in jax.tree.leaves(p)} == {np.dtype("float64")}
+    assert p.v0.shape == (2,)
+    assert (p.phidot0, p.inertia, p.units) == (0.0, 0.5, "inch-pound")
+
+
+@pytest.mark.parametrize("bad", ["2", None, True, 1j, [["a"]]])
+def test_what_is_no_number_is_refused(bad):
+    with pytest.raises(TypeError, match=r"must be (real )?numbers or arrays"):
+        P.replace(k=bad)
+
+
+def test_units_convert_both_ways():
+    si = P.to("si")
+    # 1 slinch = 175.126835246 kg, 1 in = 0.0254 m, 1 lbf/in² = 6894.757293 Pa.
+    assert float(si.m) == pytest.approx(2.855e-7 * 175.126835246, rel=1e-11)
+    assert float(si.v0) == pytest.approx(111.76, rel=1e-15)
+    assert float(si.sigma) == pytest.approx(200e3 * 6894.757293168, rel=1e-12)
+    assert float(si.r) == pytest.approx(0.04 * 0.0254, rel=1e-15)
+    assert si.units == "si"
+    back = si.to("inch-pound")
+    for name in QUANTITIES:
+        assert float(getattr(back, name)) == pytest.approx(float(getattr(P, name)), rel=1e-14)
+    assert float(si.spin) == float(P.spin)
+    assert float(si.rate) == pytest.approx(float(P.rate), rel=1e-13)
+
+
+def test_unit_names_are_as_a_person_writes_them():
+    assert unit_name("mass", "inch-pound") == "slinch"
+    assert unit_name("stress", "inch-pound") == "lbf/in²"
+    assert unit_name("volume", "si") == "m³"
+    assert unit_name("1", "si") == ""
+
+
+def test_replace_names_what_it_does_not_know():
+    with pytest.raises(TypeError, match="`beta` is not a parameter"):
+        P.replace(beta=1.0)
+    with pytest.raises(TypeError, match=r'use `p.to\("si"\)`'):
+        P.replace(units="si")
+    with pytest.raises(ValueError, match="`units` must be one of 'inch-pound', 'si', but is 'cgs'"):
+        P.to("cgs")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"alpha": 0.0}, r"`alpha` must be in \(0, π/2\] rad, but is 0\."),
+        ({"alpha": 20.0}, 'is 20 .for degrees write "20 deg"'),
+        ({"alpha": [0.1, 2.0]}, "is 2 at index 1"),
+        ({"alpha": np.full((2, 2), -1.0)}, r"is -1 at index \(0, 0\)"),
+        ({"k": 0.0}, "`k` must be positive and finite, but is 0"),
+        ({"sigma": np.inf}, "`sigma` must be positive and finite, but is inf"),
+        ({"phidot0": np.nan}, "`phidot0` must be a finite number, but is nan"),
+        ({"alpha": [0.1, 0.2], "k": [1.0, 2.0, 3.0]}, r"must broadcast .* k \(3,\), alpha \(2,\)"),
+    ],
+)
+def test_validate_says_what_is_wrong(changes, message):
+    with pytest.raises(ValueError, match=message):
+        erosion.validate(P.replace(**changes))
+
+
+def test_validate_lets_right_angles_through():
+    erosion.validate(P.replace(alpha=np.pi / 2))
+    erosion.validate(P.replace(alpha=read_quantity("90 deg", "angle", "si")))
+
+
+def test_parameters_pass_through_jax():
+    doubled = jax.jit(lambda p: p.replace(k=2 * p.k))(P)
+    assert float(doubled.k) == 4.0
+    assert jax.vmap(lambda a: P.replace(alpha=a).rate)(np.ones(3)).shape == (3,)
+
+
+def test_case_files_are_table_1():
+    for case in ("table-1.toml", "table-1-si.toml"):
+        p = erosion.load_case(CASES / case).to("inch-pound")
+        for name in QUANTITIES:
+            assert float(getattr(p, name)) == pytest.approx(float(getattr(P, name)), rel=1e-14), name
+
+
+GOOD = {
+    "units": '"inch-pound"', "k": "2", "psi": "0.04", "r": '"0.04 in"', "b": '"0.04 in"', "m": '"2.855e-7 slinch"',
+    "v0": '"4400 in/s"', "sigma": '"200e3 lbf/in^2"', "alpha": '"20 deg"',
+}  # fmt: skip
+
+
+def case_text(**changes):
+    lines = {**GOOD, **changes}
+    return "\n".join(f"{name} = {value}" for name, value in lines.items() if value is not None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"v0": '"4400 kg"'},
+            "field `v0` must be a speed such as \"4400 in/s\", but is '4400 kg', of dimension [mass]",
+        ),
+        ({"sigma": '"200e3 lb/in^2"'}, "field `sigma` must be a stress"),
+        ({"v0": '"fast"'}, "field `v0` must be a speed such as \"4400 in/s\", but 'fast' cannot be read"),
+        ({"v0": '"44 00 in/s"'}, "field `v0` must be a speed"),
+        ({"v0": '"4400 in/s²²"'}, "field `v0` must be"),
+        ({"v0": '""'}, "field `v0` must be"),
+        ({"k": '"2 in"'}, "field `k` must be a pure number such as 2, but is '2 in', of dimension [length]"),
+        ({"speed": "3"}, "field `speed` is unknown; the fields are"),
+        ({"v0": None}, "field `v0` (impact speed) is missing"),
+        ({"alpha": '"95 deg"'}, "field `alpha` must be in (0, π/2] rad, but is 1.65806"),
+        ({"alpha": "20"}, 'write "20 deg"'),
+        ({"m": "-1.0"}, "field `m` must be positive and finite, but is -1"),
+        ({"m": "nan"}, "field `m` must be positive and finite, but is nan"),
+        ({"m": "inf"}, "field `m` must be positive and finite, but is inf"),
+        ({"k": "[1, 2]"}, "field `k` must be a number or a quantity in quotes, but is [1, 2]"),
+        ({"k": "true"}, "field `k` must be a number or a quantity in quotes, but is True"),
+        ({"units": '"cgs"'}, "field `units` must be one of"),
+        ({"units": "3"}, "field `units` must be text in quotes, but is 3"),
+        ({"units": None, "v0": "4400"}, "field `v0` is the bare number 4400, but the file names no `units`"),
+        ({"k": "2\nk = 3"}, "is not valid TOML"),
+        ({"k": ""}, "is not valid TOML"),
+    ],
+)
+def test_a_bad_case_gets_one_sentence_with_file_and_field(tmp_path, changes, message):
+    file = tmp_path / "mine.toml"
+    file.write_text(case_text(**changes), encoding="utf-8")
+    with pytest.raises(erosion.CaseError) as caught:
+        erosion.load_case(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_case(tmp_path):
+    with pytest.raises(erosion.CaseError, match=r"nowhere.toml: cannot be read \(No such file"):
+        erosion.load_case(tmp_path / "nowhere.toml")
+    with pytest.raises(erosion.CaseError, match="cannot be read"):
+        erosion.load_case(tmp_path)
+    (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
+    with pytest.raises(erosion.CaseError, match="is not a text file in UTF-8"):
+        erosion.load_case(tmp_path / "binary.toml")
+
+
+def test_a_case_without_units_is_si(tmp_path):
+    (tmp_path / "si.toml").write_text(case_text(units=None), encoding="utf-8")
+    p = erosion.load_case(tmp_path / "si.toml")
+    assert p.units == "si"
+    assert float(p.v0) == pytest.approx(111.76)
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    (tmp_path / "bom.toml").write_text(case_text(), encoding="utf-8-sig")
+    assert erosion.load_case(tmp_path / "bom.toml").units == "inch-pound"
+
+
+positive = st.floats(1e-12, 1e12)
+
+
+@given(
+    st.sampled_from(["si", "inch-pound"]),
+    st.fixed_dictionaries({n: positive for n in QUANTITIES if n not in ("alpha", "phidot0")}),
+    st.floats(1e-9, math.pi / 2),
+    st.floats(-1e9, 1e9),
+)
+def test_cases_survive_a_round_trip(tmp_path_factory, units, numbers, alpha, phidot0):
+    p = erosion.Parameters(**numbers, alpha=alpha, phidot0=phidot0, units=units)
+    file = tmp_path_factory.mktemp("case") / "case.toml"
+    file.write_text(erosion.dump_case(p, title='a "title"\n'), encoding="utf-8")
+    again = erosion.load_case(file)
+    assert again.units == p.units
+    assert all(getattr(again, n) == getattr(p, n) for n in QUANTITIES)
+
+
+def test_parameters_print_with_units():
+    assert "lbf/in²" in str(P)
+    assert "flow stress" in str(P)
+    assert "<td>slinch</td>" in P._repr_html_()
+    assert "[3] 0 … 2" in str(P.replace(phidot0=[0.0, 1.0, 2.0]))
