@@ -10,28 +10,26 @@ import math
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from erosion.model import CuttingModel, State, cuts_at_all, event_rates
+import erosion.flow as flow
+from erosion.events import find_root, first_fall
+from erosion.model import CuttingModel, State
 from erosion.models import load_model, model_name
 from erosion.parameters import QUANTITIES, Parameters, validate
 from erosion.precision import require_float64
 from erosion.quantities import result_row
 from erosion.tables import Row, to_html, to_text
 
-_MAX_STEPS = 4096
 _SAMPLES = 8  # looks at the event functions within each step
 _LONGEST_CUT = 1e4  # of the model's time scale; longer ones are reported, not waited for
-_NEWTON_STEPS = 60  # from a cubic's accuracy two or three suffice; a graze needs bisection
 _ATOL = 1e-15  # of each quantity's size: rounding
-_FIRST_STEP = 0.01  # of the model's time scale
 _LONGEST_STEP = 0.05  # of the model's time scale: sampled 8 times, a cubic errs by 1e-10 or less
 
 
@@ -227,34 +225,44 @@ def _follow(
     points: int,
 ) -> Trajectory:
     given, p = p, dataclasses.replace(p, units="inch-pound")  # one program serves all unit systems
-    begins, start, sizes, time = _begin(model, p)
+    begins, start, sizes, time = flow.begin(model, p)
     if not begins:
         only = jax.tree.map(lambda leaf: leaf[None], start)
         return _trajectory(model, given, np.zeros(1), only, "no-cut", lambda t: _repeat(start[0], t))
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
-    steps = _solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
+    steps = flow.solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
     ends = np.append(0.0, steps.ends[np.isfinite(steps.ends)])
 
     def dense(t: np.ndarray) -> Any:
-        return _interpolate(steps.solution, sizes, jnp.asarray(t))
+        return flow.interpolate(steps.solution, sizes, jnp.asarray(t))
 
-    name, guess, low, high = _bracket(model, p, dense, ends, float(time))
+    t, values, rates = _looks(model, p, dense, ends, float(time))
+    try:
+        found = first_fall(t, values, rates)
+    except ArithmeticError as error:
+        raise SimulationError(f"{model_name(model)}: {error}.") from error
+    if found is None:
+        raise SimulationError(
+            f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
+            f"({ends[-1] / float(time):.3g} time scales, {len(ends) - 1} steps)."
+        )
+    name = found.name
 
     # From the start of the step in which the cut ends, steps of full order to any time in it.
-    begun = int(np.searchsorted(ends, low, side="right")) - 1
+    begun = int(np.searchsorted(ends, found.low, side="right")) - 1
     before = start if begun == 0 else jax.tree.map(lambda leaf: leaf[begun - 1], steps.states)
 
     def reach(t: float) -> Any:
         if t <= ends[begun]:
             return before
-        return _solve(model, p, solver, controller, before, sizes, jnp.asarray(ends[begun]), jnp.asarray(t)).last
+        return flow.solve(model, p, solver, controller, before, sizes, jnp.asarray(ends[begun]), jnp.asarray(t)).last
 
     def event(t: float) -> tuple[float, float]:
-        value, rate = _event(model, p, reach(t)[0])
+        value, rate = flow.event(model, p, reach(t)[0])
         return float(value[name]), float(rate[name])
 
-    t_c = _root(event, guess, low, high)
+    t_c = find_root(event, found)
     t = np.linspace(0.0, t_c, points)
     states = dense(t)
     # The ends of the histories are known better than the dense output gives them.
@@ -262,44 +270,25 @@ def _follow(
     return _trajectory(model, given, t, states, name, lambda t: dense(t)[0])
 
 
-def _bracket(
+def _looks(
     model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], Any], ends: np.ndarray, time: float
-) -> tuple[str, float, float, float]:
-    """The event that ends the cut, when it does so to a cubic's accuracy, and times around that."""
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Times, several in each step, with the event functions and their rates there."""
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
     # Padded to a power of two, so that few lengths are ever compiled.
     padded = np.append(t, np.full((1 << (len(t) - 1).bit_length()) - len(t), t[-1]))
-    values, rates, _ = _look(model, p, dense(padded)[0])
-    found: list[tuple[float, float, float, str]] = []
-    for name in values:
-        value, rate = np.array(values[name])[: len(t)], np.asarray(rates[name])[: len(t)]
-        if not (np.all(np.isfinite(value)) and np.all(np.isfinite(rate))):
-            raise SimulationError(f"{model_name(model)}: the motion is not finite after {_last_finite(t, value):g} s.")
-        value[0] = max(value[0], 0.0)  # rises from contact, `cuts_at_all` has checked
-        falls = value[1:] <= 0
-        # A dip between two looks: down at the first, up at the second.
-        dips = (rate[:-1] < 0) & (rate[1:] > 0) & ~falls & (value[:-1] > 0)
-        for i in np.flatnonzero(falls | dips):
-            root = _first_root(t[i : i + 2], value[i : i + 2], rate[i : i + 2])
-            if root is not None:
-                found.append((root, float(t[i]), float(t[i + 1]), name))
-                break
-    if not found:
-        raise SimulationError(
-            f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
-            f"({ends[-1] / time:.3g} time scales, {len(ends) - 1} steps)."
-        )
-    guess, low, high, name = min(found)
-    return name, guess, low, high
+    values, rates, _ = flow.look(model, p, dense(padded)[0])
+    cut = {name: np.asarray(array)[: len(t)] for name, array in values.items()}
+    return t, cut, {name: np.asarray(array)[: len(t)] for name, array in rates.items()}
 
 
 def _trajectory(
     model: CuttingModel, p: Parameters, t: np.ndarray, states: Any, name: str, interpolate: Callable[[Any], Any]
 ) -> Trajectory:
     bodies, removed = jax.tree.map(np.asarray, states)
-    tip = jax.tree.map(np.asarray, _look(model, dataclasses.replace(p, units="inch-pound"), bodies)[2])
+    tip = jax.tree.map(np.asarray, flow.look(model, dataclasses.replace(p, units="inch-pound"), bodies)[2])
     return Trajectory(
         model=model,
         p=p,
@@ -317,135 +306,5 @@ def _trajectory(
     )
 
 
-class _Steps(NamedTuple):
-    """What diffrax did: its solution, and the ends of its steps (padded) with the states there."""
-
-    solution: diffrax.Solution
-    ends: Any
-    states: Any
-    last: Any
-
-
-@eqx.filter_jit
-def _solve(
-    model: CuttingModel,
-    p: Parameters,
-    solver: diffrax.AbstractSolver,
-    controller: diffrax.AbstractStepSizeController,
-    start: tuple[Any, Any],
-    sizes: tuple[Any, Any],
-    t0: Any,
-    t1: Any,
-) -> _Steps:
-    """Integrate (state, volume) from `t0` until `t1`, or the first step that ends past an event.
-
-    diffrax sees everything divided by `sizes`, so that one absolute tolerance fits all.
-    """
-
-    def rate(t: Any, y: Any, args: Any) -> Any:
-        state, _ = jax.tree.map(jnp.multiply, y, sizes)
-        return jax.tree.map(jnp.divide, (model.derivative(state, p), model.removal_rate(state, p)), sizes)
-
-    # A boolean condition only tells diffrax when to stop stepping; the names are its own.
-    def past_the_end(t: Any, y: Any, args: Any, **kwargs: Any) -> Any:
-        state, _ = jax.tree.map(jnp.multiply, y, sizes)
-        return (t > t0) & (_least(model.events(state, p)) <= 0)
-
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(rate),
-        solver,
-        t0=t0,
-        t1=t1,
-        dt0=jnp.minimum(_FIRST_STEP * model.scales(p).time, t1 - t0),
-        y0=jax.tree.map(jnp.divide, start, sizes),
-        saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(steps=True), diffrax.SubSaveAt(t1=True)), dense=True),
-        stepsize_controller=controller,
-        event=diffrax.Event(past_the_end),
-        max_steps=_MAX_STEPS,
-        throw=False,
-    )
-    (ends, _), (states, last) = cast(Any, solution.ts), cast(Any, solution.ys)
-    return _Steps(solution, ends, *(jax.tree.map(jnp.multiply, y, sizes) for y in (states, jax.tree.map(_only, last))))
-
-
-@eqx.filter_jit
-def _begin(model: CuttingModel, p: Parameters) -> Any:
-    """Whether it cuts; the start; how large everything gets, by a look ahead; the time scale."""
-    time, start = model.scales(p).time, (model.initial_state(p), jnp.zeros_like(model.scales(p).time))
-
-    def rate(y: Any) -> Any:
-        return model.derivative(y[0], p), model.removal_rate(y[0], p)
-
-    def size(*values: Any) -> Any:
-        largest = jnp.max(jnp.abs(jnp.stack(values)))
-        return jnp.where(jnp.isfinite(largest) & (largest > 0), largest, 1.0)
-
-    now = jax.tree.map(lambda k: time * k, rate(start))
-    ahead = jax.tree.map(lambda k: time * k, rate(jax.tree.map(jnp.add, start, now)))
-    return cuts_at_all(model, p), start, jax.tree.map(size, start, now, ahead), time
-
-
-@eqx.filter_jit
-def _interpolate(solution: diffrax.Solution, sizes: Any, times: Any) -> Any:
-    return jax.tree.map(jnp.multiply, jax.vmap(solution.evaluate)(times), sizes)
-
-
-@eqx.filter_jit
-def _event(model: CuttingModel, p: Parameters, state: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    return event_rates(model, state, model.derivative(state, p), p)
-
-
-@eqx.filter_jit
-def _look(model: CuttingModel, p: Parameters, states: Any) -> Any:
-    """Event functions, their rates, the tip and its removal rate in many states."""
-
-    def one(state: Any) -> Any:
-        values, rates = event_rates(model, state, model.derivative(state, p), p)
-        return values, rates, model.tip(state, p)
-
-    return jax.vmap(one)(states)
-
-
-def _root(event: Callable[[float], tuple[float, float]], guess: float, low: float, high: float) -> float:
-    """Where `event` falls through zero near `guess`, by Newton's method kept within the bracket."""
-    t = guess
-    for _ in range(_NEWTON_STEPS):
-        value, rate = event(t)
-        low, high = (t, high) if value > 0 else (low, t)
-        step = -value / rate if rate < 0 else np.inf
-        # A graze at its lowest point has no slope to follow.
-        step = step if low < t + step <= high else (low + high) / 2 - t
-        t += step
-        if abs(step) <= 4 * np.finfo(float).eps * t:
-            break
-    return t
-
-
-def _first_root(t: np.ndarray, values: np.ndarray, rates: np.ndarray) -> float | None:
-    """Where the cubic through both ends first falls to zero after its start; None if it does not."""
-    length = float(t[1] - t[0])
-    from_, to, rise = length * rates[0], length * rates[1], values[1] - values[0]
-    cubic = [from_ + to - 2 * rise, 3 * rise - 2 * from_ - to, from_, values[0]]
-    # A start at zero (contact) is no fall: divide that root out.
-    roots = np.roots(cubic[:3] if values[0] == 0 else cubic)
-    real = [float(root.real) for root in roots if abs(root.imag) <= 1e-7 and 0 < root.real <= 1]
-    if not real:
-        return float(t[1]) if values[1] <= 0 else None
-    return float(t[0]) + length * min(real)
-
-
-def _last_finite(t: np.ndarray, value: np.ndarray) -> float:
-    finite = np.flatnonzero(np.isfinite(value))
-    return float(t[finite[-1]]) if len(finite) else 0.0
-
-
 def _repeat(state: Any, t: np.ndarray) -> Any:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, t.shape), state)
-
-
-def _only(leaf: Any) -> Any:
-    return leaf[0]
-
-
-def _least(values: dict[str, Any]) -> Any:
-    return jnp.min(jnp.stack(list(values.values())))

@@ -1,0 +1,116 @@
+"""The motion as diffrax integrates it: compiled steps, and looks at states.
+
+Each function is compiled once for a model, whatever the parameters.
+"""
+
+from typing import Any, NamedTuple, cast
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from erosion.model import CuttingModel, cuts_at_all, event_rates
+from erosion.parameters import Parameters
+
+_MAX_STEPS = 4096
+_FIRST_STEP = 0.01  # of the model's time scale
+
+
+class Steps(NamedTuple):
+    """What diffrax did: its solution, and the ends of its steps (padded) with the states there."""
+
+    solution: diffrax.Solution
+    ends: Any
+    states: Any
+    last: Any
+
+
+@eqx.filter_jit
+def solve(
+    model: CuttingModel,
+    p: Parameters,
+    solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractStepSizeController,
+    start: tuple[Any, Any],
+    sizes: tuple[Any, Any],
+    t0: Any,
+    t1: Any,
+) -> Steps:
+    """Integrate (state, volume) from `t0` until `t1`, or the first step that ends past an event.
+
+    diffrax sees everything divided by `sizes`, so that one absolute tolerance fits all.
+    """
+
+    def rate(t: Any, y: Any, args: Any) -> Any:
+        state, _ = jax.tree.map(jnp.multiply, y, sizes)
+        return jax.tree.map(jnp.divide, (model.derivative(state, p), model.removal_rate(state, p)), sizes)
+
+    # A boolean condition only tells diffrax when to stop stepping; the names are its own.
+    def past_the_end(t: Any, y: Any, args: Any, **kwargs: Any) -> Any:
+        state, _ = jax.tree.map(jnp.multiply, y, sizes)
+        return (t > t0) & (_least(model.events(state, p)) <= 0)
+
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(rate),
+        solver,
+        t0=t0,
+        t1=t1,
+        dt0=jnp.minimum(_FIRST_STEP * model.scales(p).time, t1 - t0),
+        y0=jax.tree.map(jnp.divide, start, sizes),
+        saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(steps=True), diffrax.SubSaveAt(t1=True)), dense=True),
+        stepsize_controller=controller,
+        event=diffrax.Event(past_the_end),
+        max_steps=_MAX_STEPS,
+        throw=False,
+    )
+    (ends, _), (states, last) = cast(Any, solution.ts), cast(Any, solution.ys)
+    return Steps(solution, ends, *(jax.tree.map(jnp.multiply, y, sizes) for y in (states, jax.tree.map(_only, last))))
+
+
+@eqx.filter_jit
+def begin(model: CuttingModel, p: Parameters) -> Any:
+    """Whether it cuts; the start; how large everything gets, by a look ahead; the time scale."""
+    time, start = model.scales(p).time, (model.initial_state(p), jnp.zeros_like(model.scales(p).time))
+
+    def rate(y: Any) -> Any:
+        return model.derivative(y[0], p), model.removal_rate(y[0], p)
+
+    def size(*values: Any) -> Any:
+        largest = jnp.max(jnp.abs(jnp.stack(values)))
+        return jnp.where(jnp.isfinite(largest) & (largest > 0), largest, 1.0)
+
+    now = jax.tree.map(lambda k: time * k, rate(start))
+    ahead = jax.tree.map(lambda k: time * k, rate(jax.tree.map(jnp.add, start, now)))
+    return cuts_at_all(model, p), start, jax.tree.map(size, start, now, ahead), time
+
+
+@eqx.filter_jit
+def interpolate(solution: diffrax.Solution, sizes: Any, times: Any) -> Any:
+    """(State, volume) at many times, from the dense output."""
+    return jax.tree.map(jnp.multiply, jax.vmap(solution.evaluate)(times), sizes)
+
+
+@eqx.filter_jit
+def event(model: CuttingModel, p: Parameters, state: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The event functions and their rates in one state."""
+    return event_rates(model, state, model.derivative(state, p), p)
+
+
+@eqx.filter_jit
+def look(model: CuttingModel, p: Parameters, states: Any) -> Any:
+    """Event functions, their rates, the tip and its removal rate in many states."""
+
+    def one(state: Any) -> Any:
+        values, rates = event_rates(model, state, model.derivative(state, p), p)
+        return values, rates, model.tip(state, p)
+
+    return jax.vmap(one)(states)
+
+
+def _only(leaf: Any) -> Any:
+    return leaf[0]
+
+
+def _least(values: dict[str, Any]) -> Any:
+    return jnp.min(jnp.stack(list(values.values())))
