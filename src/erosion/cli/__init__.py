@@ -18,6 +18,7 @@ from erosion.version import __version__
 app = cyclopts.App(
     name="erosion",
     help="How a rigid particle cuts a ductile surface, and at which angle it removes most.",
+    help_format="plaintext",
     version=__version__,
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )

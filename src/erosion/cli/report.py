@@ -9,8 +9,8 @@ from erosion.cli.options import CaseOptions, start_engine, user_errors
 
 
 def report(
-    case: CaseOptions | None = None,
     *,
+    case: CaseOptions | None = None,
     out: Annotated[Path, Parameter(help="Folder for the page, its figures and numbers.")] = Path("report"),
     only: Annotated[str | None, Parameter(help='Only these questions: "q1,q4".')] = None,
 ) -> None:

@@ -20,8 +20,8 @@ from erosion.cli.options import (
 
 
 def run(
-    case: CaseOptions | None = None,
     *,
+    case: CaseOptions | None = None,
     model: ModelOption = "linearized",
     plot: Annotated[Path | None, Parameter(help="Also draw the cut into this file (.svg, .png, .pdf).")] = None,
     json: JsonOption = False,
