@@ -178,6 +178,50 @@ def test_nothing_is_cut():
         assert np.all(getattr(hit, field) == 0)
 
 
+def test_lanes_that_are_not_finite_fail_and_touch_no_other():
+    alphas = np.linspace(0.1, 1.4, 40)
+    clean = erosion.impact("rotating", P.replace(alpha=alphas), derivatives=2)
+    dirty = P.replace(alpha=np.where(np.arange(40) == 7, np.nan, alphas), m=np.where(np.arange(40) == 30, np.inf, P.m))
+    hit = erosion.impact("rotating", dirty, derivatives=2)
+    bad = np.isin(np.arange(40), (7, 30))
+    assert np.all((hit.ended_by == "failed") == bad)
+    for field in ("volume", "t_c", "dvolume", "d2volume"):
+        assert np.all(np.isnan(getattr(hit, field)) == bad)
+        assert np.array_equal(getattr(hit, field)[~bad], getattr(clean, field)[~bad])
+    with pytest.raises(ValueError, match="`alpha` must be in"):
+        erosion.impact("rotating", P.replace(alpha=np.nan))
+
+
+class Brittle(erosion.models.ForceRatio):
+    """K = k, but from 57° up not a number once the erodent has slowed down to 0.3 v₀."""
+
+    def ratio(self, state, p):
+        return p.k + jnp.where(p.alpha > 1, 0.0 * jnp.sqrt(state.vx / p.v0 - 0.3), 0.0)
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+class Faulty(erosion.models.RigidErodent):
+    """Ends as `linearized` does at small angles; above, it never ends, and above that it breaks."""
+
+    kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
+    force: erosion.models.ForceLaw = Brittle()
+    torque: erosion.models.Torque = erosion.models.NoTorque()
+
+    def events(self, state, p):
+        return {"rebound": jnp.where((p.alpha > 0.5) & (p.alpha < 1), 1.0, state.y / self.scales(p).length)}
+
+
+def test_a_lane_that_never_ends_or_breaks_says_so_alone():
+    hit = erosion.impact(Faulty(), P.replace(alpha=[0.2, 0.6, 0.3, 1.1]))
+    assert list(hit.ended_by) == ["rebound", "unfinished", "rebound", "failed"]
+    assert list(np.isnan(hit.volume)) == [False, True, False, True]
+    exact = closed_form("linearized")
+    for i in (0, 2):
+        assert hit.volume[i] == pytest.approx(float(exact.volume(P.replace(alpha=[0.2, 0.6, 0.3, 1.1][i]))), rel=1e-9)
+
+
 def test_an_empty_batch_is_empty():
     hit = erosion.impact("rotating", P.replace(alpha=np.zeros((0, 3)) + 0.1))
     assert hit.volume.shape == (0, 3)

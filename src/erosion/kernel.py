@@ -98,12 +98,13 @@ def impact(
         Results of the broadcast shape; scalars for scalar parameters.
 
     Raises:
-        ValueError: for parameters out of range or arguments that make no sense. Run-time
-            failures of single impacts are outcomes, in `ended_by`.
+        ValueError: for parameters out of range or arguments that make no sense. NaN or
+            infinity in an array is no error: like run-time failures of single impacts it is
+            an outcome, in `ended_by`, and leaves the other impacts as they are.
     """
     require_float64()
     model = load_model(model)
-    validate(p)
+    validate(p, batch=True)
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     for name in names:
         if name not in QUANTITIES:

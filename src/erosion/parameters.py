@@ -183,12 +183,13 @@ REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("p
 _STEEPEST = np.pi / 2 * (1 + 4 * np.finfo(float).eps)
 
 
-def validate(p: Parameters, what: str = "Argument") -> None:
+def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> None:
     """Check concrete parameter values; traced ones pass unseen.
 
     Args:
         p: parameters whose leaves are numbers or arrays.
         what: what a field is called in the message ("Argument", "Field").
+        batch: let NaN and infinity in arrays pass, as lanes that will be "failed".
 
     Raises:
         ValueError: one sentence naming the first field that is not finite or out of range,
@@ -205,6 +206,8 @@ def validate(p: Parameters, what: str = "Argument") -> None:
             good, condition = (values > 0) & (values <= _STEEPEST), "must be in (0, π/2] rad"
         else:
             good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
+        if batch and values.ndim:
+            good = good | ~np.isfinite(values)
         if not np.all(good):
             raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(values, good)}{_hint(name, values)}.")
     try:
