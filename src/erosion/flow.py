@@ -82,6 +82,8 @@ def begin(model: CuttingModel, p: Parameters) -> Any:
 
     now = jax.tree.map(lambda k: time * k, rate(start))
     ahead = jax.tree.map(lambda k: time * k, rate(jax.tree.map(jnp.add, start, now)))
+    # Weak types would have `solve` compiled twice.
+    start = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), start)
     return cuts_at_all(model, p), start, jax.tree.map(size, start, now, ahead), time
 
 

@@ -256,7 +256,7 @@ def _follow(
     def reach(t: float) -> Any:
         if t <= ends[begun]:
             return before
-        return flow.solve(model, p, solver, controller, before, sizes, jnp.asarray(ends[begun]), jnp.asarray(t)).last
+        return flow.solve(model, p, solver, controller, before, sizes, jnp.float64(ends[begun]), jnp.float64(t)).last
 
     def event(t: float) -> tuple[float, float]:
         value, rate = flow.event(model, p, reach(t)[0])

@@ -4,6 +4,7 @@ One verb a module; JAX loads only when a verb computes. Bad input is one line on
 exit status 2, a failed solve exit status 1, never a traceback.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -32,6 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _status(arguments: Sequence[str]) -> int:
+    # Read when equinox is imported. With its error checks (host callbacks) in a program, JAX
+    # would not keep the compiled program for the next start; every verb checks outcomes itself.
+    os.environ.setdefault("EQX_ON_ERROR", "nan")
     try:
         app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()

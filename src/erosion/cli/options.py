@@ -93,14 +93,8 @@ def user_errors(*also: type[Exception]) -> Iterator[None]:
 
 def start_engine() -> None:
     """Keep compiled programs in the user's cache folder, so that the next start is quick."""
-    import os
-
-    import platformdirs
-
-    # With error checks in the program (host callbacks) JAX would not cache it; every verb
-    # checks outcomes itself.
-    os.environ.setdefault("EQX_ON_ERROR", "nan")
     import jax
+    import platformdirs
 
     if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         with contextlib.suppress(OSError):
