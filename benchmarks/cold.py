@@ -1,5 +1,6 @@
 """A fresh process's first answers: `python -m benchmarks.cold NAME LANES` prints seconds as JSON."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -37,7 +38,7 @@ class Cold(NamedTuple):
 
 
 def measure(name: str, lanes: int) -> Cold:
-    """Run `name` in a process of its own, JAX's compilation cache off."""
+    """Run `name` in a process of its own, the compilation caches of JAX and heyoka off."""
     environment = dict(os.environ, JAX_ENABLE_COMPILATION_CACHE="false")
     begin = time.perf_counter()
     command = [sys.executable, "-m", "benchmarks.cold", name, str(lanes)]
@@ -55,25 +56,27 @@ def _runner(name: str, lanes: int) -> Callable[[], Any]:
 
         return kernel.prepare(work, int(name[-1]))
     if name.startswith(("scalar", "batch")):
-        from benchmarks import heyoka_taylor
+        import heyoka
 
-        return lambda: getattr(heyoka_taylor, name[:-2])(work, order=int(name[-1]))()
+        heyoka.llvm_state.set_diskcache_enabled(False)
+        module = importlib.import_module(f"benchmarks.heyoka_{name[:-2]}")
+        return lambda: module.prepare(work, order=int(name[-1]))()
     if name == "scipy":
         from benchmarks import scipy_dop853
 
         return scipy_dop853.prepare(work)
     from benchmarks import diffrax_vmap
 
-    return diffrax_vmap.prepare(work, name, 1e-10, block=256)
+    return diffrax_vmap.prepare(work, name, diffrax_vmap.TOLERANCES[name], diffrax_vmap.BLOCK)
 
 
 def _main(name: str, lanes: int) -> None:
     xla = 0.0
 
-    def listen(event: str, seconds: float, **_: Any) -> None:
+    def listen(event: str, duration_secs: float, **_: Any) -> None:
         nonlocal xla
         if event == "/jax/core/compile/backend_compile_duration":
-            xla += seconds
+            xla += duration_secs
 
     run = _runner(name, lanes)
     if "jax" in sys.modules:

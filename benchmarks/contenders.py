@@ -1,19 +1,15 @@
-"""Who runs, with how many impacts, at which tolerance."""
+"""Who runs, and with how many impacts."""
 
 import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks import closed_form, diffrax_vmap, heyoka_taylor, kernel, scipy_dop853
+from benchmarks import closed_form, diffrax_vmap, heyoka_batch, heyoka_scalar, kernel, scipy_dop853
 from benchmarks.pool import Pool
 from benchmarks.work import Answers, Work, from_impact
 
 V, V2 = "V", "V, V′, V″"
 LIMIT = "closed form"
-
-# The loosest decade at which 99 % of a peer's volumes are about 1e-9 right (2e-9 or better).
-TOLERANCES = {"heyoka": 1e-9, "heyoka 2": 1e-9, "Tsit5": 1e-10, "Dopri8": 1e-11, "scipy": 1e-10}
-BLOCK = 256
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,18 +76,18 @@ def contenders(gpu: bool, quick: bool, pool: Callable[[], Pool], only: list[str]
     ]
     peers: list[tuple[str, str, int, Any, dict[str, Any], bool]] = []
     if not gpu:
-        for group, order, key in ((V, 0, "heyoka"), (V2, 2, "heyoka 2")):
-            options = {"order": order, "tol": TOLERANCES[key]}
-            peers.append((f"heyoka scalar, {group}", group, 2**16 // scale, heyoka_taylor.scalar, options, True))
-            peers.append((f"heyoka batch refilled, {group}", group, 2**18 // scale, heyoka_taylor.batch, options, True))
-        peers.append(("scipy DOP853, V", V, 800 // scale, scipy_dop853.prepare, {"rtol": TOLERANCES["scipy"]}, True))
+        for group, order in ((V, 0), (V2, 2)):
+            options, lanes = {"order": order}, 2**18 // scale
+            peers.append((f"heyoka scalar, {group}", group, 2**16 // scale, heyoka_scalar.prepare, options, True))
+            peers.append((f"heyoka batch refilled, {group}", group, lanes, heyoka_batch.prepare, options, True))
+        peers.append(("scipy DOP853, V", V, 800 // scale, scipy_dop853.prepare, {}, True))
     lanes = 10**6 if gpu else 2**14
     for solver in ("Tsit5", "Dopri8"):
-        options = {"solver": solver, "rtol": TOLERANCES[solver]}
+        options = {"solver": solver, "rtol": diffrax_vmap.TOLERANCES[solver]}
         if gpu or not quick:
             peers.append((f"diffrax {solver} flat, V", V, lanes // scale, diffrax_vmap.prepare, options, False))
         if not gpu:
-            blocks = {**options, "block": BLOCK}
+            blocks = {**options, "block": diffrax_vmap.BLOCK}
             peers.append((f"diffrax {solver} blocks, V", V, lanes // scale, diffrax_vmap.prepare, blocks, False))
     if not gpu:
         peers.append(("linearized, numba", LIMIT, 10**7 // scale, closed_form.with_numba, {}, False))

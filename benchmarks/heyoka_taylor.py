@@ -1,34 +1,28 @@
-"""heyoka: the adaptive Taylor integrator, scalar and SIMD batch, plain and variational.
+"""What the two heyoka contenders share: equations, initial states, derivatives.
 
 The equations are the kernel's without units (time in 1/ω, length in v0/ω) and without x,
 which neither volume nor events need; the turn q = φ - π/2 is carried in place of φ.
 
-Three things make it right and fast:
+A start at depth exactly 0 loses an event within the first step (heyoka 7.13.2: about 1 lane in
+1,000, the shortest cuts). A depth of 1e-300 does not, and changes no other digit.
 
-- A start at depth exactly 0 loses an event within the first step (heyoka 7.13.2: about 1 lane
-  in 1,000, the shortest cuts). A depth of 1e-300 does not, and changes no other digit.
-- `propagate_until` of the SIMD batch ends all its lanes at the first terminal event of any.
-  Here the batch goes step by step; the events' callbacks mark the lanes that ended, which a
-  numba function then stores and fills with the next impacts.
-- The derivatives with respect to α enter by the initial state alone. `var_ode_sys` with a
-  parameter that no equation contains gives one direction, 18 equations, not the 36 of (ẋ, ẏ).
+The derivatives with respect to α enter by the initial state alone. `var_ode_sys` with a
+parameter that no equation contains gives one direction, 18 equations, not the 36 of (ẋ, ẏ).
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import heyoka as hy
-import numba
 import numpy as np
 
-from benchmarks.work import NO_CUT, REBOUND, STOP, Answers, Constants, Work, constants
+from benchmarks.work import NO_CUT, REBOUND, STOP, Answers, Constants, Work
 
+TOLERANCE = 1e-9  # 99 % of the volumes are then right to 2e-9
 _NOTHING = 1e-300  # depth at contact
-_LATE = 1e3  # no cut is longer [1/ω]
-_SIZE = 6  # y, q, ẋ, ẏ, q̇, V
+SIZE = 6  # y, q, ẋ, ẏ, q̇, V
 
 
-def _equations(c: Constants, order: int) -> tuple[Any, list[Any], list[float]]:
+def equations(c: Constants, order: int) -> tuple[Any, list[Any], list[float]]:
     """The system, the event functions and the parameters."""
     y, q, vx, vy, omega, volume = hy.make_vars("y", "q", "vx", "vy", "omega", "volume")
     rho, by_k, by_inertia = hy.par[0], hy.par[1], hy.par[2]
@@ -48,30 +42,30 @@ def _equations(c: Constants, order: int) -> tuple[Any, list[Any], list[float]]:
     return system, [depth, speed], [c.rho, 1 / c.k, 1 / (c.k * c.rho * c.beta)]
 
 
-def _initial_states(work: Work, c: Constants, order: int) -> np.ndarray:
+def initial_states(work: Work, c: Constants, order: int) -> np.ndarray:
     """State at contact and its derivatives with respect to α, of shape (lanes, size)."""
     sine, cosine = np.sin(work.alpha), np.cos(work.alpha)
-    states = np.zeros((len(work), _SIZE * (1 + order)))
+    states = np.zeros((len(work), SIZE * (1 + order)))
     states[:, 0] = _NOTHING
     states[:, 4] = work.s / c.rho
     for i, (vx, vy) in enumerate(((cosine, sine), (-sine, cosine), (-cosine, -sine))[: 1 + order]):
-        states[:, _SIZE * i + 2], states[:, _SIZE * i + 3] = vx, vy
+        states[:, SIZE * i + 2], states[:, SIZE * i + 3] = vx, vy
     return states
 
 
-def _answers(work: Work, c: Constants, order: int, end: np.ndarray) -> Answers:
+def answers(work: Work, c: Constants, order: int, end: np.ndarray) -> Answers:
     """Volumes and derivatives from the states at the end of the cuts."""
     cut = work.cutting()
     columns = [np.zeros(len(work)) for _ in range(1 + order)]
     code = np.full(len(work), NO_CUT)
-    y, q, vx, vy, omega, volume = end[:, :_SIZE].T
+    y, q, vx, vy, omega, volume = end[:, :SIZE].T
     sine, cosine = np.sin(q), np.cos(q)
     depth, speed = y - c.rho * (1 - cosine), vx + c.rho * omega * cosine
     rebound = np.abs(depth) < np.abs(speed)
     code[cut] = np.where(rebound, REBOUND, STOP)
     columns[0][cut] = c.volume * volume
     if order:
-        y1, q1, vx1, _, omega1, volume1 = end[:, _SIZE : 2 * _SIZE].T
+        y1, q1, vx1, _, omega1, volume1 = end[:, SIZE : 2 * SIZE].T
         depth1 = y1 - c.rho * sine * q1
         speed1 = vx1 + c.rho * (omega1 * cosine - omega * sine * q1)
         sink = vy - c.rho * sine * omega
@@ -81,96 +75,3 @@ def _answers(work: Work, c: Constants, order: int, end: np.ndarray) -> Answers:
         # d²V/dα² at a fixed time, and what the end's own motion adds.
         columns[2][cut] = c.volume * (end[:, -1] + (depth1 * speed + depth * speed1) * dt_c)
     return Answers(columns[0], code, *columns[1:])
-
-
-def scalar(work: Work, order: int = 0, tol: float = 1e-9) -> Callable[[], Answers]:
-    """One integrator, one impact after another."""
-    c = constants()
-    system, events, parameters = _equations(c, order)
-    falling = hy.event_direction.negative
-    integrator = hy.taylor_adaptive(
-        system,
-        [0.0] * _SIZE,
-        pars=parameters,
-        tol=tol,
-        fast_math=True,
-        t_events=[hy.t_event(event, direction=falling) for event in events],
-    )
-    starts = _initial_states(work, c, order)[work.cutting()]
-    end = np.empty_like(starts)
-
-    def run() -> Answers:
-        state, propagate, reset = integrator.state, integrator.propagate_until, integrator.reset_cooldowns
-        for i in range(len(starts)):
-            state[:] = starts[i]
-            integrator.time = 0.0
-            reset()
-            propagate(_LATE)
-            end[i] = state
-        return _answers(work, c, order, end)
-
-    return run
-
-
-def batch(work: Work, order: int = 0, tol: float = 1e-9, width: int = 0) -> Callable[[], Answers]:
-    """`width` impacts in SIMD lanes, each replaced by the next as soon as it has ended."""
-    c = constants()
-    width = width or (8 if order else 32)  # fastest of 8, 16, 32, 64
-    system, events, parameters = _equations(c, order)
-    ended = np.zeros(width, bool)
-
-    def mark(_: Any, __: int, lane: int) -> bool:
-        ended[lane] = True
-        return True
-
-    integrator = hy.taylor_adaptive_batch(
-        system,
-        np.zeros((_SIZE, width)),
-        pars=np.repeat(np.array(parameters)[:, None], width, 1),
-        tol=tol,
-        fast_math=True,
-        t_events=[
-            hy.t_event_batch(event, direction=hy.event_direction.negative, callback=mark, cooldown=0.0)
-            for event in events
-        ],
-    )
-    starts = _initial_states(work, c, order)[work.cutting()]
-    end = np.empty_like(starts)
-
-    def run() -> Answers:
-        integrator.set_time([0.0] * width)
-        integrator.reset_cooldowns()
-        state, step = integrator.state, integrator.step
-        lanes = np.full(width, -1)
-        ended[:] = True
-        following, left = _refill(ended, state, lanes, starts, end, 0), len(starts)
-        while left:
-            step()
-            left -= _ended(ended, lanes)
-            following = _refill(ended, state, lanes, starts, end, following)
-        return _answers(work, c, order, end)
-
-    return run
-
-
-@numba.njit
-def _ended(ended: np.ndarray, lanes: np.ndarray) -> int:
-    return int(np.count_nonzero(ended & (lanes >= 0)))
-
-
-@numba.njit
-def _refill(
-    ended: np.ndarray, state: np.ndarray, lanes: np.ndarray, starts: np.ndarray, end: np.ndarray, following: int
-) -> int:
-    """Store the lanes that ended and give them the impacts from `following` on."""
-    for lane in range(ended.size):
-        if ended[lane]:
-            ended[lane] = False
-            impact = lanes[lane]
-            if impact >= 0:
-                end[impact] = state[:, lane]
-            # A lane without work repeats the first impact: it must hold something that ends.
-            lanes[lane] = following if following < len(starts) else -1
-            state[:, lane] = starts[following if following < len(starts) else 0]
-            following += 1
-    return following

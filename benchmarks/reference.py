@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 
-from benchmarks import heyoka_taylor, kernel, scipy_dop853
+from benchmarks import heyoka_batch, kernel, scipy_dop853
 from benchmarks.work import Answers, Verdict, Work, judge
 
 TAYLOR_LANES = 20_000
@@ -32,7 +32,7 @@ def reference(work: Work, fine_lanes: int, say: Callable[[str], None]) -> Refere
     """
     true = kernel.answers(work, 2, 1e-13)
     some = work.first(TAYLOR_LANES)
-    taylor = judge(true.part(TAYLOR_LANES), heyoka_taylor.batch(some, order=2, tol=1e-15)())
+    taylor = judge(true.part(TAYLOR_LANES), heyoka_batch.prepare(some, order=2, tol=1e-15)())
     few = work.first(fine_lanes)
     fine = judge(
         true.part(fine_lanes)._replace(first=None, second=None),

@@ -5,8 +5,9 @@ import platform
 import statistics
 from pathlib import Path
 
+from benchmarks import diffrax_vmap, heyoka_taylor, scipy_dop853
 from benchmarks.cold import Cold
-from benchmarks.contenders import LIMIT, TOLERANCES, V2
+from benchmarks.contenders import LIMIT, V2
 from benchmarks.measure import Row, Table
 from benchmarks.reference import Reference
 from benchmarks.work import Verdict
@@ -26,8 +27,8 @@ METHOD = f"""\
 - Contenders run in rotation (A B C A B C …); rates are medians, with the least and the greatest.
   "×" is the kernel's rate over the row's, for the same quantities.
 - Tolerances: the kernel's default, rtol = 1e-9. Each peer's is the loosest decade at which 99 % of
-  its volumes are right to 2e-9: heyoka {TOLERANCES["heyoka"]:g}, diffrax Tsit5 {TOLERANCES["Tsit5"]:g} and \
-Dopri8 {TOLERANCES["Dopri8"]:g}, scipy {TOLERANCES["scipy"]:g}.
+  its volumes are right to 2e-9: heyoka {heyoka_taylor.TOLERANCE:g}, scipy {scipy_dop853.TOLERANCE:g},
+  diffrax Tsit5 {diffrax_vmap.TOLERANCES["Tsit5"]:g} and Dopri8 {diffrax_vmap.TOLERANCES["Dopri8"]:g}.
 - Errors of V are relative to V. V′ and V″ pass through zero: their errors are relative to their
   own size or the median size, whichever is larger. "Wrong" counts impacts with another end
   than the reference, no finite answer, or a volume off by more than 1e-6; the errors are those of
@@ -121,9 +122,9 @@ def cold_text(results: dict[str, tuple[Cold, Cold]]) -> str:
     lines = [
         "## Fresh processes",
         "",
-        "Seconds, JAX's compilation cache off. First answer: from the start of the process to its end",
-        "with one impact. Compile: what the first call takes more than the second (tracing, lowering and",
-        "XLA), and XLA's part of it, with one impact and with 4,096.",
+        "Seconds, the caches of JAX and heyoka on disk off. First answer: from the start of the process to its end",
+        "with one impact. Compile: what the first call takes more than the second (tracing, lowering,",
+        "XLA; heyoka's and numba's own compilers), and XLA's part of it, with one impact and with 4,096.",
         "",
         "| contender | first answer | compile, 1 | of it XLA | compile, 4,096 | of it XLA |",
         "|---|--:|--:|--:|--:|--:|",

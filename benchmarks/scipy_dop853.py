@@ -9,10 +9,13 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.work import NO_CUT, REBOUND, STOP, Answers, Work, constants
 
+TOLERANCE = 1e-10  # 99 % of the volumes are then right to 2e-9
 _LATE = 1e3  # [1/ω]
 
 
-def prepare(work: Work, rtol: float = 1e-9, atol: float = 1e-12, max_step: float = np.inf) -> Callable[[], Answers]:
+def prepare(
+    work: Work, rtol: float = TOLERANCE, atol: float = 1e-12, max_step: float = np.inf
+) -> Callable[[], Answers]:
     """The equations as in `heyoka_taylor`; the start 1e-300 deep, else the event at 0 is found."""
     c = constants()
     rho, by_k, by_inertia = c.rho, 1 / c.k, 1 / (c.k * c.rho * c.beta)

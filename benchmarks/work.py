@@ -1,11 +1,12 @@
 """The work that every contender does, and what an answer is."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-import erosion
+if TYPE_CHECKING:
+    import erosion
 
 NO_CUT, FAILED, REBOUND, STOP = -1, -2, 0, 1
 _CODES = {"rebound": REBOUND, "stop": STOP, "no-cut": NO_CUT}
@@ -56,12 +57,14 @@ class Constants(NamedTuple):
 
 
 def constants() -> Constants:
-    """Table 1's constants for the peers, which are given the equations without units."""
-    p = erosion.TABLE_1
-    rate = float(np.sqrt(p.k * p.sigma * p.b * p.psi / p.m))
-    return Constants(
-        float(p.k), float(p.inertia), float(p.r) * rate / float(p.v0), float(p.b) * (float(p.v0) / rate) ** 2
-    )
+    """Table 1 for the peers, which are given the equations without units.
+
+    Written out, so that a peer's cold start need not import the package (and JAX); a digit
+    that differed from `erosion.TABLE_1` would show as an error of every volume.
+    """
+    k, psi, r, b, m, v0, sigma, beta = 2.0, 0.04, 0.04, 0.04, 2.855e-7, 4400.0, 200e3, 0.5
+    rate = float(np.sqrt(k * sigma * b * psi / m))
+    return Constants(k, beta, r * rate / v0, b * (v0 / rate) ** 2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,8 +91,10 @@ class Work:
         """Which impacts cut at all: the tip moves forward at contact, cos α + s > 0."""
         return np.cos(self.alpha) + self.s > 0
 
-    def parameters(self) -> erosion.Parameters:
+    def parameters(self) -> "erosion.Parameters":
         """The same work for `erosion.impact`."""
+        import erosion
+
         p = erosion.TABLE_1
         return p.replace(alpha=self.alpha, phidot0=self.s * float(p.v0) / float(p.r))
 
