@@ -92,7 +92,7 @@ def _table(
 
 def colds(quick: bool, say: Callable[[str], None]) -> dict[str, tuple[cold.Cold, cold.Cold]]:
     """For each contender a fresh process with one impact, and one with many."""
-    names = ["kernel-0", "kernel-2"] if quick else list(cold.NAMES)
+    names = ["kernel-0"] if quick else list(cold.NAMES)
     results = {}
     for name in names:
         say(f"  fresh process: {cold.NAMES[name]}")
