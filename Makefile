@@ -8,13 +8,18 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test lint format clean
+.PHONY: report test bench lint format clean
 
 report: $(STAMP)
 	.venv/bin/erosion report
 
 test: $(STAMP)
 	.venv/bin/pytest
+
+# Not part of the tests: minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look.
+bench: $(STAMP)
+	$(UV) sync --locked --all-extras --group bench --python $(PYTHON)
+	.venv/bin/python -m benchmarks.run $(ARGS)
 
 lint: $(STAMP)
 	.venv/bin/ruff check .
