@@ -154,7 +154,7 @@ class _Graph:
                 _check_scalar(equation)
                 dtype = equation.outvars[0].aval.dtype
                 results = [self.add(_Operation(equation.primitive, equation.params, tuple(inputs), dtype))]
-            values |= zip(equation.outvars, results, strict=True)
+            values |= dict(zip(equation.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
 
 
@@ -301,7 +301,7 @@ def _stored(operations: dict[int, _Operation], outputs: list[_Value]) -> set[int
     inputs = {n: [v for v in operations[n].numbers() if v in operations] for n in numbers}
     sinks = dict.fromkeys(numbers, 0)
     for row, value in enumerate(outputs):
-        if value in sinks:
+        if isinstance(value, int) and value in sinks:
             sinks[value] |= 1 << (len(numbers) + row)
     cost = [operations[n].cost for n in numbers]
     stored: set[int] = set()
