@@ -18,11 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.experimental.xla_metadata import set_xla_metadata
 
 from erosion.jets import Cut, Derivatives, Direction, Jets, at_event
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
+from erosion.plan import Kernel, planned
 
 # Prince and Dormand's 8(7) pair, 13 stages, the last of which is the next step's first.
 _TABLEAU = diffrax.Dopri8.tableau
@@ -122,46 +122,39 @@ class _Block:
     def __init__(self, model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...]) -> None:
         self.model, self.order, self.directions = model, order, directions
         self.named = all(isinstance(d, str) for d in directions)
-        self.lane_arguments = (p, () if self.named else directions)
-        one = jax.tree.map(lambda leaf: leaf[0], self.lane_arguments)
-        shapes = jax.eval_shape(lambda arguments: self._jets(arguments).initial(), one)
-        self.members = range(len(shapes))
+        self.known = (p, () if self.named else directions)
+        one = jax.tree.map(lambda leaf: leaf[0], self.known)
+        shapes = jax.eval_shape(lambda model, known: self._jets(model, known).initial(), model, one)
         self.structure = jax.tree.structure(shapes[0])
+        rows = [self.structure.num_leaves] * len(shapes)
         # Made once, so that JAX traces each of them once for the dozen places it is called at.
-        self._rates = [Kernel(self._over_lanes(self._rate_of, i)) for i in self.members]
-        self._look = Kernel(self._over_lanes(self._look_at))
+        self._rate = self._planned(self._rate_of, rows)
+        self._look = self._planned(self._look_at, rows[:1] * 2)
+        self._end = self._planned(self._end_at, [None, *rows])
         self._move = Kernel(lambda length, u, k: u + length * k)
 
     def time_scale(self) -> Any:
-        return Kernel(self._over_lanes(lambda arguments: self.model.scales(arguments[0]).time))()
+        return self._planned(lambda model, known: ([model.scales(known[0]).time],), [])()[0][0]
 
     def begins(self) -> Any:
-        return Kernel(self._over_lanes(lambda arguments: cuts_at_all(self.model, arguments[0])))()
+        return self._planned(lambda model, known: ([cuts_at_all(model, known[0]).astype(float)],), [])()[0][0] > 0
 
     def initial(self) -> tuple[Any, ...]:
-        def member(arguments: Any, i: int) -> list[Any]:
-            return jax.tree.leaves(self._jets(arguments).initial()[i])
-
-        return tuple(Kernel(self._over_lanes(member, i))() for i in self.members)
+        return self._planned(lambda model, known: self._rows(self._jets(model, known).initial()), [])()
 
     def rate(self, jet: Sequence[Any]) -> tuple[Any, ...]:
         """The jet's time derivative."""
-        return tuple(kernel(*jet) for kernel in self._rates)
+        return self._rate(*jet)
 
     def move(self, length: Any, jet: Sequence[Any], rate: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(self._move(length, u, k) for u, k in zip(jet, rate, strict=True))
 
     def look(self, jet: Sequence[Any], rate: Sequence[Any]) -> Any:
         """The event functions, then their rates."""
-        return self._look(jet[0], rate[0])
+        return self._look(jet[0], rate[0])[0]
 
     def at_event(self, jet: Sequence[Any], which: Any) -> tuple[Derivatives, Derivatives]:
-        def lane(arguments: Any, which: Any, *rows: Any) -> list[Any]:
-            jets = self._jets(arguments)
-            ends = at_event(jets, self._cuts(rows), which)
-            return jax.tree.leaves(tuple(jets.per_unit(part) for part in ends))
-
-        found = list(Kernel(self._over_lanes(lane))(which, *jet))
+        found = list(self._end(which, *jet)[0])
         none = Derivatives(None, None, None, None)
         if self.order == 0:
             return none, none._replace(value=found[0])
@@ -169,55 +162,31 @@ class _Block:
         time, volume = found[:count], found[count:]
         return Derivatives(None, *time, *([None] * (3 - count))), Derivatives(*volume, *([None] * (3 - count)))
 
-    def _rate_of(self, arguments: Any, *rows: Any, i: int) -> list[Any]:
-        return jax.tree.leaves(self._jets(arguments).rate(self._cuts(rows))[i])
+    def _rate_of(self, model: CuttingModel, known: Any, *rows: Any) -> tuple[list[Any], ...]:
+        return self._rows(self._jets(model, known).rate(self._cuts(rows)))
 
-    def _look_at(self, arguments: Any, row: Any, rate: Any) -> list[Any]:
-        (cut, flow), (p, _) = self._cuts([row, rate]), arguments
-        values, rates = event_rates(self.model, cut.state, flow.state, p)
-        return [*values.values(), *(rates[name] for name in values)]
+    def _look_at(self, model: CuttingModel, known: Any, row: Any, rate: Any) -> tuple[list[Any]]:
+        cut, flow = self._cuts([row, rate])
+        values, rates = event_rates(model, cut.state, flow.state, known[0])
+        return ([*values.values(), *(rates[name] for name in values)],)
 
-    def _over_lanes(self, lane: Callable[..., Any], i: int | None = None) -> Callable[..., Any]:
-        """A function of one lane's scalars made one of all lanes, its results stacked."""
+    def _end_at(self, model: CuttingModel, known: Any, which: Any, *rows: Any) -> tuple[list[Any]]:
+        jets = self._jets(model, known)
+        ends = at_event(jets, self._cuts(rows), which)
+        return (jax.tree.leaves(tuple(jets.per_unit(part) for part in ends)),)
 
-        def lanes(*inputs: Any) -> Any:
-            options = {} if i is None else {"i": i}
-            rows = [list(array) if array.ndim == 2 else array for array in inputs]
-            found = jax.vmap(lambda *values: lane(*values, **options))(self.lane_arguments, *rows)
-            return jnp.stack(found) if isinstance(found, list) else found
+    def _planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
+        return planned(lane, self.model, self.known, rows)
 
-        return lanes
+    def _jets(self, model: CuttingModel, known: Any) -> Jets:
+        p, directions = known
+        return Jets(model, p, self.order, self.directions if self.named else directions)
 
-    def _jets(self, arguments: Any) -> Jets:
-        p, directions = arguments
-        return Jets(self.model, p, self.order, self.directions if self.named else directions)
+    def _rows(self, jet: Sequence[Cut]) -> tuple[list[Any], ...]:
+        return tuple(jax.tree.leaves(member) for member in jet)
 
     def _cuts(self, rows: Sequence[Any]) -> tuple[Cut, ...]:
         return tuple(jax.tree.unflatten(self.structure, row) for row in rows)
-
-
-class Kernel:
-    """A function whose result is one array, kept whole as one loop over the lanes.
-
-    Left alone, XLA's CPU compiler fuses each Runge-Kutta stage with all before it and
-    computes the vector field hundreds of times over; it ignores optimization barriers there.
-    A call that is not inlined is respected. On a GPU fusion does no such harm.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        def inlined(*arguments: Any) -> Any:
-            # What the function itself calls (`jnp.where` is a call) is inlined into it.
-            with set_xla_metadata(inlineable=None):
-                return function(*arguments)
-
-        self.function = jax.jit(inlined)
-
-    def __call__(self, *arguments: Any) -> Any:
-        """The function's result."""
-        if jax.default_backend() != "cpu":
-            return self.function(*arguments)
-        with set_xla_metadata(inlineable="false"):
-            return self.function(*arguments)
 
 
 def _begin(block: _Block, scale: Any) -> Lanes:

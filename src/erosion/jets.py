@@ -162,8 +162,10 @@ def at_event(jets: Jets, jet: tuple[Cut, ...], which: Any) -> tuple[Derivatives,
         return Derivatives(None, None, None, None), volume
 
     def event(cut: Cut, model: CuttingModel, p: Parameters) -> Any:
-        values = jnp.stack(list(model.events(cut.state, p).values()))
-        return jnp.sum(jnp.where(jnp.arange(values.shape[0]) == which, values, 0.0))
+        chosen = jnp.zeros_like(cut.volume)
+        for i, value in enumerate(model.events(cut.state, p).values()):
+            chosen = jnp.where(which == i, value, chosen)
+        return chosen
 
     def removal(cut: Cut, model: CuttingModel, p: Parameters) -> Any:
         return model.removal_rate(cut.state, p)

@@ -1,0 +1,365 @@
+"""A function of lanes, cut into few kernels in which little is computed twice.
+
+XLA compiles each row of a kernel's result as an expression of its own, so what rows share is
+computed once a row. The plan looks at the function's arithmetic for one lane, stores what is
+dear and shared in kernels of its own, and takes what parameters alone determine out of the
+loop. It knows scalar arithmetic only: a function that does anything else (arrays, `cond`,
+`while`, linear algebra) stays whole, one kernel for each array of its result.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.core import Tracer
+from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+_CALLS = {"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "remat", "checkpoint"}
+# Measured on AVX-512, in multiplications; what is not listed costs one.
+_COSTS = {"convert_element_type": 0, "copy": 0, "neg": 0, "stop_gradient": 0, "div": 6, "rem": 20, "sqrt": 8}
+_COSTS |= dict.fromkeys(("acos", "asin", "atan", "atan2", "cos", "cosh", "erf", "exp", "expm1", "log", "log1p"), 20)
+_COSTS |= dict.fromkeys(("logistic", "pow", "sin", "sinh", "tan", "tanh", "rsqrt", "cbrt"), 20)
+_STORE = 4.0  # likewise: writing a shared value, and reading it once
+_LOAD = 0.5
+_WIDTH = 8  # rows of a kernel; wider ones cost the compiler more than they save
+
+
+class Kernel:
+    """A function whose result is one array, kept whole as one loop over the lanes.
+
+    Left alone, XLA's CPU compiler fuses each Runge-Kutta stage with all before it and
+    computes the vector field hundreds of times over; it ignores optimization barriers there.
+    A call that is not inlined is respected. On a GPU fusion does no such harm.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        def inlined(*arguments: Any) -> Any:
+            # What the function itself calls (`jnp.where` is a call) is inlined into it.
+            with set_xla_metadata(inlineable=None):
+                return function(*arguments)
+
+        self.function = jax.jit(inlined)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function's result."""
+        if jax.default_backend() != "cpu":
+            return self.function(*arguments)
+        with set_xla_metadata(inlineable="false"):
+            return self.function(*arguments)
+
+
+def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> Callable[..., Any]:
+    """A function of one lane's scalars, made one of all lanes.
+
+    Args:
+        function: of (shared, known, *variables); returns a tuple of lists of scalars.
+        shared: a pytree that all lanes have in common.
+        known: a pytree of (lanes,) arrays.
+        like: for each variable how many rows it has, as a list of scalars; None for a scalar.
+
+    Returns:
+        A function of the variables as (rows, lanes) or (lanes,) arrays, whose results are
+        arrays (rows, lanes), one for each list.
+    """
+    if jax.default_backend() == "cpu":
+        try:
+            return _Plan(function, shared, known, like)
+        except _NotScalarArithmeticError:
+            pass
+    return _whole(function, shared, known, like)
+
+
+def _whole(function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> Callable[..., Any]:
+    scalar = jax.ShapeDtypeStruct((), float)
+    one = [scalar if rows is None else [scalar] * rows for rows in like]
+    count = len(jax.eval_shape(function, shared, jax.tree.map(lambda leaf: leaf[0], known), *one))
+
+    def group(i: int, *arrays: Any) -> Any:
+        rows = [array if count is None else list(array) for count, array in zip(like, arrays, strict=True)]
+        axes = (None, 0, *[0] * len(rows))
+        return jnp.stack(jax.vmap(lambda *given: function(*given)[i], in_axes=axes)(shared, known, *rows))
+
+    kernels = [Kernel(functools.partial(group, i)) for i in range(count)]
+    return lambda *arrays: tuple(kernel(*arrays) for kernel in kernels)
+
+
+class _NotScalarArithmeticError(Exception):
+    """The function does something else."""
+
+
+class _Constant(NamedTuple):
+    dtype: str
+    data: bytes
+
+    @property
+    def array(self) -> Any:
+        return np.frombuffer(self.data, self.dtype)[0]
+
+
+_Value = int | _Constant
+
+
+class _Operation(NamedTuple):
+    """What makes a value out of others."""
+
+    primitive: Any
+    params: dict[str, Any]
+    inputs: tuple[_Value, ...]
+    dtype: Any
+
+    @property
+    def cost(self) -> int:
+        return _COSTS.get(self.primitive.name, 1)
+
+    def numbers(self) -> list[int]:
+        return [value for value in self.inputs if isinstance(value, int)]
+
+
+class _Graph:
+    """A function's operations on scalars, calls opened up, each distinct one once.
+
+    Values are numbered: the arguments, then results in an order in which they can be computed.
+    """
+
+    def __init__(self, closed: ClosedJaxpr) -> None:
+        self.operations: dict[int, _Operation] = {}
+        self._count = len(closed.jaxpr.invars)
+        self._seen: dict[Any, int] = {}
+        self.outputs = self._open(closed.jaxpr, closed.consts, list(range(self._count)))
+
+    def add(self, operation: _Operation) -> int:
+        key = (operation.primitive.name, repr(operation.params), operation.inputs)
+        if key not in self._seen:
+            self._seen[key] = self._count
+            self.operations[self._count] = operation
+            self._count += 1
+        return self._seen[key]
+
+    def _open(self, jaxpr: Jaxpr, constants: Sequence[Any], arguments: Sequence[_Value]) -> list[_Value]:
+        values = dict(zip(jaxpr.constvars, map(_constant, constants), strict=True))
+        values |= dict(zip(jaxpr.invars, arguments, strict=True))
+
+        def read(atom: Any) -> _Value:
+            return _constant(np.asarray(atom.val, _dtype(atom))) if isinstance(atom, Literal) else values[atom]
+
+        for equation in jaxpr.eqns:
+            inputs, inner = [read(atom) for atom in equation.invars], _called(equation)
+            if inner is not None:
+                results = self._open(getattr(inner, "jaxpr", inner), getattr(inner, "consts", ()), inputs)
+            else:
+                _check_scalar(equation)
+                dtype = _dtype(equation.outvars[0])
+                results = [self.add(_Operation(equation.primitive, equation.params, tuple(inputs), dtype))]
+            values |= dict(zip(equation.outvars, results, strict=True))
+        return [read(atom) for atom in jaxpr.outvars]
+
+
+def _dtype(atom: Any) -> Any:
+    return atom.aval.dtype
+
+
+def _constant(value: Any) -> _Constant:
+    if isinstance(value, Tracer) or np.shape(value) != ():
+        raise _NotScalarArithmeticError
+    array = np.asarray(value)
+    return _Constant(array.dtype.str, array.tobytes())
+
+
+def _called(equation: Any) -> Any:
+    if equation.primitive.name not in _CALLS:
+        return None
+    return equation.params.get("jaxpr") or equation.params.get("call_jaxpr")
+
+
+def _check_scalar(equation: Any) -> None:
+    inside = jax.tree.leaves(
+        list(equation.params.values()), is_leaf=lambda leaf: isinstance(leaf, (Jaxpr, ClosedJaxpr))
+    )
+    if (
+        any(atom.aval.shape != () for atom in (*equation.invars, *equation.outvars))
+        or any(isinstance(part, (Jaxpr, ClosedJaxpr)) for part in inside)
+        or len(equation.outvars) != 1
+        or equation.effects
+    ):
+        raise _NotScalarArithmeticError
+
+
+class _Plan:
+    """The kernels of a function, and which arrays each of them reads."""
+
+    def __init__(self, function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> None:
+        scalar = jax.ShapeDtypeStruct((), float)
+        variables = [scalar if rows is None else [scalar] * rows for rows in like]
+        lane = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), known)
+        closed, shapes = jax.make_jaxpr(function, return_shape=True)(shared, lane, *variables)
+        graph = _Graph(closed)
+        fixed = len(jax.tree.leaves((shared, known)))
+        outputs, before, within = _hoisted(graph, range(fixed))
+        self.kernels: list[tuple[Kernel, list[int]]] = []
+
+        # Where values are found: (index among the arrays, row of it).
+        places: dict[int, tuple[int, int | None]] = {}
+        count = fixed
+        for i, rows in enumerate(like):
+            for row in [None] if rows is None else range(rows):
+                places[count] = (i, row)
+                count += 1
+        used = {v for operation in within.values() for v in operation.numbers()}
+        used |= {v for v in outputs if isinstance(v, int)}
+        taken = sorted(used - {*within} - {*places})
+        places |= {value: (len(like) + i, None) for i, value in enumerate(taken)}
+        self.hoisted = self._hoist(before, taken, shared, known)
+
+        groups = [len(group) for group in shapes]
+        splits = [outputs[sum(groups[:i]) : sum(groups[: i + 1])] for i in range(len(groups))]
+        made = len(like) + len(taken)
+        stored = _stored(within, outputs)
+        for results in (*_waves(within, stored), *splits):
+            self._add(within, places, results)
+            places |= {v: (made, row) for row, v in enumerate(results) if isinstance(v, int) and v not in places}
+            made += 1
+        self.groups = len(groups)
+
+    def __call__(self, *arrays: Any) -> tuple[Any, ...]:
+        """The function's arrays."""
+        sources = [*arrays, *self.hoisted]
+        for kernel, reads in self.kernels:
+            sources.append(kernel(*[sources[i] for i in reads]))
+        return tuple(sources[-self.groups :])
+
+    @staticmethod
+    def _hoist(before: dict[int, _Operation], taken: list[int], shared: Any, known: Any) -> list[Any]:
+        """What parameters alone determine, as (lanes,) arrays."""
+        common, each = jax.tree.leaves(shared), jax.tree.leaves(known)
+
+        def lane(common: list[Any], each: list[Any]) -> list[Any]:
+            return _run(before, dict(enumerate([*common, *each])), taken)
+
+        return jax.vmap(lane, in_axes=(None, 0))(common, each)
+
+    def _add(
+        self, within: dict[int, _Operation], places: dict[int, tuple[int, int | None]], results: list[Any]
+    ) -> None:
+        """Add the kernel of some results, given where what is stored so far is found."""
+        cone, inputs = _cone(within, places, results)
+        inputs = inputs or [next(iter(places))]  # a result of constants alone still has lanes
+        reads = sorted({places[value][0] for value in inputs})
+        rows = [(reads.index(places[value][0]), places[value][1]) for value in inputs]
+        steps = {value: within[value] for value in sorted(cone)}
+
+        def lane(*given: Any) -> list[Any]:
+            return _run(steps, dict(zip(inputs, given, strict=True)), results)
+
+        def lanes(*arrays: Any) -> Any:
+            return jnp.stack(jax.vmap(lane)(*[arrays[i] if row is None else arrays[i][row] for i, row in rows]))
+
+        self.kernels.append((Kernel(lanes), reads))
+
+
+def _run(operations: dict[int, _Operation], values: dict[int, Any], results: Iterable[_Value]) -> list[Any]:
+    def read(value: _Value) -> Any:
+        return values[value] if isinstance(value, int) else value.array
+
+    for number, (primitive, params, inputs, _) in operations.items():
+        values[number] = primitive.bind(*map(read, inputs), **params)
+    return [jnp.asarray(read(value)) for value in results]
+
+
+def _hoisted(graph: _Graph, fixed: Iterable[int]) -> tuple[list[_Value], dict[int, _Operation], dict[int, _Operation]]:
+    """The graph's outputs, and its operations before and within the loop.
+
+    A quotient by something known is made a product with its reciprocal, which the rules for
+    zeros, infinities and NaN allow.
+    """
+    known, constant = set(fixed), set()
+    before: dict[int, _Operation] = {}
+    within: dict[int, _Operation] = {}
+    for number, operation in list(graph.operations.items()):
+        numbers = operation.numbers()
+        if constant.issuperset(numbers):
+            # XLA folds constants, and what they multiply, where it sees them.
+            constant.add(number)
+            before[number] = within[number] = operation
+        elif known.union(constant).issuperset(numbers):
+            known.add(number)
+            before[number] = operation
+        elif operation.primitive is lax.div_p and isinstance(by := operation.inputs[1], int) and by in known:
+            one = _constant(np.ones((), operation.dtype))
+            inverse = graph.add(operation._replace(inputs=(one, by)))
+            known.add(inverse)
+            before[inverse] = graph.operations[inverse]
+            within[number] = _Operation(lax.mul_p, {}, (operation.inputs[0], inverse), operation.dtype)
+        else:
+            within[number] = operation
+    return graph.outputs, before, within
+
+
+def _stored(operations: dict[int, _Operation], outputs: list[_Value]) -> set[int]:
+    """Which values to store: greedily, always the one that saves most recomputation."""
+    numbers = list(operations)
+    bit = {number: 1 << i for i, number in enumerate(numbers)}
+    inputs = {n: [v for v in operations[n].numbers() if v in operations] for n in numbers}
+    sinks = dict.fromkeys(numbers, 0)
+    for row, value in enumerate(outputs):
+        if isinstance(value, int) and value in sinks:
+            sinks[value] |= 1 << (len(numbers) + row)
+    cost = [operations[n].cost for n in numbers]
+    stored: set[int] = set()
+    while True:
+        readers = dict(sinks)
+        for n in reversed(numbers):
+            for v in inputs[n]:
+                readers[v] |= bit[n] if n in stored else readers[n]
+        cones: dict[int, int] = {}
+        best, gain = None, 0.0
+        for n in numbers:
+            cones[n] = functools.reduce(int.__or__, [cones[v] for v in inputs[n] if v not in stored], bit[n])
+            times = readers[n].bit_count()
+            if n in stored or times < 2 or operations[n].dtype != np.float64:
+                continue
+            work, cone = 0, cones[n]
+            while cone:
+                low = cone & -cone
+                work += cost[low.bit_length() - 1]
+                cone ^= low
+            saved = (times - 1) * work - _STORE - _LOAD * times
+            if saved > gain:
+                best, gain = n, saved
+        if best is None:
+            return stored
+        stored.add(best)
+
+
+def _cone(
+    operations: dict[int, _Operation], known: Iterable[int], results: Iterable[Any]
+) -> tuple[set[int], list[int]]:
+    """What must be computed for some results, and from which of the known values."""
+    cone: set[int] = set()
+    inputs: set[int] = set()
+    waiting = [value for value in results if isinstance(value, int)]
+    while waiting:
+        value = waiting.pop()
+        if value in known:
+            inputs.add(value)
+        elif value not in cone:
+            cone.add(value)
+            waiting += operations[value].numbers()
+    return cone, sorted(inputs)
+
+
+def _waves(operations: dict[int, _Operation], stored: set[int]) -> list[list[int]]:
+    """The stored values, some to a kernel, each after those that it is computed from."""
+    level: dict[int, int] = {}
+    for number, operation in operations.items():
+        level[number] = max((level[v] + (v in stored) for v in operation.numbers() if v in level), default=0)
+    waves = []
+    for depth in sorted({level[n] for n in stored}):
+        wave = [n for n in operations if n in stored and level[n] == depth]
+        parts = -(-len(wave) // _WIDTH)
+        waves += [wave[len(wave) * i // parts : len(wave) * (i + 1) // parts] for i in range(parts)]
+    return waves
