@@ -128,6 +128,10 @@ def case_text(**changes):
         ({"v0": '"44 00 in/s"'}, "field `v0` must be a speed"),
         ({"v0": '"4400 in/s²²"'}, "field `v0` must be"),
         ({"v0": '""'}, "field `v0` must be"),
+        ({"k": '"2 deg"'}, "field `k` must be a pure number such as 2, but is '2 deg'"),
+        ({"alpha": '"20 %"'}, "field `alpha` must be an angle"),
+        ({"phidot0": '"500 Hz"'}, "field `phidot0` must be an angular speed such as \"1000 rad/s\", but is '500 Hz'"),
+        ({"units": None, "v0": '"1e2"'}, "field `v0` is the bare number 1e2, but the file names no `units`"),
         ({"k": '"2 in"'}, "field `k` must be a pure number such as 2, but is '2 in', of dimension [length]"),
         ({"speed": "3"}, "field `speed` is unknown; the fields are"),
         ({"v0": None}, "field `v0` (impact speed) is missing"),
@@ -170,6 +174,12 @@ def test_a_case_without_units_is_si(tmp_path):
     p = erosion.load_case(tmp_path / "si.toml")
     assert p.units == "si"
     assert float(p.v0) == pytest.approx(111.76)
+
+
+def test_spins_may_be_in_turns():
+    assert read_quantity("60 rpm", "angular speed", "si") == pytest.approx(2 * math.pi)
+    assert read_quantity("360 deg/s", "angular speed", "si") == pytest.approx(2 * math.pi)
+    assert read_quantity("0.5 turn", "angle", "si") == pytest.approx(math.pi)
 
 
 def test_a_byte_order_mark_does_no_harm(tmp_path):

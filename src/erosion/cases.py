@@ -12,7 +12,7 @@ import tomllib
 from pathlib import Path
 
 from erosion.parameters import QUANTITIES, Parameters
-from erosion.units import check_system, unit_name
+from erosion.units import check_system, has_unit, unit_name
 
 TEXT_KEYS = ("title", "units")
 
@@ -87,7 +87,7 @@ def _parameters(table: dict[str, object]) -> Parameters:
 
 def _require_units(quantities: dict[str, int | float | str]) -> None:
     for name, value in quantities.items():
-        bare = not isinstance(value, str) or value.strip().replace(".", "").isdigit()
+        bare = not isinstance(value, str) or not has_unit(value)
         if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):
             raise ValueError(
                 f"Field `{name}` is the bare number {value}, but the file names no `units`; "
@@ -102,4 +102,4 @@ def _lower_first(sentence: str) -> str:
 def _toml_string(text: str) -> str:
     import json
 
-    return json.dumps(text, ensure_ascii=False)
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

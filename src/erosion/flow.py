@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
 
-_MAX_STEPS = 4096
+MAX_STEPS = 4096
 _FIRST_STEP = 0.01  # of the model's time scale
 
 
@@ -61,7 +61,7 @@ def solve(
         saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(steps=True), diffrax.SubSaveAt(t1=True)), dense=True),
         stepsize_controller=controller,
         event=diffrax.Event(past_the_end),
-        max_steps=_MAX_STEPS,
+        max_steps=MAX_STEPS,
         throw=False,
     )
     (ends, _), (states, last) = cast(Any, solution.ts), cast(Any, solution.ys)

@@ -270,8 +270,8 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:
 
     Use it inside `jit`, `vmap`, `grad`, `jacfwd` and their compositions up to second order,
     with respect to any leaf of `p` (or of a model that has parameters of its own). Event
-    times are differentiated exactly. Nothing is checked here: parameters out of range, or an
-    impact that fails, give NaN.
+    times are differentiated exactly. Nothing is checked here: an impact that fails gives NaN,
+    and parameters out of range (see `validate`) give numbers without meaning.
 
     Args:
         model: a model, its name, or the path of its file.

@@ -208,6 +208,8 @@ def simulate(
     for name in QUANTITIES:
         if np.ndim(getattr(p, name)):
             raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {np.shape(getattr(p, name))}.")
+    if not 0 < rtol < 1:
+        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
     if points < 2:
         raise ValueError(f"Argument `points` must be at least 2, but is {points}.")
     trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
@@ -245,7 +247,7 @@ def _follow(
     if found is None:
         raise SimulationError(
             f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
-            f"({ends[-1] / float(time):.3g} time scales, {len(ends) - 1} steps)."
+            f"({ends[-1] / float(time):.3g} time scales, {len(ends) - 1} of at most {flow.MAX_STEPS} steps)."
         )
     name = found.name
 

@@ -73,6 +73,12 @@ def conversion_factor(dimension: Dimension, source: System, target: System) -> f
     return float(registry.Quantity(1.0, _PINT_UNITS[source][dimension]).to(_PINT_UNITS[target][dimension]).magnitude)
 
 
+def has_unit(text: str) -> bool:
+    """Whether a quantity as text carries a unit."""
+    parts = _QUANTITY.fullmatch(text)
+    return parts is not None and bool(parts["unit"].strip())
+
+
 def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     """Read "4400 in/s" as a float in the units of `system`.
 
@@ -85,7 +91,8 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
 
     registry = _registry()
     unit = _PINT_UNITS[system][dimension]
-    expected = f"a {dimension} such as {_EXAMPLES[system][dimension]}" if unit else "a pure number such as 2"
+    article = "an" if dimension[0] == "a" else "a"
+    expected = f"{article} {dimension} such as {_EXAMPLES[system][dimension]}" if unit else "a pure number such as 2"
     # Number and unit are taken apart here: pint reads "44 00 in" as a product.
     parts = _QUANTITY.fullmatch(text)
     if parts is None:
@@ -94,14 +101,33 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     if not given:
         return number
     try:
-        return float(registry.Quantity(number, registry.parse_units(given)).to(unit or "dimensionless").magnitude)
+        units = registry.parse_units(given)
+        if units.dimensionality == registry.parse_units(unit or "dimensionless").dimensionality:
+            _check_angles(set(units._units), dimension, f"must be {expected}, but is {text!r}")
+        return float(registry.Quantity(number, units).to(unit or "dimensionless").magnitude)
     except pint.errors.DimensionalityError as error:
         dimensions = _dimension_of(registry.parse_units(given).dimensionality)
         raise UnitError(f"must be {expected}, but is {text!r}, of dimension {dimensions}") from error
+    except UnitError:
+        raise
     # pint lets errors of its tokenizer and of Python's arithmetic through as they are.
     except (pint.errors.PintError, ArithmeticError, AssertionError, AttributeError, SyntaxError, TypeError, ValueError,
             LookupError, RecursionError) as error:  # fmt: skip
         raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
+
+
+_ANGLES = {"radian", "milliradian", "degree", "arcminute", "arcsecond", "turn", "gradian"}
+_SPINS = {*_ANGLES, "revolutions_per_minute", "revolutions_per_second"}
+
+
+def _check_angles(units: set[str], dimension: Dimension, complaint: str) -> None:
+    """Refuse what pint takes for a pure number: an angle for one, or cycles (Hz) for radians."""
+    if dimension == "1":
+        raise UnitError(complaint)
+    if dimension == "angle" and not units <= _ANGLES:
+        raise UnitError(complaint)
+    if dimension == "angular speed" and not units & _SPINS:
+        raise UnitError(complaint)
 
 
 _QUANTITY = re.compile(

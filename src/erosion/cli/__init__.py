@@ -50,11 +50,14 @@ def _status(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         return _say(130, "interrupted")
     # Anything below comes from the computation itself; a person gets the sentence.
-    except (ArithmeticError, RuntimeError) as error:
-        return _say(1, f"{error}" or type(error).__name__)
+    except (ArithmeticError, OSError, RuntimeError) as error:
+        return _say(1, str(error) or type(error).__name__)
+    # A plug-in's own code may raise anything, anywhere in a computation.
+    except Exception as error:  # noqa: BLE001
+        return _say(1, f"{type(error).__name__}: {error}")
     return 0
 
 
 def _say(status: int, message: str) -> int:
-    print(f"erosion: {message}", file=sys.stderr)
+    print("erosion:", " ".join(message.split()), file=sys.stderr)
     return status

@@ -69,7 +69,7 @@ class CaseOptions:
 
 
 ModelOption = Annotated[
-    str, Parameter(name=["--model", "-m"], help="A model's name (see `erosion models`), or the path of a Python file.")
+    str, Parameter(name="--model", help="A model's name (see `erosion models`), or the path of a Python file.")
 ]
 JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON and nothing else.")]
 

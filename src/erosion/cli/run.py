@@ -77,7 +77,7 @@ def run(
     after_volume = 1 + [row.name for row in rows].index("volume")
     quantity = RESULTS["dvolume"]
     rows[after_volume:after_volume] = [
-        Row("", "", format_number(trajectory.volume * in_si), "m³", "the same in SI"),
+        *([Row("", "", format_number(trajectory.volume * in_si), "m³", "the same in SI")] if p.units != "si" else []),
         Row(
             "dvolume", quantity.symbol, format_number(dvolume), unit_name(quantity.dimension, p.units), quantity.meaning
         ),

@@ -140,8 +140,8 @@ def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:
     try:
         loaded = entry.load()
     # A plug-in may fail in any way while it is imported.
-    except Exception as error:
-        raise ModelError(f"{where} cannot be imported: {type(error).__name__}: {error}.") from error
+    except (Exception, SystemExit) as error:
+        raise ModelError(f"{where} cannot be imported: {_said(error)}.") from error
     return _made(loaded, where)
 
 
@@ -156,9 +156,9 @@ def _import_file(path: Path) -> types.ModuleType:
     sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[module_name]
-        raise ModelError(f"{path}: cannot be imported: {type(error).__name__}: {error}.") from error
+        raise ModelError(f"{path}: cannot be imported: {_said(error)}.") from error
     return module
 
 
@@ -186,8 +186,12 @@ def _made(candidate: object, where: str) -> CuttingModel:
         raise ModelError(f"{where}: must offer a CuttingModel, but offers {candidate!r}.")
     try:
         model = candidate()
-    except Exception as error:
-        raise ModelError(f"{where}: cannot be made without arguments: {type(error).__name__}: {error}.") from error
+    except (Exception, SystemExit) as error:
+        raise ModelError(f"{where}: cannot be made without arguments: {_said(error)}.") from error
     if not isinstance(model, CuttingModel):
         raise ModelError(f"{where}: must offer a CuttingModel, but makes {model!r}.")
     return model
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split()).rstrip('.')}"

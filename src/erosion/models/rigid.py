@@ -92,11 +92,11 @@ class CircularTip(TipKinematics):
     """
 
     def __call__(self, state: State, p: Parameters) -> Tip:
-        sine, cosine = sincos(state.phi)
+        lifted, sine, cosine = _orientation(state.phi)
         swing = p.r * state.omega
         return Tip(
             x=state.x - p.r * cosine,
-            depth=state.y - p.r * (1 - sine),
+            depth=state.y - p.r * lifted,
             vx=state.vx + swing * sine,
             vdepth=state.vy + swing * cosine,
         )
@@ -181,8 +181,15 @@ class FullTorque(Torque):
     """τ = r sin φ F_x + r cos φ F_y: the moment of both components at the tip."""
 
     def __call__(self, state: State, force: tuple[Any, Any], p: Parameters) -> Any:
-        sine, cosine = sincos(state.phi)
+        _, sine, cosine = _orientation(state.phi)
         return p.r * (sine * force[0] + cosine * force[1])
+
+
+def _orientation(phi: Any) -> tuple[Any, Any, Any]:
+    """1 - sin φ, sin φ and cos φ, from half the turn: the first keeps its digits near φ = π/2."""
+    sine, cosine = sincos((phi - UPRIGHT) / 2)
+    lifted = 2 * sine * sine
+    return lifted, 1 - lifted, -2 * sine * cosine
 
 
 def _tan(angle: Any) -> Any:

@@ -1,6 +1,7 @@
 """What a question is given and what it answers with."""
 
 import functools
+import warnings
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from erosion.model import ClosedForm
 from erosion.models import Linearized
 from erosion.parameters import Parameters
-from erosion.trajectory import Trajectory, simulate
+from erosion.trajectory import Trajectory, TurnWarning, simulate
 from erosion.units import System
 
 
@@ -82,7 +83,9 @@ class Case:
     @functools.cached_property
     def trajectory(self) -> Trajectory:
         """Its numerical solution."""
-        return simulate(self.model, self.p)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", TurnWarning)  # the page says it in words
+            return simulate(self.model, self.p)
 
     @functools.cached_property
     def alpha(self) -> float:

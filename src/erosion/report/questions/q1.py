@@ -184,6 +184,7 @@ def _check(case: Case, numbers: dict[str, Any]) -> Markup:
         rows.append((symbol, quantity(largest, dimension, case.units),
                      quantity(numbers["largest_difference"][name], dimension, case.units, 2)))  # fmt: skip
     return join(
+        *(note(warning) for warning in case.trajectory.warnings),
         paragraph("As a check, diffrax integrates the same equations step by step, without knowing the solution."),
         table("Numerical against exact", ("", "largest value", "largest difference"), rows),
     )

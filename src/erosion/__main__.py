@@ -1,0 +1,5 @@
+"""`python -m erosion`."""
+
+from erosion.cli import main
+
+main()
