@@ -35,7 +35,7 @@ ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 NO_CUT = -1
 """The event index of a lane in which nothing is cut."""
 
-_SLACK = 5.0  # the embedded estimate is of 7th order, the solution of 8th: see docs/performance.md
+_SLACK = 5.0  # the embedded estimate is of 7th order, the solution of 8th
 _TINY = 1e-200  # keeps 0/0 away
 _FIRST_STEP = 0.35  # of the model's time scale
 _LONGEST_CUT = 1e4  # likewise; later is "unfinished"
