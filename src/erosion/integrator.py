@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from erosion.crossings import Ends, dip_in_step, expected_fall
 from erosion.jets import Cut, Derivatives, Direction, Jets, at_event
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
@@ -41,15 +42,6 @@ _FIRST_STEP = 0.35  # of the model's time scale
 _LONGEST_CUT = 1e4  # likewise; later is "unfinished"
 _MAX_TRIALS = 20_000
 _NEAR = 1e-4  # of the time scale and of the cut: this near the event, Heun and Newton do the rest
-_LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known
-_LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)²
-
-
-class Ends(NamedTuple):
-    """An event function and its rate at one time."""
-
-    value: Any
-    rate: Any
 
 
 class Clock(NamedTuple):
@@ -223,7 +215,9 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
     ends = block.look(jet, rate)
 
     def dips(clock: Any, start: Any, ends: Any) -> Any:
-        return functools.reduce(jnp.minimum, [_dip(*event, Clock(*clock).trial) for event in _events(start, ends)])
+        return functools.reduce(
+            jnp.minimum, [dip_in_step(*event, Clock(*clock).trial) for event in _events(start, ends)]
+        )
 
     def fences(clock: Any, start: Any, ends: Any, error: Any, dip: Any) -> Any:
         past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
@@ -231,7 +225,7 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
 
     def expected(clock: Any, start: Any, ends: Any, fences: Any, i: int) -> Any:
         before, after = _events(start, ends)[i]
-        root = _expect(before, after, Clock(*clock).trial, fences[0], fences[1])
+        root = expected_fall(before, after, Clock(*clock).trial, fences[0], fences[1])
         # Past the trial's end all may still fall; before it, those that have fallen at it.
         return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
 
@@ -272,7 +266,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
         clock: before the trial.
         error: over the tolerance; NaN is an error.
         scale: the model's time scale.
-        dip: see `_dip`. A dip that may reach below zero is landed on before anything is decided.
+        dip: see `dip_in_step`. A dip that may reach below zero is landed on before anything is decided.
         fences: see `_fences`.
         roots: when each event is expected to fall through zero.
     """
@@ -350,47 +344,6 @@ def _used(weights: np.ndarray, stages: Sequence[Any]) -> list[Any]:
 def _combine(weights: np.ndarray, stages: Sequence[Any]) -> Any:
     terms = [float(weight) * stage for weight, stage in zip(weights[weights != 0], stages, strict=True)]
     return sum(terms[1:], terms[0])
-
-
-def _dip(start: Ends, end: Ends, length: Any) -> Any:
-    """Where in the step (0 to 1) an event function may dip to zero and return; 2 if it does not.
-
-    The cubic through both ends has its minimum at θ. It errs by less than a small multiple
-    of θ²(1-θ)², so that a minimum above that is harmless, and one below is to be looked at.
-    """
-    from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
-    a, b = 3 * (from_ + to - 2 * rise), 2 * (3 * rise - 2 * from_ - to)
-    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * from_, 0.0))
-    # Of the two roots of the cubic's derivative, the one with positive curvature √….
-    upper = jnp.where(b >= 0, -2 * from_ / (b + root), (root - b) / (2 * a))
-    inside = (b * b > 4 * a * from_) & (upper > 0) & (upper < 1) & (end.value > 0)
-    theta = jnp.where(inside, upper, 0.5)
-    lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
-    width = theta * (1 - theta)
-    harmless = lowest > _LOW * (jnp.abs(from_) + jnp.abs(to)) * width**2
-    return jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
-
-
-def _expect(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> Any:
-    """When an event function is expected to fall through zero.
-
-    By the cubic through both ends of a trial, taken a little beyond it if need be; always
-    between the lengths `low` and `high`, known to be before and past the event.
-    """
-    from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
-    c2, c3 = 3 * rise - 2 * from_ - to, from_ + to - 2 * rise
-    left, right = low / length, high / length
-    # Newton from the trial's end, because an event function may start at zero.
-    theta = jnp.clip(1 - end.value / jnp.where(to < 0, to, -1.0), left, right)
-    for _ in range(4):
-        value = start.value + theta * (from_ + theta * (c2 + theta * c3))
-        slope = from_ + theta * (2 * c2 + theta * 3 * c3)
-        left, right = jnp.where(value > 0, theta, left), jnp.where(value > 0, right, theta)
-        newton = theta - value / jnp.where(slope == 0, 1.0, slope)
-        # A converged step may leave the bracket by rounding: that is no reason to bisect.
-        inside = (newton > left - 1e-9) & (newton < right + 1e-9)
-        theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
-    return length * theta
 
 
 def _finish(clock: Clock, time: Derivatives, volume: Derivatives) -> Solution:
