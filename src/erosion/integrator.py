@@ -186,7 +186,7 @@ def _begin(block: _Block, scale: Any) -> Lanes:
     rate = block.rate(jet)
     start = block.look(jet, rate)
     finite = jnp.isfinite(scale) & (scale > 0)
-    for member in (*jet, *rate):
+    for member in (*jet, *rate, start):
         finite = finite & jnp.all(jnp.isfinite(member), axis=0)
     begins = block.begins()
     zero = jnp.zeros_like(scale)
@@ -213,6 +213,8 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
     """Try one step in every lane, and act on what it was."""
     jet, rate, error = _step(block, lanes.jet, lanes.rate, lanes.clock)
     ends = block.look(jet, rate)
+    # Events that are not numbers, of a motion that is, are an error too: 0·NaN is NaN.
+    error = Kernel(lambda error, ends: functools.reduce(lambda e, end: e + 0 * end, ends, error))(error, ends)
 
     def dips(clock: Any, start: Any, ends: Any) -> Any:
         return functools.reduce(
@@ -253,10 +255,15 @@ def _events(start: Any, ends: Any) -> list[tuple[Ends, Ends]]:
 def _fences(clock: Clock, error: Any, dip: Any, past: Any) -> list[Any]:
     """Lengths known to be before and past the event, and whether the trial's end is past it."""
     locating = clock.mode == LOCATING
-    good = locating | (error <= 1)
+    good = _good(clock, error)
     low = jnp.where(good & (dip >= 1) & locating & ~past, clock.trial, jnp.where(locating, clock.low, 0.0))
     high = jnp.where(good & past, clock.trial, clock.high)
     return [low, high, past.astype(float)]
+
+
+def _good(clock: Clock, error: Any) -> Any:
+    """Whether a trial counts: while locating, any that is shorter than the one that did, if it is finite."""
+    return jnp.where(clock.mode == LOCATING, jnp.isfinite(error), error <= 1)
 
 
 def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: list[Any]) -> list[Any]:
@@ -272,7 +279,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
     """
     low, high, past = fences[0], fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
-    good = locating | (error <= 1)
+    good = _good(clock, error)
     landing, fits = good & (dip < 1), good & (dip >= 1)
     bracketed = good & (past | locating)
     expected = functools.reduce(jnp.minimum, roots)
@@ -297,7 +304,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
 
     mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
     mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
-    mode = jnp.where(~(trial > 1e-14 * scale), FAILED, mode)
+    mode = jnp.where(~(trial > 1e-14 * scale) | (locating & ~good), FAILED, mode)
     mode = jnp.where(ended, ENDED, mode)
     return [
         jnp.where(going, mode, clock.mode),
@@ -349,7 +356,7 @@ def _combine(weights: np.ndarray, stages: Sequence[Any]) -> Any:
 def _finish(clock: Clock, time: Derivatives, volume: Derivatives) -> Solution:
     """Zeros where nothing is cut; NaN, said to be failed, where a number is not finite."""
     numbers = jax.tree.map(lambda value: jnp.where(clock.which == NO_CUT, 0.0, value), (time, volume))
-    whole = (clock.mode == ENDED) & jnp.isfinite(numbers[0].value) & jnp.isfinite(numbers[1].value)
+    whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, jax.tree.leaves(numbers)), clock.mode == ENDED)
     mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
     numbers = jax.tree.map(lambda value: jnp.where(whole, value, jnp.nan), numbers)
     return Solution(mode, clock.which, *numbers, trials=clock.trials)
