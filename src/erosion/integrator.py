@@ -1,9 +1,9 @@
 """A block of impacts: an error-controlled Runge-Kutta loop whose lanes end exactly at an event.
 
-There is one trace of the Runge-Kutta step in the loop. A lane is advancing, or locating: the
-step just tried went past an event, so the lane tries again **from the same start** with the
-length at which it expects the event. The state at the event thus has the full order of the
-method, not an interpolant's.
+There is one trace of the Runge-Kutta step in the loop. A lane is advancing, or locating: a step
+tried went past an event, so the lane tries again **from the same start** with the length at
+which it expects the event. The state at the event thus has the full order of the method, not
+an interpolant's.
 
 Arrays run over lanes in their last axis, so that one instruction serves several lanes: a jet
 is a tuple of (leaves, lanes) arrays; event functions and their rates are (events, lanes).
@@ -51,8 +51,7 @@ class Clock(NamedTuple):
     time: Any  # from contact to the start of the step
     trial: Any  # the length to try next
     step: Any  # the length the error control would like
-    low: Any  # while locating: lengths before and past the event
-    high: Any
+    high: Any  # while locating: a length past the event
     which: Any
     left: Any  # from the last trial's end to the event
     trials: Any
@@ -196,7 +195,6 @@ def _begin(block: _Block, scale: Any) -> Lanes:
         time=zero,
         trial=first,
         step=first,
-        low=zero,
         high=zero,
         which=jnp.where(begins, 0.0, NO_CUT),
         left=zero,
@@ -221,9 +219,9 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
             jnp.minimum, [dip_in_step(*event, Clock(*clock).trial) for event in _events(start, ends)]
         )
 
-    def fences(clock: Any, start: Any, ends: Any, error: Any, dip: Any) -> Any:
+    def fences(clock: Any, start: Any, ends: Any, error: Any) -> Any:
         past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
-        return jnp.stack(_fences(Clock(*clock), error / (_SLACK * rtol), dip, past))
+        return jnp.stack(_fences(Clock(*clock), error / (_SLACK * rtol), past))
 
     def expected(clock: Any, start: Any, ends: Any, fences: Any, i: int) -> Any:
         before, after = _events(start, ends)[i]
@@ -235,7 +233,7 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         return jnp.stack(_decide(Clock(*clock), error / (_SLACK * rtol), scale, dip, fences, roots))
 
     dip = Kernel(dips)(lanes.clock, lanes.start, ends)
-    fence = Kernel(fences)(lanes.clock, lanes.start, ends, error, dip)
+    fence = Kernel(fences)(lanes.clock, lanes.start, ends, error)
     roots = [
         Kernel(functools.partial(expected, i=i))(lanes.clock, lanes.start, ends, fence)
         for i in range(ends.shape[0] // 2)
@@ -252,13 +250,10 @@ def _events(start: Any, ends: Any) -> list[tuple[Ends, Ends]]:
     return [(Ends(start[i], start[half + i]), Ends(ends[i], ends[half + i])) for i in range(half)]
 
 
-def _fences(clock: Clock, error: Any, dip: Any, past: Any) -> list[Any]:
+def _fences(clock: Clock, error: Any, past: Any) -> list[Any]:
     """Lengths known to be before and past the event, and whether the trial's end is past it."""
-    locating = clock.mode == LOCATING
-    good = _good(clock, error)
-    low = jnp.where(good & (dip >= 1) & locating & ~past, clock.trial, jnp.where(locating, clock.low, 0.0))
-    high = jnp.where(good & past, clock.trial, clock.high)
-    return [low, high, past.astype(float)]
+    high = jnp.where(_good(clock, error) & past, clock.trial, clock.high)
+    return [jnp.where(past, 0.0, clock.trial), high, past.astype(float)]
 
 
 def _good(clock: Clock, error: Any) -> Any:
@@ -277,7 +272,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
         fences: see `_fences`.
         roots: when each event is expected to fall through zero.
     """
-    low, high, past = fences[0], fences[1], fences[2] > 0
+    high, past = fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
     good = _good(clock, error)
     landing, fits = good & (dip < 1), good & (dip >= 1)
@@ -289,7 +284,8 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
     left = expected - clock.trial
     near = _NEAR * jnp.minimum(scale, clock.time + clock.trial)
     ended = going & fits & bracketed & (jnp.abs(left) <= near)
-    accepted = going & fits & ~bracketed
+    # A locating lane moves on as well, or it would look for ever at both sides of a dip.
+    accepted = going & fits & ~past & ~ended
 
     # The eighth root by square roots: XLA's `pow` on a CPU is one library call a number.
     factor = 0.9 / jnp.sqrt(jnp.sqrt(jnp.sqrt(error + 1e-30)))
@@ -299,7 +295,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
         good & (clock.trial < clock.step), jnp.maximum(factor * clock.trial, clock.step), factor * clock.trial
     )
     step = jnp.where(locating, clock.step, step)
-    trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, expected, step))
+    trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, jnp.where(past, expected, left), step))
     time = clock.time + jnp.where(accepted | ended, clock.trial, 0.0)
 
     mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
@@ -311,8 +307,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
         jnp.where(going, time, clock.time),
         jnp.where(going, trial, clock.trial),
         step,
-        low,
-        high,
+        jnp.where(accepted, high - clock.trial, high),
         jnp.where(ended, which, clock.which),
         jnp.where(ended, left, clock.left),
         clock.trials + going,
