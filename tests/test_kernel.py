@@ -256,6 +256,28 @@ def test_a_lane_that_never_ends_or_breaks_says_so_alone():
         assert hit.volume[i] == pytest.approx(float(exact.volume(P.replace(alpha=[0.2, 0.6, 0.3, 1.1][i]))), rel=1e-9)
 
 
+class Blurred(erosion.models.RigidErodent):
+    """`linearized` with an end that is not a number: by spin, never, when slow, at once, in its derivative."""
+
+    kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
+    force: erosion.models.ForceLaw = erosion.models.ConstantRatio()
+    torque: erosion.models.Torque = erosion.models.NoTorque()
+
+    def events(self, state, p):
+        slow = jnp.where(p.phidot0 == 1, 0.0 * jnp.sqrt(state.vx / p.v0 - 0.8), 0.0)
+        never = jnp.where(p.phidot0 == 2, jnp.nan, 0.0)
+        bent = jnp.where(p.phidot0 == 3, 0.0 * jnp.sqrt(jnp.abs(p.alpha - 0.2)), 0.0)
+        return {"rebound": state.y / self.scales(p).length + slow + never + bent}
+
+
+def test_an_end_that_is_not_a_number_is_a_failure():
+    p = P.replace(alpha=0.2, phidot0=np.arange(4.0))
+    hit = erosion.impact(Blurred(), p, derivatives=1)
+    assert list(hit.ended_by) == ["rebound", "failed", "failed", "failed"]
+    for field in ("volume", "t_c", "dvolume"):
+        assert list(np.isnan(getattr(hit, field))) == [False, True, True, True]
+
+
 def test_an_empty_batch_is_empty():
     hit = erosion.impact("rotating", P.replace(alpha=np.zeros((0, 3)) + 0.1))
     assert hit.volume.shape == (0, 3)
