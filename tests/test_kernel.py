@@ -1,10 +1,8 @@
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import erosion
-from erosion.parameters import QUANTITIES
 from tests.reference import AT_20_DEGREES, CLOSED, closed_form
 
 P = erosion.TABLE_1
@@ -59,78 +57,6 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
     p = P.replace(alpha=np.arctan(ratio / 2) + np.deg2rad(np.linspace(-2, 2, 4000)))
     hit, exact = erosion.impact(name, p), closed_form(name)
     assert np.count_nonzero(hit.ended_by != exact.ended_by(p)) == 0
-
-
-@pytest.mark.parametrize("name", [n for n in AT_20_DEGREES if n.startswith("rotating")])
-def test_derivatives_equal_differences(name):
-    # Away from jumps: one angle, one spin; steps that balance rounding and truncation.
-    p = P.replace(alpha=0.3, phidot0=0.1 * P.v0 / P.r)
-    hit = erosion.impact(name, p, derivatives=2, rtol=1e-12)
-    h = 1e-3
-    at = 0.3 + h * np.arange(-4, 5)
-    v = erosion.impact(name, p.replace(alpha=at), rtol=1e-12).volume
-    first = np.dot([3, -32, 168, -672, 0, 672, -168, 32, -3], v) / (840 * h)
-    second = np.dot([-9, 128, -1008, 8064, -14350, 8064, -1008, 128, -9], v) / (5040 * h**2)
-    assert hit.dvolume == pytest.approx(first, rel=1e-8)
-    assert hit.d2volume == pytest.approx(second, rel=1e-5)
-
-
-def test_several_parameters_make_a_symmetric_hessian():
-    names = ("alpha", "k", "r")
-    hit = erosion.impact("rotating", P, derivatives=2, wrt=names)
-    assert hit.dvolume.shape == (3,)
-    assert hit.d2volume.shape == (3, 3)
-    assert np.array_equal(hit.d2volume, hit.d2volume.T)
-    h = 1e-4
-    up, down = (erosion.impact("rotating", P.replace(k=2 + d), derivatives=1, wrt=names, rtol=1e-12) for d in (h, -h))
-    assert hit.d2volume[1] == pytest.approx((up.dvolume - down.dvolume) / (2 * h), rel=1e-6)
-
-
-@pytest.mark.parametrize("name", ["linearized", "rotating", "rotating-tan-alpha-full-torque"])
-def test_gradient_obeys_the_scaling_law(name):
-    # V has the dimensions of length³; with V = V* f(α, k, rω/v₀, rφ̇₀/v₀, β), scaling any base
-    # unit scales V as its dimension says (Euler's theorem for homogeneous functions).
-    p = P.replace(phidot0=5000.0)
-    names = tuple(QUANTITIES)
-    hit = erosion.impact(name, p, derivatives=1, wrt=names)
-    scaled = {n: g * float(getattr(p, n)) for n, g in zip(names, hit.dvolume, strict=True)}
-    length = scaled["r"] + scaled["b"] + scaled["v0"] - scaled["sigma"]
-    time = -scaled["v0"] - scaled["phidot0"] - 2 * scaled["sigma"]
-    mass = scaled["m"] + scaled["sigma"]
-    assert length == pytest.approx(3 * hit.volume, rel=1e-8)
-    assert time == pytest.approx(0, abs=1e-8 * hit.volume)
-    assert mass == pytest.approx(0, abs=1e-8 * hit.volume)
-
-
-@pytest.mark.parametrize("transform", ["grad", "jacfwd", "jacrev"])
-def test_volume_differentiates_once(transform):
-    exact = closed_form("linearized")
-    slope = jax.jit(getattr(jax, transform)(lambda a: erosion.volume("linearized", P.replace(alpha=a))))
-    for alpha in (0.2, 0.7853, 1.2):
-        assert slope(alpha) == pytest.approx(float(exact.dvolume(P.replace(alpha=alpha))), rel=1e-9)
-
-
-@pytest.mark.parametrize("outer", [jax.grad, jax.jacfwd])
-@pytest.mark.parametrize("inner", [jax.grad, jax.jacfwd])
-def test_volume_differentiates_twice(outer, inner):
-    exact = closed_form("finnie")
-    curvature = jax.jit(outer(inner(lambda a: erosion.volume("finnie", P.replace(alpha=a)))))
-    for alpha in (0.2, 0.7):  # on both sides of the cusp at 0.32
-        assert curvature(alpha) == pytest.approx(float(exact.d2volume(P.replace(alpha=alpha))), rel=1e-8)
-
-
-def test_volume_maps_and_takes_gradients_of_everything():
-    batch = jax.vmap(lambda a: erosion.volume("rotating", P.replace(alpha=a)))(jnp.asarray([0.2, 0.3]))
-    assert batch == pytest.approx(erosion.impact("rotating", P.replace(alpha=[0.2, 0.3])).volume, rel=1e-9)
-    gradient = jax.grad(lambda p: erosion.volume("rotating", p))(P)
-    hit = erosion.impact("rotating", P, derivatives=1, wrt=tuple(QUANTITIES))
-    found = [float(getattr(gradient, name)) for name in QUANTITIES]
-    assert found == pytest.approx(hit.dvolume, rel=1e-7)
-
-
-def test_third_derivatives_say_that_they_are_missing():
-    with pytest.raises(NotImplementedError, match="third"):
-        jax.grad(jax.grad(jax.grad(lambda a: erosion.volume("linearized", P.replace(alpha=a)))))(0.3)
 
 
 @pytest.mark.parametrize("name", [n for n in AT_20_DEGREES if n.startswith("rotating")])
