@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion import blocks
 from tests.reference import AT_20_DEGREES, CLOSED, closed_form
 
 P = erosion.TABLE_1
@@ -88,9 +89,7 @@ def test_a_batch_equals_its_members():
 
 
 def test_more_lanes_than_a_chunk_in_order():
-    from erosion import kernel
-
-    count = kernel._BLOCK * kernel._CHUNK + 17
+    count = blocks.BLOCK * blocks.CHUNK + 17
     alphas = np.linspace(0.3, 0.31, count)
     hit = erosion.impact("linearized", P.replace(alpha=alphas))
     exact = closed_form("linearized")
@@ -146,6 +145,28 @@ def test_a_lane_that_never_ends_or_breaks_says_so_alone():
     exact = closed_form("linearized")
     for i in (0, 2):
         assert hit.volume[i] == pytest.approx(float(exact.volume(P.replace(alpha=[0.2, 0.6, 0.3, 1.1][i]))), rel=1e-9)
+
+
+class Blurred(erosion.models.RigidErodent):
+    """`linearized` with an end that is not a number: by spin, never, when slow, at once, in its derivative."""
+
+    kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
+    force: erosion.models.ForceLaw = erosion.models.ConstantRatio()
+    torque: erosion.models.Torque = erosion.models.NoTorque()
+
+    def events(self, state, p):
+        slow = jnp.where(p.phidot0 == 1, 0.0 * jnp.sqrt(state.vx / p.v0 - 0.8), 0.0)
+        never = jnp.where(p.phidot0 == 2, jnp.nan, 0.0)
+        bent = jnp.where(p.phidot0 == 3, 0.0 * jnp.sqrt(jnp.abs(p.alpha - 0.2)), 0.0)
+        return {"rebound": state.y / self.scales(p).length + slow + never + bent}
+
+
+def test_an_end_that_is_not_a_number_is_a_failure():
+    p = P.replace(alpha=0.2, phidot0=np.arange(4.0))
+    hit = erosion.impact(Blurred(), p, derivatives=1)
+    assert list(hit.ended_by) == ["rebound", "failed", "failed", "failed"]
+    for field in ("volume", "t_c", "dvolume"):
+        assert list(np.isnan(getattr(hit, field))) == [False, True, True, True]
 
 
 def test_an_empty_batch_is_empty():
