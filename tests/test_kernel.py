@@ -1,3 +1,6 @@
+import inspect
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -188,7 +191,30 @@ def test_bad_arguments_are_refused(options, message):
         erosion.impact("rotating", P, **options)
 
 
+def test_arguments_of_the_wrong_type_get_one_sentence():
+    # As outside of the tests, where nothing checks types before the functions themselves.
+    impact, volume = map(inspect.unwrap, (erosion.impact, erosion.volume))
+    with pytest.raises(ValueError, match=r"`derivatives` must be 0, 1 or 2, but is 1\.0"):
+        impact("rotating", P, derivatives=1.0)
+    with pytest.raises(TypeError, match="`wrt` must be the name of a parameter, or several, but is None"):
+        impact("rotating", P, wrt=None)
+    with pytest.raises(ValueError, match=r"`alpha` must be a scalar here, but has shape \(2,\); .* `erosion.impact`"):
+        volume("rotating", P.replace(alpha=[0.1, 0.2]))
+    with pytest.raises(TypeError, match=r"`alpha` must be a number .* use `erosion\.volume`"):
+        jax.jit(lambda a: impact("rotating", P.replace(alpha=a)).volume)(0.3)
+
+
 def test_results_print_with_units():
+    several = erosion.impact("linearized", P, derivatives=2, wrt=("alpha", "v0"))
+    units = {row.symbol: row.unit for row in several.rows()[3:]}
+    assert units == {
+        "∂V/∂α": "in³/rad", "∂V/∂v₀": "in³/(in/s)",
+        "∂²V/∂α²": "in³/rad²", "∂²V/∂α∂v₀": "in³/rad/(in/s)", "∂²V/∂v₀²": "in³/(in/s)²",
+    }  # fmt: skip
+    values = {row.symbol: float(row.value) for row in several.rows()[3:]}
+    assert values["∂²V/∂α∂v₀"] == pytest.approx(several.d2volume[0, 1], rel=1e-9)
+    assert repr(several).startswith("Impact('linearized', t_c=6.6353")
+    assert len(repr(several)) < 500
     hit = erosion.impact("linearized", P, derivatives=2)
     assert "in³/rad²" in str(hit)
     assert "<td>in³</td>" in hit._repr_html_()

@@ -1,3 +1,5 @@
+import inspect
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -245,7 +247,27 @@ def test_bad_parameters_are_refused(changes, message):
         erosion.simulate("linearized", P.replace(**changes))
 
 
+def test_arguments_of_the_wrong_type_get_one_sentence():
+    # As outside of the tests, where nothing checks types before the functions themselves.
+    simulate = inspect.unwrap(erosion.simulate)
+    with pytest.raises(ValueError, match=r"`points` must be a whole number of at least 2, but is 2\.5"):
+        simulate("linearized", P, points=2.5)
+    with pytest.raises(ValueError, match="`model` must be a model, its name or a path, but is None"):
+        simulate(None, P)
+    with pytest.raises(TypeError, match="`p` must be Parameters, but is None"):
+        simulate("linearized", None)
+
+
+def test_numbers_far_from_one_are_as_good():
+    # Softer by 10³⁰⁰: times grow by its root, volumes as it.
+    cut, soft = quietly("linearized", P), quietly("linearized", P.replace(sigma=P.sigma * 1e-300))
+    assert soft.t_c == pytest.approx(cut.t_c * 1e150, rel=1e-9)
+    assert soft.volume == pytest.approx(cut.volume * 1e300, rel=1e-9)
+    assert soft.max_depth == pytest.approx(cut.max_depth * 1e150, rel=1e-9)
+
+
 def test_results_print_with_units():
+    assert repr(quietly("linearized", P)).startswith("Trajectory('linearized', 201 points, t_c=6.6353")
     cut = quietly("linearized", P)
     assert "in³" in str(cut)
     assert "0.0001816436353" in str(cut)
