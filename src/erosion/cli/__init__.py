@@ -12,6 +12,7 @@ import cyclopts
 
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
+from erosion.cli.optimum import optimum
 from erosion.cli.options import InputError, sentence
 from erosion.cli.report import report
 from erosion.cli.run import run
@@ -24,7 +25,7 @@ app = cyclopts.App(
     version=__version__,
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, report, models):
+for verb in (run, optimum, report, models):
     app.command(verb)
 
 
