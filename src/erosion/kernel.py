@@ -131,7 +131,7 @@ def impact(
         p=p,
         volume=fields.volume.reshape(shape)[()],
         t_c=fields.time.reshape(shape)[()],
-        ended_by=_outcomes(model, p, fields).reshape(shape)[()],
+        ended_by=_outcomes(model, fields).reshape(shape)[()],
         dvolume=first.reshape(shape + tail)[()] if derivatives >= 1 else None,
         d2volume=second.reshape(shape + tail + tail)[()] if derivatives == 2 else None,
         wrt=wrt if isinstance(wrt, str) else names,
@@ -246,9 +246,15 @@ def _fields(solution: Solution) -> _Fields:
     )
 
 
-def _outcomes(model: CuttingModel, p: Parameters, fields: _Fields) -> np.ndarray:
-    one = jax.tree.map(lambda leaf: jnp.zeros(()), p)
-    names = [*jax.eval_shape(lambda q: model.events(model.initial_state(q), q), one), "no-cut", "failed", "unfinished"]
+def end_names(model: CuttingModel) -> tuple[str, ...]:
+    """What `ended_by` may say for a model: its events, then "no-cut", "failed", "unfinished"."""
+    one = Parameters(**dict.fromkeys(QUANTITIES, 0.0))
+    events = jax.eval_shape(lambda p: model.events(model.initial_state(p), p), one)
+    return (*events, "no-cut", "failed", "unfinished")
+
+
+def _outcomes(model: CuttingModel, fields: _Fields) -> np.ndarray:
+    names = end_names(model)
     # The codes of the events are 0, 1, …; NO_CUT is -1, counted from the three last names.
     code = np.where(fields.which == NO_CUT, len(names) - 3, fields.which)
     code = np.where(fields.mode == ENDED, code, len(names) - 2)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 System = Literal["inch-pound", "si"]
 Dimension = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
-    "volume per angle", "volume per angle²",
+    "volume per angle", "volume per angle²", "volume per mass",
 ]  # fmt: skip
 
 SYSTEMS: tuple[System, ...] = get_args(System)
@@ -30,13 +30,13 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "1": "", "length": "inch", "area": "inch**2", "volume": "inch**3", "mass": "slinch",
             "time": "s", "speed": "inch/s", "stress": "lbf/inch**2", "angle": "rad",
             "angular speed": "rad/s", "volume per angle": "inch**3/rad",
-            "volume per angle²": "inch**3/rad**2",
+            "volume per angle²": "inch**3/rad**2", "volume per mass": "inch**3/slinch",
         },
         "si": {
             "1": "", "length": "m", "area": "m**2", "volume": "m**3", "mass": "kg",
             "time": "s", "speed": "m/s", "stress": "Pa", "angle": "rad",
             "angular speed": "rad/s", "volume per angle": "m**3/rad",
-            "volume per angle²": "m**3/rad**2",
+            "volume per angle²": "m**3/rad**2", "volume per mass": "m**3/kg",
         },
     }
 )  # fmt: skip
@@ -62,6 +62,11 @@ def unit_name(dimension: Dimension, system: System) -> str:
     for ascii_power, superscript in _SUPERSCRIPTS.items():
         name = name.replace(ascii_power, superscript)
     return name
+
+
+def ascii_unit_name(dimension: Dimension, system: System) -> str:
+    """The unit as programs read it (UDUNITS, pint): "in^3", "slinch", "1" for a pure number."""
+    return re.sub(r"\binch\b", "in", _PINT_UNITS[system][dimension]).replace("**", "^") or "1"
 
 
 @functools.cache

@@ -14,6 +14,8 @@ from erosion.cli.models import models
 from erosion.cli.options import InputError
 from erosion.cli.report import report
 from erosion.cli.run import run
+from erosion.cli.stream import stream
+from erosion.cli.sweep import sweep
 from erosion.version import __version__
 
 app = cyclopts.App(
@@ -23,7 +25,7 @@ app = cyclopts.App(
     version=__version__,
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, report, models):
+for verb in (run, sweep, stream, report, models):
     app.command(verb)
 
 
@@ -47,8 +49,8 @@ def _status(arguments: Sequence[str]) -> int:
         # The reader has gone (`erosion models | head -1`): say nothing, and let Python close in peace.
         sys.stdout = None
         return 0
-    except KeyboardInterrupt:
-        return _say(130, "interrupted")
+    except KeyboardInterrupt as error:
+        return _say(130, str(error) or "interrupted")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
         return _say(1, str(error) or type(error).__name__)

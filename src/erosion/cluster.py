@@ -1,0 +1,91 @@
+"""Blocks of a sweep on a Dask cluster: one process a core, each writing its own blocks.
+
+Nothing here imports JAX: a worker is pinned to its core before JAX counts how many there are.
+"""
+
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed, default_client
+
+_AHEAD = 3
+"""Blocks that a worker has at hand, so that it never waits for the client."""
+
+
+def local_cluster(workers: int) -> LocalCluster:
+    """A Dask cluster on this machine: `workers` processes of one thread each.
+
+    Use it as a context, with a client: `with local_cluster(2) as cluster, Client(cluster): …`.
+    """
+    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+
+
+def active_client() -> Client | None:
+    """The client of the Dask cluster that is active, if one is.
+
+    Raises:
+        ValueError: where its workers have several threads.
+    """
+    try:
+        client = default_client()
+    except ValueError:
+        return None
+    for address, threads in client.nthreads().items():
+        if threads != 1:
+            raise ValueError(
+                "The active Dask cluster's workers must have one thread each (threads_per_worker=1), "
+                f"but {address} has {threads}."
+            )
+    return client
+
+
+def run_blocks(
+    client: Client, task: Callable[..., int], blocks: Iterator[tuple[Any, ...]], done: Callable[[int], None]
+) -> None:
+    """Run `task(*block)` for every block on the cluster's workers.
+
+    Args:
+        client: of the cluster.
+        task: returns how many impacts it computed; it may run again for a block whose worker died.
+        blocks: taken as the workers come to them, so that there may be millions.
+        done: told of each block's impacts.
+    """
+    client.register_plugin(OneCore())
+    running = as_completed()
+
+    def submit_next() -> None:
+        block = next(blocks, None)
+        if block is not None:
+            running.add(client.submit(task, *block, pure=False))
+
+    try:
+        for _ in range(_AHEAD * max(1, len(client.nthreads()))):
+            submit_next()
+        for future in running:
+            done(future.result())
+            submit_next()
+    finally:
+        client.cancel(list(running.futures))
+
+
+class OneCore(WorkerPlugin):
+    """Pins a worker to one core and turns 64-bit mode on, before JAX is imported there."""
+
+    name = "erosion-one-core"
+
+    def setup(self, worker: Worker) -> None:
+        """Called by Dask in each worker that is there or comes later, before its tasks."""
+        import erosion  # noqa: F401  # turns 64-bit mode on
+
+        # Workers of one machine are told apart by the number at the end of their name; one
+        # without a name bears its address, and stays where the system puts it.
+        number = None if worker.name == worker.address else re.search(r"\d+$", str(worker.name))
+        if number is None or not hasattr(os, "sched_setaffinity"):
+            return
+        cores = sorted(os.sched_getaffinity(0))
+        core = cores[int(number[0]) % len(cores)]
+        for thread in Path("/proc/self/task").iterdir():
+            os.sched_setaffinity(int(thread.name), {core})

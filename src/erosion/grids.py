@@ -1,0 +1,327 @@
+"""Grids of impacts: which models, which values of which parameters, and what is kept of each.
+
+A grid can be cut into blocks, which are grids themselves: the same numbers come out whichever
+way it is cut, because the kernel computes every impact on its own.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import inspect
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jaxlib
+import numpy as np
+import xarray as xr
+
+from erosion.cases import dump_case
+from erosion.kernel import end_names, impact
+from erosion.model import CuttingModel
+from erosion.models import load_model, model_name
+from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.quantities import RESULTS, Quantity
+from erosion.units import System, ascii_unit_name
+from erosion.version import __version__
+
+Model = CuttingModel | str | Path
+Region = tuple[slice, ...]
+"""Where a block lies in its grid: one slice for each dimension."""
+
+PAIR = "pair"
+"""The dimension along which paired axes go together."""
+
+_ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """A rectangle of impacts.
+
+    Args:
+        models: what each model is called, and the model, its name or its path.
+        compared: whether "model" is a dimension (else there is one model).
+        p: the case, all scalars; the axes replace some of its leaves.
+        axes: parameter name to its values, one-dimensional.
+        paired: names of the axes that go together along the dimension "pair".
+        ends: meanings of the codes 0, 1, … in `ended_by`; 0 is "not-computed".
+        derivatives, wrt, rtol: see `erosion.impact`.
+    """
+
+    models: Mapping[str, Model]
+    compared: bool
+    p: Parameters
+    axes: Mapping[str, np.ndarray]
+    paired: tuple[str, ...]
+    ends: tuple[str, ...]
+    derivatives: int
+    wrt: str
+    rtol: float
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions: "model", then the axes in their order."""
+        axes = dict.fromkeys(PAIR if name in self.paired else name for name in self.axes)
+        return (*(("model",) if self.compared else ()), *axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each dimension."""
+        lengths = {PAIR if name in self.paired else name: len(values) for name, values in self.axes.items()}
+        return tuple(len(self.models) if dim == "model" else lengths[dim] for dim in self.dims)
+
+    def __getitem__(self, region: Region) -> "Grid":
+        """The block of this region."""
+        along = dict(zip(self.dims, region, strict=True))
+        labels = list(self.models)[along.get("model", slice(None))]
+        axes = {name: v[along[PAIR if name in self.paired else name]] for name, v in self.axes.items()}
+        return dataclasses.replace(self, models={label: self.models[label] for label in labels}, axes=axes)
+
+    def parameters(self) -> Parameters:
+        """The case with its axes in place: leaves that broadcast to the shape without "model"."""
+        dims = [dim for dim in self.dims if dim != "model"]
+        leaves = {}
+        for name, values in self.axes.items():
+            shape = [1] * len(dims)
+            shape[dims.index(PAIR if name in self.paired else name)] = len(values)
+            leaves[name] = values.reshape(shape)
+        return self.p.replace(**leaves)
+
+    def variables(self) -> dict[str, Quantity]:
+        """The numbers kept of each impact, besides `ended_by`."""
+        names = ["volume", "t_c", *["dvolume", "d2volume"][: self.derivatives]]
+        return {name: RESULTS[name] for name in names}
+
+    def solve(self) -> dict[str, np.ndarray]:
+        """Compute every impact: arrays of the grid's shape, `ended_by` as codes."""
+        names = [*self.variables(), "ended_by"]
+        parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        for model in self.models.values():
+            found = impact(_loaded(model), self.parameters(), derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
+            for name in names:
+                part = np.asarray(getattr(found, name))
+                parts[name].append(self._codes(part) if name == "ended_by" else part)
+        return {name: np.stack(part).reshape(self.shape) for name, part in parts.items()}
+
+    def _codes(self, ended_by: np.ndarray) -> np.ndarray:
+        codes = np.zeros(ended_by.shape, np.int8)
+        for code, name in enumerate(self.ends):
+            codes[ended_by == name] = code
+        return codes
+
+    def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
+        """Arrays of the grid's shape as a Dataset with coordinates, units and provenance."""
+        dataset = xr.Dataset(coords=self._coordinates(), attrs=self._provenance())
+        for name, quantity in self.variables().items():
+            attributes = _attributes(quantity, self.p.units)
+            if name in ("dvolume", "d2volume") and self.wrt != "alpha":
+                attributes = _derivative_attributes(name, self.wrt, self.p.units)
+            dataset[name] = (self.dims, values[name], attributes)
+        flags = {
+            "long_name": "how the cut ended",
+            "flag_values": np.arange(len(self.ends), dtype=np.int8),
+            "flag_meanings": " ".join(self.ends),
+        }
+        dataset["ended_by"] = (self.dims, values["ended_by"], flags)
+        return dataset
+
+    def identity(self) -> dict[str, str]:
+        """What makes this sweep this one: two with the same identity have the same bits."""
+        return {
+            "version": f"erosion {__version__}, jaxlib {jaxlib.__version__}",
+            "case": dump_case(self.p),
+            "models": "\n".join(f"{label}: {_fingerprint(_loaded(model))}" for label, model in self.models.items()),
+            "axes": f"{self.dims} " + " ".join(f"{name} {_digest(v.tobytes())}" for name, v in self.axes.items()),
+            "quantities": f"{self.derivatives} derivatives by {self.wrt}, rtol {self.rtol!r}",
+        }
+
+    def _coordinates(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        if self.compared:
+            # Python strings: numpy's fixed-length ones have no specification in Zarr.
+            found["model"] = ("model", np.array(list(self.models), dtype=object), {"long_name": "model"})
+        for name, values in self.axes.items():
+            dim = PAIR if name in self.paired else name
+            found[name] = (dim, values, _attributes(QUANTITIES[name], self.p.units))
+        return found
+
+    def _provenance(self) -> dict[str, Any]:
+        only = {} if self.compared else {"model": next(iter(self.models))}
+        derivatives = {"derivatives_with_respect_to": self.wrt} if self.derivatives else {}
+        return {
+            "Conventions": "CF-1.11",
+            "title": "Solid particle erosion: a sweep",
+            "source": f"erosion {__version__}",
+            **only,
+            **derivatives,
+            "unit_system": self.p.units,
+            "case": dump_case(self.p),
+        }
+
+
+def make_grid(
+    model: Model | Sequence[Model],
+    p: Parameters,
+    axes: Mapping[str, Any],
+    *,
+    paired: Sequence[str] = (),
+    derivatives: int = 0,
+    wrt: str = "alpha",
+    rtol: float = 1e-9,
+) -> Grid:
+    """A grid, with everything checked that can be known before computing.
+
+    Raises:
+        ValueError, TypeError: one sentence naming the argument.
+    """
+    compared = isinstance(model, (list, tuple))
+    models = _labelled_models(list(model) if isinstance(model, (list, tuple)) else [model])
+    for name in QUANTITIES:
+        if np.ndim(getattr(p, name)):
+            raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array; give it as an axis.")
+    arrays = {name: _axis(name, values) for name, values in axes.items()}
+    if not arrays and not compared:
+        raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
+    lengths = {len(arrays[name]) for name in paired if name in arrays}
+    if len(set(paired)) != len(paired) or any(name not in arrays for name in paired) or len(paired) == 1:
+        raise ValueError(f"Argument `paired` must name two or more of the axes, but is {list(paired)}.")
+    if len(lengths) > 1:
+        raise ValueError(f"Argument `paired` must name axes of one length, but they have {sorted(lengths)}.")
+    if derivatives not in (0, 1, 2):
+        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+    if wrt not in QUANTITIES:
+        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(QUANTITIES)}), but is {wrt!r}.")
+    if not 0 < rtol < 1:
+        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
+    events = [name for one in models.values() for name in end_names(_loaded(one))]
+    ends = tuple(dict.fromkeys((*_ENDS, *events)))
+    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, float(rtol))
+    validate(grid.parameters())
+    return grid
+
+
+def block_shape(grid: Grid, chunks: Mapping[str, int] | None, least: int, usual: int) -> tuple[int, ...]:
+    """The shape of blocks: the last dimensions whole, as far as `usual` impacts go.
+
+    Args:
+        grid: what is cut.
+        chunks: by dimension, lengths that the user wants; the others stay whole. None: choose.
+        least: impacts that a block must have, where the grid has them.
+        usual: impacts that a block should have.
+
+    Raises:
+        ValueError: for an unknown dimension, a length that is no positive number, or blocks
+            that are too small.
+    """
+    # Each model is a program of its own, so blocks never hold two.
+    whole = {dim: 1 if dim == "model" else n for dim, n in zip(grid.dims, grid.shape, strict=True)}
+    if chunks is None:
+        room, lengths = usual, {}
+        for dim in reversed(grid.dims):
+            pieces = math.ceil(whole[dim] / max(room, 1))
+            lengths[dim] = math.ceil(whole[dim] / pieces)
+            room //= lengths[dim]
+        return tuple(lengths[dim] for dim in grid.dims)
+    for dim, length in chunks.items():
+        if dim not in whole:
+            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(whole)}), but has {dim!r}.")
+        if not isinstance(length, int) or isinstance(length, bool) or length < 1:
+            raise ValueError(f"Argument `chunks` must give positive whole numbers, but has {dim}={length!r}.")
+    shape = tuple(min(chunks.get(dim, whole[dim]), whole[dim]) for dim in grid.dims)
+    if math.prod(shape) < min(least, math.prod(whole.values())):
+        raise ValueError(
+            f"Argument `chunks` must make blocks of at least {least:,} impacts, but makes blocks of "
+            f"{math.prod(shape):,}."
+        )
+    return shape
+
+
+def regions(shape: Sequence[int], block: Sequence[int]) -> Iterator[Region]:
+    """The regions of all blocks, in the order of memory."""
+    cuts = [
+        [slice(begin, min(begin + step, n)) for begin in range(0, n, step)]
+        for n, step in zip(shape, block, strict=True)
+    ]
+    return itertools.product(*cuts)
+
+
+def _labelled_models(models: list[Model]) -> dict[str, Model]:
+    labels = [model_name(model) if isinstance(model, CuttingModel) else str(model) for model in models]
+    if not models:
+        raise ValueError("Argument `model` must be a model or several, but is an empty list.")
+    if len(set(labels)) != len(labels):
+        raise ValueError(f"Argument `model` must hold models of different names, but has {', '.join(labels)}.")
+    # Another process, with another working directory, must find a model's file.
+    sources = [Path(model).resolve() if str(model).endswith(".py") else model for model in models]
+    return dict(zip(labels, sources, strict=True))
+
+
+def _loaded(model: Model) -> CuttingModel:
+    """The model, the same object each time: JAX compiles once for each class it sees."""
+    if isinstance(model, CuttingModel):
+        return model
+    file = Path(model)
+    return _load_once(model, file.read_bytes() if file.suffix == ".py" and file.is_file() else b"")
+
+
+@functools.cache
+def _load_once(model: str | Path, content: bytes) -> CuttingModel:
+    return load_model(model)
+
+
+def _axis(name: str, values: Any) -> np.ndarray:
+    if name not in QUANTITIES:
+        raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(QUANTITIES)}.")
+    array = np.asarray(values)
+    if array.ndim != 1 or not array.size or array.dtype.kind not in "iuf":
+        raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {values!r}.")
+    return np.ascontiguousarray(array, np.float64)
+
+
+def _attributes(quantity: Quantity, units: System) -> dict[str, str]:
+    return {
+        "long_name": quantity.meaning,
+        "symbol": quantity.symbol,
+        "units": ascii_unit_name(quantity.dimension, units),
+    }
+
+
+def _derivative_attributes(name: str, wrt: str, units: System) -> dict[str, str]:
+    by, power = QUANTITIES[wrt], "" if name == "dvolume" else "²"
+    unit = ascii_unit_name(by.dimension, units)
+    volume = ascii_unit_name("volume", units)
+    below = "" if unit == "1" else f"/({unit})" + ("^2" if power else "")
+    return {
+        "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if power else ""),
+        "symbol": f"d{power}V/d{by.symbol}{power}",
+        "units": volume + below,
+    }
+
+
+def _fingerprint(model: CuttingModel) -> str:
+    """A model's parts and numbers in words, and a digest of the files that are not this package's."""
+    described = eqx.tree_pformat(model, short_arrays=False)
+    files = sorted(_foreign_files(model))
+    return f"{described} {_digest(b''.join(Path(file).read_bytes() for file in files))}" if files else described
+
+
+def _foreign_files(part: Any) -> set[str]:
+    found: set[str] = set()
+    if not isinstance(part, eqx.Module):
+        return found
+    for base in type(part).__mro__:
+        if not issubclass(base, eqx.Module) or base.__module__.startswith(("erosion.", "equinox.")):
+            continue
+        try:
+            found.add(inspect.getfile(base))
+        except (OSError, TypeError) as error:
+            raise ValueError(f"Argument `model` must come from a file to be stored, but {base.__name__} does not.") from error
+    return found.union(*(_foreign_files(getattr(part, field.name)) for field in dataclasses.fields(part)))
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
