@@ -1,8 +1,8 @@
 """Axes as text: the values of a parameter, as the command line and case files write them.
 
-    "1deg : 90deg : 90"           90 values, evenly from 1° to 90°
-    "100 m/s : 1000 m/s : 5 : log"  5 values at even ratios
-    "20deg, 30deg, 45deg"         these values
+"1deg : 90deg : 90"           90 values, evenly from 1° to 90°
+"100 m/s : 1000 m/s : 5 : log"  5 values at even ratios
+"20deg, 30deg, 45deg"         these values
 """
 
 from collections.abc import Sequence

@@ -11,6 +11,7 @@ from typing import Any
 
 from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed, default_client
 
+_NO_DASHBOARD: Any = None
 _AHEAD = 3
 """Blocks that a worker has at hand, so that it never waits for the client."""
 
@@ -20,7 +21,7 @@ def local_cluster(workers: int) -> LocalCluster:
 
     Use it as a context, with a client: `with local_cluster(2) as cluster, Client(cluster): …`.
     """
-    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=_NO_DASHBOARD)
 
 
 def active_client() -> Client | None:
@@ -33,13 +34,19 @@ def active_client() -> Client | None:
         client = default_client()
     except ValueError:
         return None
-    for address, threads in client.nthreads().items():
+    for address, threads in _threads(client).items():
         if threads != 1:
             raise ValueError(
                 "The active Dask cluster's workers must have one thread each (threads_per_worker=1), "
                 f"but {address} has {threads}."
             )
     return client
+
+
+def _threads(client: Client) -> dict[str, int]:
+    """Of each worker, by its address."""
+    found: Any = client.nthreads()
+    return found
 
 
 def run_blocks(
@@ -62,7 +69,7 @@ def run_blocks(
             running.add(client.submit(task, *block, pure=False))
 
     try:
-        for _ in range(_AHEAD * max(1, len(client.nthreads()))):
+        for _ in range(_AHEAD * max(1, len(_threads(client)))):
             submit_next()
         for future in running:
             done(future.result())
@@ -72,14 +79,15 @@ def run_blocks(
 
 
 class OneCore(WorkerPlugin):
-    """Pins a worker to one core and turns 64-bit mode on, before JAX is imported there."""
+    """Pins a worker to one core before JAX is imported there.
+
+    Its arrival imports this package, which turns 64-bit mode on.
+    """
 
     name = "erosion-one-core"
 
     def setup(self, worker: Worker) -> None:
         """Called by Dask in each worker that is there or comes later, before its tasks."""
-        import erosion  # noqa: F401  # turns 64-bit mode on
-
         # Workers of one machine are told apart by the number at the end of their name; one
         # without a name bears its address, and stays where the system puts it.
         number = None if worker.name == worker.address else re.search(r"\d+$", str(worker.name))

@@ -6,16 +6,12 @@ way it is cut, because the kernel computes every impact on its own.
 
 import dataclasses
 import functools
-import hashlib
-import inspect
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import jaxlib
 import numpy as np
 import xarray as xr
 
@@ -24,6 +20,7 @@ from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.provenance import digest, identity
 from erosion.quantities import RESULTS, Quantity
 from erosion.units import System, ascii_unit_name
 from erosion.version import __version__
@@ -101,7 +98,9 @@ class Grid:
         names = [*self.variables(), "ended_by"]
         parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
         for model in self.models.values():
-            found = impact(_loaded(model), self.parameters(), derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
+            found = impact(
+                _loaded(model), self.parameters(), derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol
+            )
             for name in names:
                 part = np.asarray(getattr(found, name))
                 parts[name].append(self._codes(part) if name == "ended_by" else part)
@@ -117,7 +116,7 @@ class Grid:
         """Arrays of the grid's shape as a Dataset with coordinates, units and provenance."""
         dataset = xr.Dataset(coords=self._coordinates(), attrs=self._provenance())
         for name, quantity in self.variables().items():
-            attributes = _attributes(quantity, self.p.units)
+            attributes = quantity.attributes(self.p.units)
             if name in ("dvolume", "d2volume") and self.wrt != "alpha":
                 attributes = _derivative_attributes(name, self.wrt, self.p.units)
             dataset[name] = (self.dims, values[name], attributes)
@@ -130,14 +129,14 @@ class Grid:
         return dataset
 
     def identity(self) -> dict[str, str]:
-        """What makes this sweep this one: two with the same identity have the same bits."""
-        return {
-            "version": f"erosion {__version__}, jaxlib {jaxlib.__version__}",
-            "case": dump_case(self.p),
-            "models": "\n".join(f"{label}: {_fingerprint(_loaded(model))}" for label, model in self.models.items()),
-            "axes": f"{self.dims} " + " ".join(f"{name} {_digest(v.tobytes())}" for name, v in self.axes.items()),
-            "quantities": f"{self.derivatives} derivatives by {self.wrt}, rtol {self.rtol!r}",
-        }
+        """What makes this sweep this one."""
+        return identity(
+            {label: _loaded(model) for label, model in self.models.items()},
+            self.p,
+            axes=f"{self.dims} " + " ".join(f"{name} {digest(v.tobytes())}" for name, v in self.axes.items()),
+            derivatives=f"{self.derivatives} by {self.wrt}",
+            tolerance=repr(self.rtol),
+        )
 
     def _coordinates(self) -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -146,7 +145,7 @@ class Grid:
             found["model"] = ("model", np.array(list(self.models), dtype=object), {"long_name": "model"})
         for name, values in self.axes.items():
             dim = PAIR if name in self.paired else name
-            found[name] = (dim, values, _attributes(QUANTITIES[name], self.p.units))
+            found[name] = (dim, values, QUANTITIES[name].attributes(self.p.units))
         return found
 
     def _provenance(self) -> dict[str, Any]:
@@ -178,8 +177,8 @@ def make_grid(
     Raises:
         ValueError, TypeError: one sentence naming the argument.
     """
-    compared = isinstance(model, (list, tuple))
-    models = _labelled_models(list(model) if isinstance(model, (list, tuple)) else [model])
+    compared = not isinstance(model, (str, Path, CuttingModel))
+    models = _labelled_models([model] if isinstance(model, (str, Path, CuttingModel)) else list(model))
     for name in QUANTITIES:
         if np.ndim(getattr(p, name)):
             raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array; give it as an axis.")
@@ -256,7 +255,7 @@ def _labelled_models(models: list[Model]) -> dict[str, Model]:
     if len(set(labels)) != len(labels):
         raise ValueError(f"Argument `model` must hold models of different names, but has {', '.join(labels)}.")
     # Another process, with another working directory, must find a model's file.
-    sources = [Path(model).resolve() if str(model).endswith(".py") else model for model in models]
+    sources = [Path(str(model)).resolve() if str(model).endswith(".py") else model for model in models]
     return dict(zip(labels, sources, strict=True))
 
 
@@ -282,14 +281,6 @@ def _axis(name: str, values: Any) -> np.ndarray:
     return np.ascontiguousarray(array, np.float64)
 
 
-def _attributes(quantity: Quantity, units: System) -> dict[str, str]:
-    return {
-        "long_name": quantity.meaning,
-        "symbol": quantity.symbol,
-        "units": ascii_unit_name(quantity.dimension, units),
-    }
-
-
 def _derivative_attributes(name: str, wrt: str, units: System) -> dict[str, str]:
     by, power = QUANTITIES[wrt], "" if name == "dvolume" else "²"
     unit = ascii_unit_name(by.dimension, units)
@@ -300,28 +291,3 @@ def _derivative_attributes(name: str, wrt: str, units: System) -> dict[str, str]
         "symbol": f"d{power}V/d{by.symbol}{power}",
         "units": volume + below,
     }
-
-
-def _fingerprint(model: CuttingModel) -> str:
-    """A model's parts and numbers in words, and a digest of the files that are not this package's."""
-    described = eqx.tree_pformat(model, short_arrays=False)
-    files = sorted(_foreign_files(model))
-    return f"{described} {_digest(b''.join(Path(file).read_bytes() for file in files))}" if files else described
-
-
-def _foreign_files(part: Any) -> set[str]:
-    found: set[str] = set()
-    if not isinstance(part, eqx.Module):
-        return found
-    for base in type(part).__mro__:
-        if not issubclass(base, eqx.Module) or base.__module__.startswith(("erosion.", "equinox.")):
-            continue
-        try:
-            found.add(inspect.getfile(base))
-        except (OSError, TypeError) as error:
-            raise ValueError(f"Argument `model` must come from a file to be stored, but {base.__name__} does not.") from error
-    return found.union(*(_foreign_files(getattr(part, field.name)) for field in dataclasses.fields(part)))
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:16]

@@ -248,7 +248,7 @@ def _fields(solution: Solution) -> _Fields:
 
 def end_names(model: CuttingModel) -> tuple[str, ...]:
     """What `ended_by` may say for a model: its events, then "no-cut", "failed", "unfinished"."""
-    one = Parameters(**dict.fromkeys(QUANTITIES, 0.0))
+    one = Parameters(k=0, psi=0, r=0, b=0, m=0, v0=0, sigma=0, alpha=0)
     events = jax.eval_shape(lambda p: model.events(model.initial_state(p), p), one)
     return (*events, "no-cut", "failed", "unfinished")
 

@@ -34,7 +34,9 @@ def plot_sweep(sweep: xr.Dataset) -> Figure:
         return fig
     if not numeric or len(sweep.dims) > 2:
         shape = " × ".join(f"{n} {dim}" for dim, n in sweep.sizes.items())
-        raise ValueError(f"A sweep must have one or two dimensions, one of them a parameter, to be drawn; this is {shape}.")
+        raise ValueError(
+            f"A sweep must have one or two dimensions, one of them a parameter, to be drawn; this is {shape}."
+        )
     fig, ax = new_axes(6.2, 4.4)
     plot_volume_family(ax, sweep, str(numeric[0]))
     return fig

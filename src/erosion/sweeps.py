@@ -6,13 +6,13 @@ into a Zarr store they may also go to the workers of a Dask cluster.
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from erosion.grids import Grid, Model, Region, block_shape, make_grid, regions
+from erosion.grids import Grid, Model, Region, block_shape, make_grid
 from erosion.parameters import Parameters
 from erosion.precision import require_float64
 from erosion.stores import Store, ZarrStore, open_store, write_block

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 
 @contextlib.contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Gives a function to call with what is done and what there is to do."""
+def progress_bar(title: str) -> Iterator[Callable[..., None]]:
+    """Gives a function to call with what is done, what there is to do, and perhaps another title."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
@@ -22,8 +22,8 @@ def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
     with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(title, total=None, rate="")
 
-        def update(done: int, total: int) -> None:
+        def update(done: int, total: int, what: str = title) -> None:
             speed = bar.tasks[0].speed
-            bar.update(task, completed=done, total=total, rate=f"{speed:,.0f} impacts/s" if speed else "")
+            bar.update(task, description=what, completed=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
 
         yield update

@@ -1,20 +1,27 @@
 """`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import CaseOptions, InputError, JsonOption, print_json, print_table, start_engine, user_errors
+from erosion.cli.options import (
+    CaseOptions,
+    InputError,
+    JsonOption,
+    print_json,
+    print_table,
+    start_engine,
+    user_errors,
+    with_file,
+)
 from erosion.cli.progress import progress_bar
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from erosion.parameters import Parameters
+
 
 def sweep(
     file: Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")] = None,
@@ -28,7 +35,9 @@ def sweep(
     wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
     chunks: Annotated[str | None, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')] = None,
     workers: Annotated[int | None, Parameter(help="With out.zarr, work in this many processes.")] = None,
-    scheduler: Annotated[str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")] = None,
+    scheduler: Annotated[
+        str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")
+    ] = None,
     plot: Annotated[Path | None, Parameter(help="Also draw the volume into this file (.svg, .png, .pdf).")] = None,
     json: JsonOption = False,
 ) -> None:
@@ -38,8 +47,8 @@ def sweep(
     --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3". A case file says the same in a table
     [sweep], which options overrule.
     """
-    options = _options(file, case)
-    section = _section(options.case)
+    options = with_file(case, file)
+    section = options.section("sweep", ("model", "paired", "derivatives", "wrt"))
     if (workers is not None or scheduler is not None) and out.suffix != ".zarr":
         raise InputError(f"Options `--workers` and `--scheduler` need an --out that ends in .zarr, but it is {out}.")
     p, axes = _case_and_axes(options, section)
@@ -76,39 +85,13 @@ def sweep(
     _print_summary(found, out, summary)
 
 
-def _options(file: Path | None, case: CaseOptions | None) -> CaseOptions:
-    options = case or CaseOptions()
-    if file is not None and options.case is not None:
-        raise InputError(f"Give the case once: as {file}, or as --case {options.case}.")
-    return options if file is None else dataclasses.replace(options, case=file)
-
-
-def _section(path: Path | None) -> dict[str, Any]:
-    from erosion.cases import load_section
-    from erosion.parameters import QUANTITIES
-
-    if path is None:
-        return {}
-    known = ("model", "paired", "derivatives", "wrt", *QUANTITIES)
-    with user_errors():
-        section = load_section(path, "sweep")
-        for name in section:
-            if name not in known:
-                raise ValueError(f"{path}: field `{name}` of [sweep] is unknown; they are {', '.join(known)}.")
-    return section
-
-
-def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, np.ndarray]]":
+def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
     """The scalars of the case, and what its [sweep] and the options make axes; options win."""
     from erosion.axes import read_axis
     from erosion.parameters import QUANTITIES
 
-    given = {name: (f"Field `{name}` of [sweep]", section[name]) for name in QUANTITIES if name in section}
-    for name in QUANTITIES:
-        text = getattr(options, name)
-        if text is not None:
-            given[name] = (f"Option `--{name}`", text)
-    p = dataclasses.replace(options, **dict.fromkeys(QUANTITIES)).parameters()
+    given = options.texts("sweep", section)
+    p = options.without_changes().parameters()
     values: dict[str, Any] = {}
     for name, (what, value) in given.items():
         try:
@@ -122,10 +105,10 @@ def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
 def _chunks(text: str | None) -> dict[str, int] | None:
     if text is None:
         return None
-    parts = dict(part.partition("=")[::2] for part in text.replace(" ", "").split(","))
-    if not all(length.isdecimal() for length in parts.values()):
+    parts = [part.partition("=") for part in text.replace(" ", "").split(",")]
+    if not all(length.isdecimal() for _, _, length in parts):
         raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {text!r}.')
-    return {dim: int(length) for dim, length in parts.items()}
+    return {dim: int(length) for dim, _, length in parts}
 
 
 @contextlib.contextmanager
