@@ -5,14 +5,14 @@
 "20deg, 30deg, 45deg"         these values
 """
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from erosion.units import Dimension, System, UnitError, read_quantity
 
 
-def read_axis(value: str | float | Sequence[str | float], dimension: Dimension, system: System) -> np.ndarray:
+def read_axis(value: Any, dimension: Dimension, system: System) -> np.ndarray:
     """The values of an axis, shape (n,), or of a single quantity, shape ().
 
     Args:

@@ -8,9 +8,10 @@ when it is whole, so a block counts only when all of it is there.
 import json
 import os
 import shutil
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,27 +21,27 @@ from erosion.netcdf import check_folder, read_netcdf, write_netcdf
 from erosion.provenance import IDENTITY, StoreError, require_same
 
 
-class Store(Protocol):
+class Store(ABC):
     """A place for the blocks of one sweep."""
 
+    @abstractmethod
     def missing(self) -> list[Region]:
         """The blocks that are still to be computed."""
-        ...
 
+    @abstractmethod
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
         """Put a block in its place."""
-        ...
 
+    @abstractmethod
     def save(self) -> None:
         """Make what has been written last beyond this process."""
-        ...
 
+    @abstractmethod
     def dataset(self) -> xr.Dataset:
         """What is there, labelled."""
-        ...
 
 
-class MemoryStore:
+class MemoryStore(Store):
     """Arrays in memory; with a path, also a netCDF file that `save` writes.
 
     Raises:
@@ -73,7 +74,7 @@ class MemoryStore:
         return self._dataset
 
 
-class ZarrStore:
+class ZarrStore(Store):
     """A Zarr folder (format 3), one chunk of each array a block; any process may write.
 
     Raises:
