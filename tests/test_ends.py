@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.blocks import integrate
+from erosion.integrator import ENDED
+from erosion.parameters import QUANTITIES
 from tests.fine_steps import wrong_ends
 
 P = erosion.TABLE_1
@@ -59,3 +62,15 @@ def test_volume_jumps_where_it_should(name, changes, degrees, below, above):
     sides = erosion.impact(name, p.replace(alpha=[low - 1e-12, high + 1e-12])).volume
     # On the side that grazes the slope diverges: 1e-12 rad away V still differs by about 1e-6.
     assert sides == pytest.approx([below, above], rel=1e-5)
+
+
+def test_a_dip_before_the_end_is_not_looked_for_for_ever():
+    # Between the step's start and its end past zero is a dip that stays positive.
+    p = P.replace(
+        k=3.416359702877047, v0=3865.5369915730844, r=0.18975583800561208, phidot0=-5538.944996032343,
+        inertia=0.5376768582569, alpha=np.deg2rad(29.335018174890664) + 1e-9 * np.arange(-500, 500),
+    )  # fmt: skip
+    lanes = [np.broadcast_to(getattr(p, name), 1000) for name in QUANTITIES]
+    found = integrate(erosion.load_model("rotating"), lanes, 0, (), 1e-9)
+    assert found.trials.max() < 100
+    assert np.all(found.mode == ENDED)

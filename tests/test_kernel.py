@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion import blocks
+from erosion.kernel import pair_derivatives
 from erosion.parameters import QUANTITIES
 from tests.reference import AT_20_DEGREES, CLOSED, closed_form
 
@@ -86,6 +88,40 @@ def test_several_parameters_make_a_symmetric_hessian():
     assert hit.d2volume[1] == pytest.approx((up.dvolume - down.dvolume) / (2 * h), rel=1e-6)
 
 
+def test_any_parameters_share_one_program():
+    erosion.impact("rotating", P, derivatives=2, wrt=("alpha", "k", "r"))
+    programs = blocks._compiled_chunk()._cache_size()
+    hit = erosion.impact("rotating", P, derivatives=2, wrt=("phidot0", "alpha"))
+    assert blocks._compiled_chunk()._cache_size() == programs
+    assert hit.d2volume[1, 1] == pytest.approx(float(erosion.impact("rotating", P, derivatives=2).d2volume), rel=1e-9)
+
+
+def test_pairs_give_the_derivatives_of_volume_and_end_time():
+    p = P.replace(alpha=np.array([0.2, 0.7]), phidot0=1000.0)
+    pairs = [("alpha", name) for name in QUANTITIES]
+    found = pair_derivatives(erosion.load_model("rotating"), p, pairs)
+    hit = erosion.impact("rotating", p, derivatives=2, wrt=("alpha", "v0", "phidot0"))
+    column = [list(QUANTITIES).index(name) for name in hit.wrt]
+    assert found.volume.second.shape == (2, len(QUANTITIES))
+    assert found.volume.second[:, column] == pytest.approx(hit.d2volume[:, 0], rel=1e-9)
+    assert found.volume.other[:, column] == pytest.approx(hit.dvolume, rel=1e-9)
+    assert np.array_equal(found.ended_by, hit.ended_by)
+    h = 1e-4
+    near = [pair_derivatives(erosion.load_model("rotating"), p.replace(k=2 + d), pairs).t_c for d in (-h, h)]
+    at = list(QUANTITIES).index("k")
+    assert found.t_c.other[:, at] == pytest.approx((near[1].value - near[0].value) / (2 * h), rel=1e-5)
+    assert found.t_c.second[:, at] == pytest.approx((near[1].first[:, 0] - near[0].first[:, 0]) / (2 * h), rel=1e-5)
+
+
+def test_a_lane_that_fails_along_one_pair_fails():
+    p = P.replace(alpha=np.array([0.2, np.nan, 0.4]))
+    hit = erosion.impact("rotating", p, derivatives=2, wrt=("alpha", "k", "r"))
+    assert list(hit.ended_by) == ["rebound", "failed", "rebound"]
+    for field in ("volume", "t_c", "dvolume", "d2volume"):
+        assert np.all(np.isnan(getattr(hit, field)[1]))
+        assert np.all(np.isfinite(getattr(hit, field)[::2]))
+
+
 @pytest.mark.parametrize("name", ["linearized", "rotating", "rotating-tan-alpha-full-torque"])
 def test_gradient_obeys_the_scaling_law(name):
     # V has the dimensions of length³; with V = V* f(α, k, rω/v₀, rφ̇₀/v₀, β), scaling any base
@@ -162,9 +198,7 @@ def test_a_batch_equals_its_members():
 
 
 def test_more_lanes_than_a_chunk_in_order():
-    from erosion import kernel
-
-    count = kernel._BLOCK * kernel._CHUNK + 17
+    count = blocks.BLOCK * blocks.CHUNK + 17
     alphas = np.linspace(0.3, 0.31, count)
     hit = erosion.impact("linearized", P.replace(alpha=alphas))
     exact = closed_form("linearized")
@@ -220,6 +254,28 @@ def test_a_lane_that_never_ends_or_breaks_says_so_alone():
     exact = closed_form("linearized")
     for i in (0, 2):
         assert hit.volume[i] == pytest.approx(float(exact.volume(P.replace(alpha=[0.2, 0.6, 0.3, 1.1][i]))), rel=1e-9)
+
+
+class Blurred(erosion.models.RigidErodent):
+    """`linearized` with an end that is not a number: by spin, never, when slow, at once, in its derivative."""
+
+    kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
+    force: erosion.models.ForceLaw = erosion.models.ConstantRatio()
+    torque: erosion.models.Torque = erosion.models.NoTorque()
+
+    def events(self, state, p):
+        slow = jnp.where(p.phidot0 == 1, 0.0 * jnp.sqrt(state.vx / p.v0 - 0.8), 0.0)
+        never = jnp.where(p.phidot0 == 2, jnp.nan, 0.0)
+        bent = jnp.where(p.phidot0 == 3, 0.0 * jnp.sqrt(jnp.abs(p.alpha - 0.2)), 0.0)
+        return {"rebound": state.y / self.scales(p).length + slow + never + bent}
+
+
+def test_an_end_that_is_not_a_number_is_a_failure():
+    p = P.replace(alpha=0.2, phidot0=np.arange(4.0))
+    hit = erosion.impact(Blurred(), p, derivatives=1)
+    assert list(hit.ended_by) == ["rebound", "failed", "failed", "failed"]
+    for field in ("volume", "t_c", "dvolume"):
+        assert list(np.isnan(getattr(hit, field))) == [False, True, True, True]
 
 
 def test_an_empty_batch_is_empty():

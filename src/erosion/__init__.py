@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from erosion.models import ModelError as ModelError
     from erosion.models import available_models as available_models
     from erosion.models import load_model as load_model
+    from erosion.optimum import Optimum as Optimum
+    from erosion.optimum import alpha_max as alpha_max
+    from erosion.optimum import alpha_min as alpha_min
     from erosion.parameters import MATERIALS as MATERIALS
     from erosion.parameters import TABLE_1 as TABLE_1
     from erosion.parameters import Parameters as Parameters
@@ -49,6 +52,7 @@ _HOMES = {
     "kernel": ("Impact", "impact", "volume"),
     "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
+    "optimum": ("Optimum", "alpha_max", "alpha_min"),
     "parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
     "provenance": ("StoreError",),
     "stream_result": ("Stream",),

@@ -1,9 +1,9 @@
 """A block of impacts: an error-controlled Runge-Kutta loop whose lanes end exactly at an event.
 
-There is one trace of the Runge-Kutta step in the loop. A lane is advancing, or locating: the
-step just tried went past an event, so the lane tries again **from the same start** with the
-length at which it expects the event. The state at the event thus has the full order of the
-method, not an interpolant's.
+There is one trace of the Runge-Kutta step in the loop. A lane is advancing, or locating: a step
+tried went past an event, so the lane tries again **from the same start** with the length at
+which it expects the event. The state at the event thus has the full order of the method, not
+an interpolant's.
 
 Arrays run over lanes in their last axis, so that one instruction serves several lanes: a jet
 is a tuple of (leaves, lanes) arrays; event functions and their rates are (events, lanes).
@@ -51,8 +51,7 @@ class Clock(NamedTuple):
     time: Any  # from contact to the start of the step
     trial: Any  # the length to try next
     step: Any  # the length the error control would like
-    low: Any  # while locating: lengths before and past the event
-    high: Any
+    high: Any  # while locating: a length past the event
     which: Any
     left: Any  # from the last trial's end to the event
     trials: Any
@@ -186,7 +185,7 @@ def _begin(block: _Block, scale: Any) -> Lanes:
     rate = block.rate(jet)
     start = block.look(jet, rate)
     finite = jnp.isfinite(scale) & (scale > 0)
-    for member in (*jet, *rate):
+    for member in (*jet, *rate, start):
         finite = finite & jnp.all(jnp.isfinite(member), axis=0)
     begins = block.begins()
     zero = jnp.zeros_like(scale)
@@ -196,7 +195,6 @@ def _begin(block: _Block, scale: Any) -> Lanes:
         time=zero,
         trial=first,
         step=first,
-        low=zero,
         high=zero,
         which=jnp.where(begins, 0.0, NO_CUT),
         left=zero,
@@ -213,15 +211,17 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
     """Try one step in every lane, and act on what it was."""
     jet, rate, error = _step(block, lanes.jet, lanes.rate, lanes.clock)
     ends = block.look(jet, rate)
+    # Events that are not numbers, of a motion that is, are an error too: 0·NaN is NaN.
+    error = Kernel(lambda error, ends: functools.reduce(lambda e, end: e + 0 * end, ends, error))(error, ends)
 
     def dips(clock: Any, start: Any, ends: Any) -> Any:
         return functools.reduce(
             jnp.minimum, [dip_in_step(*event, Clock(*clock).trial) for event in _events(start, ends)]
         )
 
-    def fences(clock: Any, start: Any, ends: Any, error: Any, dip: Any) -> Any:
+    def fences(clock: Any, start: Any, ends: Any, error: Any) -> Any:
         past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
-        return jnp.stack(_fences(Clock(*clock), error / (_SLACK * rtol), dip, past))
+        return jnp.stack(_fences(Clock(*clock), error / (_SLACK * rtol), past))
 
     def expected(clock: Any, start: Any, ends: Any, fences: Any, i: int) -> Any:
         before, after = _events(start, ends)[i]
@@ -233,7 +233,7 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         return jnp.stack(_decide(Clock(*clock), error / (_SLACK * rtol), scale, dip, fences, roots))
 
     dip = Kernel(dips)(lanes.clock, lanes.start, ends)
-    fence = Kernel(fences)(lanes.clock, lanes.start, ends, error, dip)
+    fence = Kernel(fences)(lanes.clock, lanes.start, ends, error)
     roots = [
         Kernel(functools.partial(expected, i=i))(lanes.clock, lanes.start, ends, fence)
         for i in range(ends.shape[0] // 2)
@@ -250,13 +250,15 @@ def _events(start: Any, ends: Any) -> list[tuple[Ends, Ends]]:
     return [(Ends(start[i], start[half + i]), Ends(ends[i], ends[half + i])) for i in range(half)]
 
 
-def _fences(clock: Clock, error: Any, dip: Any, past: Any) -> list[Any]:
+def _fences(clock: Clock, error: Any, past: Any) -> list[Any]:
     """Lengths known to be before and past the event, and whether the trial's end is past it."""
-    locating = clock.mode == LOCATING
-    good = locating | (error <= 1)
-    low = jnp.where(good & (dip >= 1) & locating & ~past, clock.trial, jnp.where(locating, clock.low, 0.0))
-    high = jnp.where(good & past, clock.trial, clock.high)
-    return [low, high, past.astype(float)]
+    high = jnp.where(_good(clock, error) & past, clock.trial, clock.high)
+    return [jnp.where(past, 0.0, clock.trial), high, past.astype(float)]
+
+
+def _good(clock: Clock, error: Any) -> Any:
+    """Whether a trial counts: while locating, any that is shorter than the one that did, if it is finite."""
+    return jnp.where(clock.mode == LOCATING, jnp.isfinite(error), error <= 1)
 
 
 def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: list[Any]) -> list[Any]:
@@ -270,9 +272,9 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
         fences: see `_fences`.
         roots: when each event is expected to fall through zero.
     """
-    low, high, past = fences[0], fences[1], fences[2] > 0
+    high, past = fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
-    good = locating | (error <= 1)
+    good = _good(clock, error)
     landing, fits = good & (dip < 1), good & (dip >= 1)
     bracketed = good & (past | locating)
     expected = functools.reduce(jnp.minimum, roots)
@@ -282,7 +284,8 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
     left = expected - clock.trial
     near = _NEAR * jnp.minimum(scale, clock.time + clock.trial)
     ended = going & fits & bracketed & (jnp.abs(left) <= near)
-    accepted = going & fits & ~bracketed
+    # A locating lane moves on as well, or it would look for ever at both sides of a dip.
+    accepted = going & fits & ~past & ~ended
 
     # The eighth root by square roots: XLA's `pow` on a CPU is one library call a number.
     factor = 0.9 / jnp.sqrt(jnp.sqrt(jnp.sqrt(error + 1e-30)))
@@ -292,20 +295,19 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
         good & (clock.trial < clock.step), jnp.maximum(factor * clock.trial, clock.step), factor * clock.trial
     )
     step = jnp.where(locating, clock.step, step)
-    trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, expected, step))
+    trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, jnp.where(past, expected, left), step))
     time = clock.time + jnp.where(accepted | ended, clock.trial, 0.0)
 
     mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
     mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
-    mode = jnp.where(~(trial > 1e-14 * scale), FAILED, mode)
+    mode = jnp.where(~(trial > 1e-14 * scale) | (locating & ~good), FAILED, mode)
     mode = jnp.where(ended, ENDED, mode)
     return [
         jnp.where(going, mode, clock.mode),
         jnp.where(going, time, clock.time),
         jnp.where(going, trial, clock.trial),
         step,
-        low,
-        high,
+        jnp.where(accepted, high - clock.trial, high),
         jnp.where(ended, which, clock.which),
         jnp.where(ended, left, clock.left),
         clock.trials + going,
@@ -349,7 +351,7 @@ def _combine(weights: np.ndarray, stages: Sequence[Any]) -> Any:
 def _finish(clock: Clock, time: Derivatives, volume: Derivatives) -> Solution:
     """Zeros where nothing is cut; NaN, said to be failed, where a number is not finite."""
     numbers = jax.tree.map(lambda value: jnp.where(clock.which == NO_CUT, 0.0, value), (time, volume))
-    whole = (clock.mode == ENDED) & jnp.isfinite(numbers[0].value) & jnp.isfinite(numbers[1].value)
+    whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, jax.tree.leaves(numbers)), clock.mode == ENDED)
     mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
     numbers = jax.tree.map(lambda value: jnp.where(whole, value, jnp.nan), numbers)
     return Solution(mode, clock.which, *numbers, trials=clock.trials)

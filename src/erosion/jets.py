@@ -152,7 +152,7 @@ def at_event(jets: Jets, jet: tuple[Cut, ...], which: Any) -> tuple[Derivatives,
     Args:
         jets: the lane's jets.
         jet: at the event.
-        which: index of the event that ended the cut.
+        which: index of the event that ended the cut, in the order of their names.
 
     Returns:
         Derivatives of the time (its `value` is None) and of the volume.
@@ -163,7 +163,8 @@ def at_event(jets: Jets, jet: tuple[Cut, ...], which: Any) -> tuple[Derivatives,
 
     def event(cut: Cut, model: CuttingModel, p: Parameters) -> Any:
         chosen = jnp.zeros_like(cut.volume)
-        for i, value in enumerate(model.events(cut.state, p).values()):
+        # By name, as everywhere: JAX sorts the keys of a dictionary that passes through it.
+        for i, (_, value) in enumerate(sorted(model.events(cut.state, p).items())):
             chosen = jnp.where(which == i, value, chosen)
         return chosen
 

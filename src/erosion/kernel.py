@@ -1,14 +1,12 @@
 """Millions of impacts: the batch, with first and second derivatives.
 
-`impact` walks many lanes in blocks that stay in a core's cache, one thread a core. `volume`
-is one traceable number, for use inside one's own `jit`, `vmap` and `grad`.
+`impact` computes arrays of them. `volume` is one traceable number, for use inside one's own
+`jit`, `vmap` and `grad`.
 """
 
-import concurrent.futures
 import dataclasses
 import functools
 import itertools
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,8 +14,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
+from erosion.blocks import integrate, leaf_index
 from erosion.integrator import ENDED, NO_CUT, UNFINISHED, Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
@@ -27,8 +25,6 @@ from erosion.precision import require_float64
 from erosion.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
 
-_BLOCK = 256  # lanes of a block on a CPU: their stages fit the second-level cache
-_CHUNK = 256  # blocks of one call, walked one after another
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 
 
@@ -116,134 +112,97 @@ def impact(
     if not 0 < rtol < 1:
         raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
     rtol = max(float(rtol), _TINY)
-    leaves = [np.asarray(getattr(p, name)) for name in QUANTITIES]
-    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
-    lanes = [np.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves]
+    lanes, shape = _lanes(p)
     single = isinstance(wrt, str)
     if derivatives == 0 or single:
-        fields = _run(model, lanes, derivatives, names, rtol)
-        first, second = (fields.first, fields.second)
+        found = integrate(model, lanes, derivatives, names if derivatives else (), rtol)
+        first, second = found.volume.first, found.volume.second
     else:
-        fields, first, second = _several(model, lanes, derivatives, names, rtol)
+        found, first, second = _several(model, lanes, derivatives, names, rtol)
     tail = () if single else (len(names),)
     return Impact(
         model=model,
         p=p,
-        volume=fields.volume.reshape(shape)[()],
-        t_c=fields.time.reshape(shape)[()],
-        ended_by=_outcomes(model, fields).reshape(shape)[()],
+        volume=found.volume.value.reshape(shape)[()],
+        t_c=found.time.value.reshape(shape)[()],
+        ended_by=_outcomes(model, found).reshape(shape)[()],
         dvolume=first.reshape(shape + tail)[()] if derivatives >= 1 else None,
-        d2volume=second.reshape(shape + tail + tail)[()] if derivatives == 2 else None,
+        d2volume=second.reshape(shape + tail + tail)[()] if second is not None else None,
         wrt=wrt if isinstance(wrt, str) else names,
     )
 
 
-@functools.partial(jax.tree_util.register_dataclass, data_fields=["mode", "which", "time", "volume", "first", "second"],
-                   meta_fields=[])  # fmt: skip
-@dataclasses.dataclass
-class _Fields:
-    """What a block hands back, each of shape (lanes,)."""
+@dataclasses.dataclass(frozen=True)
+class PairDerivatives:
+    """Derivatives of volume and end time along pairs of parameters; see `pair_derivatives`.
 
-    mode: Any
-    which: Any
-    time: Any
-    volume: Any
-    first: Any
-    second: Any
+    Args:
+        volume, t_c: `value` has the broadcast shape of the parameters; for a pair (q, w)
+            `first` is ∂/∂q, `other` ∂/∂w and `second` ∂²/∂q∂w, with a last axis over pairs.
+        ended_by: as in `Impact`.
+    """
+
+    volume: Derivatives
+    t_c: Derivatives
+    ended_by: Any
+
+
+def pair_derivatives(
+    model: CuttingModel, p: Parameters, pairs: Sequence[tuple[str, str]], rtol: float = 1e-9
+) -> PairDerivatives:
+    """First and second derivatives of volume and end time along pairs of parameters.
+
+    A pair costs one lane for each impact, and one program serves all pairs. For other
+    modules of the package: arguments are not checked.
+    """
+    lanes, shape = _lanes(p)
+    found, volume, time = _along(model, lanes, 2, pairs, rtol)
+
+    def shaped(derivatives: Derivatives) -> Derivatives:
+        return Derivatives(*(part.reshape(shape + part.shape[1:]) for part in derivatives))
+
+    return PairDerivatives(shaped(volume), shaped(time), _outcomes(model, found).reshape(shape)[()])
+
+
+def _lanes(p: Parameters) -> tuple[list[np.ndarray], tuple[int, ...]]:
+    leaves = [np.asarray(getattr(p, name)) for name in QUANTITIES]
+    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
+    return [np.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves], shape
 
 
 def _several(
     model: CuttingModel, lanes: list[np.ndarray], order: int, names: tuple[str, ...], rtol: float
-) -> tuple[_Fields, np.ndarray, np.ndarray]:
-    """Gradient and Hessian over several parameters, a pass for each (pair)."""
-    n, count = len(names), lanes[0].size
-    first, second = np.empty((count, n)), np.empty((count, n, n))
-    fields = None
-    for i, name in enumerate(names):
-        fields = _run(model, lanes, order, (name,), rtol)
-        first[:, i], second[:, i, i] = fields.first, fields.second
-    for i, j in itertools.combinations(range(n) if order == 2 else (), 2):
-        mixed = _run(model, lanes, 2, (names[i], names[j]), rtol).second
-        second[:, i, j] = second[:, j, i] = mixed
-    assert fields is not None
-    return fields, first, second
+) -> tuple[Solution, np.ndarray, np.ndarray | None]:
+    """Gradient and Hessian over several parameters."""
+    if order == 1:
+        found, volume, _ = _along(model, lanes, 1, [(name,) for name in names], rtol)
+        return found, volume.first, None
+    found, volume, _ = _along(model, lanes, 2, list(itertools.combinations_with_replacement(names, 2)), rtol)
+    row, column = np.triu_indices(len(names))
+    second = np.empty((lanes[0].size, len(names), len(names)))
+    second[:, row, column] = second[:, column, row] = volume.second
+    return found, volume.first[:, row == column], second
 
 
-def _run(model: CuttingModel, lanes: list[np.ndarray], order: int, names: tuple[str, ...], rtol: float) -> _Fields:
-    count = lanes[0].size
-    results = _Fields(*(np.empty(count, dtype) for dtype in (np.int64, np.int64, float, float, float, float)))
-    if not count:
-        return results
-    block = _block_size()
-    capacity = block if count <= block else block * _CHUNK
+def _along(
+    model: CuttingModel, lanes: list[np.ndarray], order: int, along: Sequence[tuple[str, ...]], rtol: float
+) -> tuple[Solution, Derivatives, Derivatives]:
+    """The lanes' solution, and derivatives of volume and time (lanes, along): names at order 1, pairs at 2."""
+    leaves = np.array([[leaf_index(model, name) for name in names] for names in along])
+    copies = jax.tree.map(lambda leaf: leaf.reshape(-1, len(along)), integrate(model, lanes, order, leaves.T, rtol))
+    # A lane that fails along one direction fails.
+    mode = copies.mode.max(axis=1)
+    one: Solution = jax.tree.map(lambda leaf: leaf[:, 0], copies)._replace(mode=mode)
 
-    def work(begin: int) -> None:
-        end = min(begin + capacity, count)
-        # The last block is filled up with copies of its last lane.
-        index = np.minimum(np.arange(begin, begin + capacity), end - 1)
-        blocks = -(-(end - begin) // block)
-        chunk = [lane[index].reshape(-1, block) for lane in lanes]
-        out = _compiled_chunk()(model, chunk, blocks, order, names if order else (), rtol)
-        for name in ("mode", "which", "time", "volume", "first", "second"):
-            getattr(results, name)[begin:end] = np.asarray(getattr(out, name)).reshape(-1)[: end - begin]
+    def whole(value: Any, parts: Derivatives) -> Derivatives:
+        ended = mode == ENDED
+        return Derivatives(
+            np.where(ended, value, np.nan),
+            *(None if part is None else np.where(ended[:, None], part, np.nan) for part in parts[1:]),
+        )
 
-    begins = range(0, count, capacity)
-    if len(begins) == 1:
-        work(0)
-    else:
-        with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
-            list(pool.map(work, begins))
-    return results
-
-
-def _chunk(
-    model: CuttingModel, lanes: list[Any], blocks: Any, order: int, names: tuple[str, ...], rtol: Any
-) -> _Fields:
-    """The first `blocks` blocks of a chunk, one after another; lanes are (blocks, block)."""
-
-    def run(values: list[Any]) -> _Fields:
-        # The physics does not depend on the unit system: one program serves all.
-        p = Parameters(**dict(zip(QUANTITIES, values, strict=True)))
-        return _fields(solve(model, p, order, names, rtol))
-
-    def block(i: Any, done: _Fields) -> _Fields:
-        out = run([values[i] for values in lanes])
-        return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 0), done, out)
-
-    shapes = jax.eval_shape(run, [values[0] for values in lanes])
-    empty = jax.tree.map(lambda leaf: jnp.zeros((lanes[0].shape[0], *leaf.shape), leaf.dtype), shapes)
-    return lax.fori_loop(0, blocks, block, empty)
-
-
-@functools.cache
-def _compiled_chunk() -> Any:
-    return jax.jit(_chunk, static_argnames=("order", "names"), compiler_options=_compiler_options())
-
-
-def _compiler_options() -> dict[str, Any]:
-    """Options worth a fifth of the time on a CPU, where this version of XLA knows them."""
-    if jax.default_backend() != "cpu":
-        return {}
-    # Vectors as wide as the machine has them, and no splitting of one small loop over threads.
-    options = {"xla_cpu_prefer_vector_width": 512, "xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
-    try:
-        jax.jit(lambda x: x + 1.0, compiler_options=options)(1.0)
-    except jax.errors.JaxRuntimeError:
-        return {}
-    return options
-
-
-def _fields(solution: Solution) -> _Fields:
-    volume = solution.volume
-    nothing = jnp.zeros_like(volume.value)
-    return _Fields(
-        solution.mode.astype(jnp.int64),
-        solution.which.astype(jnp.int64),
-        solution.time.value,
-        volume.value,
-        nothing if volume.first is None else volume.first,
-        nothing if volume.second is None else volume.second,
-    )
+    volume, time = whole(one.volume.value, copies.volume), whole(one.time.value, copies.time)
+    return one._replace(volume=volume, time=time), volume, time
 
 
 def end_names(model: CuttingModel) -> tuple[str, ...]:
@@ -253,22 +212,12 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
     return (*events, "no-cut", "failed", "unfinished")
 
 
-def _outcomes(model: CuttingModel, fields: _Fields) -> np.ndarray:
+def _outcomes(model: CuttingModel, found: Solution) -> np.ndarray:
     names = end_names(model)
     # The codes of the events are 0, 1, …; NO_CUT is -1, counted from the three last names.
-    code = np.where(fields.which == NO_CUT, len(names) - 3, fields.which)
-    code = np.where(fields.mode == ENDED, code, len(names) - 2)
-    return np.array(names)[np.where(fields.mode == UNFINISHED, len(names) - 1, code)]
-
-
-def _block_size() -> int:
-    return _BLOCK if jax.default_backend() == "cpu" else _BLOCK * _CHUNK
-
-
-def _threads() -> int:
-    if jax.default_backend() != "cpu":
-        return 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    code = np.where(found.which == NO_CUT, len(names) - 3, found.which)
+    code = np.where(found.mode == ENDED, code, len(names) - 2)
+    return np.array(names)[np.where(found.mode == UNFINISHED, len(names) - 1, code).astype(int)]
 
 
 def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:

@@ -1,0 +1,241 @@
+"""Every local maximum of a function of the angle, its jumps and its regimes, for many cases at once."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from erosion.kernel import impact
+from erosion.model import CuttingModel
+from erosion.parameters import QUANTITIES, Parameters
+from erosion.scan import Cells, Evaluate, Nodes, Scan, is_jump, joined, polish, scan
+
+SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0
+STEEPEST = np.pi / 2
+ASIDE = 1e-9  # rad; so far beside a jump any evaluation agrees on which side it is
+_LOOSE = 1e-9  # relative tolerance of the search
+TIGHT = 1e-12  # relative tolerance where an answer is polished
+_GRID = 112  # angles of the first look between 0.02 rad and π/2
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A local maximum, or one that the range or a jump cuts off.
+
+    Args:
+        alpha: its angle [rad]; at a jump 1e-9 beside it, where any evaluation agrees on the side.
+        value: of the objective there.
+        kind: "interior", "jump" or "boundary".
+        ended_by: how the cut ends there.
+        side: at a jump "below" or "above" it in angle; else "".
+        attained: whether `value` is reached. At a jump the impact that just grazes belongs
+            to the side where the cut ends earlier, and the other side's supremum is not
+            reached; nor is the limit as α → 0.
+        dvalue, d2value: derivatives by the angle there.
+        steps: evaluations that the polishing took.
+    """
+
+    alpha: float
+    value: float
+    kind: str
+    ended_by: str
+    side: str
+    attained: bool
+    dvalue: float
+    d2value: float
+    steps: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Jump:
+    """A discontinuity of the objective, bracketed to 1e-11 rad.
+
+    Args:
+        alpha: its angle [rad].
+        below, above: the objective on either side.
+        ended_below, ended_above: how the cut ends on either side.
+    """
+
+    alpha: float
+    below: float
+    above: float
+    ended_below: str
+    ended_above: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Regime:
+    """A range of angles over which the cut ends the same way, between jumps and kinks.
+
+    Args:
+        low, high: the range [rad].
+        ended_by: how the cut ends in it.
+    """
+
+    low: float
+    high: float
+    ended_by: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Maxima:
+    """What is known of one case.
+
+    Args:
+        candidates: best first, at least one.
+        jumps, regimes: by angle.
+        rounds: of refinement.
+        certified: whether every impact succeeded.
+    """
+
+    candidates: tuple[Candidate, ...]
+    jumps: tuple[Jump, ...]
+    regimes: tuple[Regime, ...]
+    rounds: int
+    certified: bool
+
+
+class Search:
+    """The optima of many cases at once; values carry a sign, so that all are maxima."""
+
+    def __init__(self, model: CuttingModel, p: Parameters, sign: float) -> None:
+        self.model, self.p, self.sign = model, p, sign
+
+    def _at(self, rtol: float) -> Evaluate:
+        def evaluate(case: np.ndarray, alpha: np.ndarray) -> Nodes:
+            rows = {q: np.asarray(getattr(self.p, q))[case] for q in QUANTITIES if q != "alpha"}
+            hits = impact(self.model, self.p.replace(alpha=alpha, **rows), derivatives=2, rtol=rtol)
+            value, slope, curve = (self.sign * part for part in (hits.volume, hits.dvolume, hits.d2volume))
+            return Nodes(case, alpha, value, slope, curve, hits.t_c, hits.ended_by)
+
+        return evaluate
+
+    def maxima(self, low: float, high: float) -> list[Maxima]:
+        """Of each case, over the angles from `low` to `high` [rad]."""
+        cases = np.asarray(self.p.k).size
+        found = scan(self._at(_LOOSE), self._at(TIGHT), cases, _first_look(low, high))
+        certified = found.unresolved == 0
+        jumped = is_jump(found.narrow, found.size[found.narrow.low.case])
+        candidates: list[list[Candidate]] = [[] for _ in range(cases)]
+        for case, candidate in [
+            *self._interior(found, jumped),
+            *self._at_jumps(found, jumped),
+            *self._at_ends(found, low, high),
+        ]:
+            candidates[case].append(candidate)
+        jumps, regimes = self._jumps(found, jumped, cases), _regimes(found, cases, low, high)
+        return [
+            Maxima(
+                self._ranked(candidates[case]),
+                jumps[case],
+                regimes[case],
+                int(found.rounds[case]),
+                bool(certified[case]),
+            )
+            for case in range(cases)
+        ]
+
+    def _ranked(self, candidates: list[Candidate]) -> tuple[Candidate, ...]:
+        cutting = [c for c in candidates if c.ended_by != "no-cut" or self.sign < 0]
+        if not cutting:
+            nothing = Candidate(np.nan, 0.0, "none", "no-cut", "", True, 0.0, 0.0, 0)
+            return (nothing,)
+        return tuple(sorted(cutting, key=lambda c: -self.sign * c.value))
+
+    def _candidate(self, nodes: Nodes, i: Any, **more: Any) -> Candidate:
+        defaults = {"side": "", "attained": True, "steps": 0}
+        return Candidate(
+            alpha=float(nodes.alpha[i]),
+            value=float(self.sign * nodes.value[i]),
+            dvalue=float(self.sign * nodes.slope[i]),
+            d2value=float(self.sign * nodes.curve[i]),
+            ended_by=str(nodes.end[i]),
+            **{**defaults, **more},
+        )
+
+    def _interior(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
+        cells = Cells._make(joined(a, b.take(~jumped)) for a, b in zip(found.smooth, found.narrow, strict=True))
+        falls = (cells.low.slope > 0) & (cells.high.slope <= 0)
+        cells = Cells._make(side.take(falls) for side in cells)
+        best, steps = polish(self._at(TIGHT), cells)
+        flat = np.abs(best.slope) <= 1e-6 * found.size[best.case]
+        return [
+            (int(case), self._candidate(best, i, kind="interior" if flat[i] else "kink", steps=int(steps[i])))
+            for i, case in enumerate(best.case)
+        ]
+
+    def _at_jumps(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
+        low, high = (
+            self._at(TIGHT)(side.case[jumped], side.alpha[jumped] + towards * ASIDE)
+            for side, towards in zip(found.narrow, (-1, 1), strict=True)
+        )
+        candidates = []
+        for i, case in enumerate(low.case):
+            # Only a side that rises towards the jump, to more than there is beyond it.
+            if low.value[i] > high.value[i] and low.slope[i] >= 0:
+                side, here, beyond = "below", low, high
+            elif high.value[i] > low.value[i] and high.slope[i] <= 0:
+                side, here, beyond = "above", high, low
+            else:
+                continue
+            attained = bool(here.time[i] < beyond.time[i])
+            candidates.append((int(case), self._candidate(here, i, kind="jump", side=side, attained=attained)))
+        return candidates
+
+    def _at_ends(self, found: Scan, low: float, high: float) -> list[tuple[int, Candidate]]:
+        nodes = found.nodes
+        first = np.flatnonzero(np.diff(nodes.case, prepend=-1))
+        last = np.append(first[1:], nodes.case.size) - 1
+        ends = []
+        for case, (i, j) in enumerate(zip(first, last, strict=True)):
+            if nodes.slope[i] < 0:
+                candidate = self._candidate(nodes, i, kind="boundary")
+                ends.append((case, candidate if low > 0 else self._limit(candidate)))
+            elif low == 0 and self.sign < 0:
+                ends.append((case, self._limit(self._candidate(nodes, i, kind="boundary"))))
+            if nodes.slope[j] > 0 or self.sign < 0:
+                candidate = self._candidate(nodes, j, kind="boundary")
+                ends.append((case, dataclasses.replace(candidate, alpha=high)))
+        return ends
+
+    def _limit(self, first: Candidate) -> Candidate:
+        """The supremum as α → 0, continued from the shallowest angle of the scan."""
+        h = first.alpha
+        value = first.value - h * first.dvalue + h**2 / 2 * first.d2value
+        # α dV/dα over V is the power with which a function without a limit grows.
+        if abs(h * first.dvalue) > 0.01 * abs(first.value) and self.sign * first.dvalue < 0:
+            value = self.sign * np.inf
+        return dataclasses.replace(first, alpha=0.0, value=value, attained=False)
+
+    def _jumps(self, found: Scan, jumped: np.ndarray, cases: int) -> list[tuple[Jump, ...]]:
+        low, high = (side.take(jumped) for side in found.narrow)
+        jumps: list[list[Jump]] = [[] for _ in range(cases)]
+        for i in np.argsort(low.alpha):
+            middle = float(low.alpha[i] + high.alpha[i]) / 2
+            below, above = float(self.sign * low.value[i]), float(self.sign * high.value[i])
+            jumps[low.case[i]].append(Jump(middle, below, above, str(low.end[i]), str(high.end[i])))
+        return [tuple(some) for some in jumps]
+
+
+def _first_look(low: float, high: float) -> np.ndarray:
+    """Angles to begin with: geometric near 0, where functions may be powers; then even."""
+    # At π/2 itself an impact without spin cuts nothing: its neighbour stands for the limit.
+    low, high = max(low, SHALLOWEST), min(high, STEEPEST - 1e-10)
+    even = np.linspace(0.02, high, _GRID) if low < 0.02 < high else np.linspace(low, high, _GRID)
+    near_zero = np.geomspace(low, 0.02, 14)[:-1] if low < 0.02 < high else []
+    return np.concatenate([near_zero, even])
+
+
+def _regimes(found: Scan, cases: int, low: float, high: float) -> list[tuple[Regime, ...]]:
+    changes = found.narrow.low.end != found.narrow.high.end
+    before, after = (side.take(changes) for side in found.narrow)
+    first = found.nodes.end[np.flatnonzero(np.diff(found.nodes.case, prepend=-1))]
+    regimes = [[Regime(low, high, str(end))] for end in first]
+    for i in np.argsort(before.alpha):
+        last = regimes[before.case[i]].pop()
+        middle = float(before.alpha[i] + after.alpha[i]) / 2
+        regimes[before.case[i]] += [
+            dataclasses.replace(last, high=middle),
+            Regime(middle, high, str(after.end[i])),
+        ]
+    return [tuple(some) for some in regimes]

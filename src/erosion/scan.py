@@ -1,0 +1,247 @@
+"""A function of the angle, resolved: where it is smooth, where it jumps, where it bends.
+
+The function is known through its value and first two derivatives at chosen angles (nodes).
+Between neighbouring nodes it is *resolved* where the quintic through both ends agrees with
+what its own smoothness predicts; every other cell is split, until it is resolved or as
+narrow as `NARROW`. What is left narrow holds a jump or a change of how the cut ends.
+
+Many functions (cases) are resolved at once, so that each round is one large batch.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+NARROW = 1e-11
+"""Cells this wide [rad] are not split: jumps are known to this, from both sides."""
+
+_SUSPECT = 3e-8  # rad; where cells so wide are not resolved, a tighter tolerance goes on
+_RESOLVED = 1e-9  # of the function's largest size: what the quintic's last term may add
+_BENT = 1e-4  # likewise the quartic term, so that the quintic's cannot vanish by accident
+_JUMP = 1e-8  # likewise; a smaller change over a narrow cell is rounding
+_LANES = 256  # of a batch that is no cheaper when smaller
+_MAX_NODES = 20_000  # of one case; a function that needs more is not resolved
+
+
+class Nodes(NamedTuple):
+    """Where the functions are known; arrays of shape (nodes,).
+
+    Args:
+        case: which function.
+        alpha: the angle [rad].
+        value, slope, curve: the function and its derivatives by the angle; NaN where the
+            impact failed.
+        time: when the cut ends [s].
+        end: a code of how the cut ends.
+    """
+
+    case: np.ndarray
+    alpha: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+    curve: np.ndarray
+    time: np.ndarray
+    end: np.ndarray
+
+    def take(self, index: Any) -> "Nodes":
+        """Some of the nodes."""
+        return Nodes._make(column[index] for column in self)
+
+
+def joined(one: Nodes, other: Nodes) -> Nodes:
+    """All nodes of both."""
+    return Nodes._make(np.concatenate(pair) for pair in zip(one, other, strict=True))
+
+
+class Cells(NamedTuple):
+    """Neighbouring nodes in pairs: `low` and `high` are aligned."""
+
+    low: Nodes
+    high: Nodes
+
+    @property
+    def width(self) -> np.ndarray:
+        """Of each cell [rad]."""
+        return self.high.alpha - self.low.alpha
+
+
+class Scan(NamedTuple):
+    """Resolved functions.
+
+    Args:
+        nodes: all of them, by case and then by angle.
+        smooth: the resolved cells.
+        narrow: the cells that hold a jump or another end on either side.
+        size: of each case's function, its largest magnitude; shape (cases,).
+        unresolved: of each case, how many cells are neither (failed impacts); shape (cases,).
+        rounds: how often each case's cells were split; shape (cases,).
+    """
+
+    nodes: Nodes
+    smooth: Cells
+    narrow: Cells
+    size: np.ndarray
+    unresolved: np.ndarray
+    rounds: np.ndarray
+
+
+Evaluate = Callable[[np.ndarray, np.ndarray], Nodes]
+"""(cases, angles) -> nodes there."""
+
+
+def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) -> Scan:
+    """Resolve functions of the angle.
+
+    Args:
+        evaluate: computes nodes.
+        tight: computes them more exactly, to say where a jump is.
+        cases: how many functions.
+        angles: where to look first, ascending [rad].
+    """
+    count = len(angles)
+    nodes = evaluate(np.repeat(np.arange(cases), count), np.tile(angles, cases))
+    left = np.flatnonzero(np.arange(cases * count) % count != count - 1)
+    found = _resolve(evaluate, nodes, left, left + 1, np.zeros(cases), _SUSPECT)
+    # What the looser tolerance placed within _SUSPECT may lie a little beside it.
+    low, high = found.narrow
+    ends = [
+        tight(side.case, np.clip(side.alpha + aside, angles[0], angles[-1]))
+        for side, aside in ((low, -_SUSPECT), (high, _SUSPECT))
+    ]
+    index = np.arange(low.case.size)
+    close = _resolve(tight, joined(*ends), index, index + index.size, found.size, NARROW)
+    return found._replace(
+        narrow=close.narrow,
+        size=np.maximum(found.size, close.size),
+        unresolved=found.unresolved + close.unresolved,
+        rounds=found.rounds + close.rounds,
+    )
+
+
+def _resolve(
+    evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray, size: np.ndarray, narrow_width: float
+) -> Scan:
+    """Split cells, pairs of indices of nodes, until each is smooth or as narrow as `narrow_width`."""
+    cases = size.size
+    size, unresolved, rounds = size.copy(), np.zeros(cases, int), np.zeros(cases, int)
+    used = np.bincount(nodes.case, minlength=cases)
+    smooth, narrow = [], []
+    while True:
+        np.maximum.at(size, nodes.case, np.nan_to_num(np.abs(nodes.value)))
+        cells = Cells(nodes.take(low), nodes.take(high))
+        done = is_resolved(cells, size[cells.low.case])
+        known = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
+        tight = ~done & (cells.width <= narrow_width)
+        lost = ~done & (~known | (~tight & (used[cells.low.case] > _MAX_NODES)))
+        np.add.at(unresolved, cells.low.case[lost], 1)
+        smooth.append(np.stack([low[done], high[done]]))
+        narrow.append(np.stack([low[tight & known], high[tight & known]]))
+        split = ~(done | tight | lost)
+        low, high = low[split], high[split]
+        if not low.size:
+            break
+        parts = int(np.clip(_LANES // low.size, 2, 16))
+        fractions = np.arange(1, parts) / parts
+        a, b = nodes.alpha[low, None], nodes.alpha[high, None]
+        new = evaluate(np.repeat(nodes.case[low], parts - 1), (a + fractions * (b - a)).ravel())
+        np.add.at(used, new.case, 1)
+        rounds[np.unique(new.case)] += 1
+        first = len(nodes.case) + np.arange(new.case.size).reshape(-1, parts - 1)
+        chain = np.column_stack([low, first, high])
+        nodes = joined(nodes, new)
+        low, high = chain[:, :-1].ravel(), chain[:, 1:].ravel()
+    pairs = [np.concatenate(kind, axis=1) for kind in (smooth, narrow)]
+    resolved, bracketed = (Cells(nodes.take(pair[0]), nodes.take(pair[1])) for pair in pairs)
+    return Scan(nodes.take(np.lexsort((nodes.alpha, nodes.case))), resolved, bracketed, size, unresolved, rounds)
+
+
+def is_resolved(cells: Cells, size: np.ndarray) -> np.ndarray:
+    """Whether the quintic through both ends of a cell can be trusted; False where one is NaN."""
+    coefficients = quintic(cells)
+    slopes = _slope_of(coefficients, np.linspace(0.0, 1.0, 9)[:, None])
+    rising, falling = cells.low.slope > 0, cells.high.slope < 0
+    # With slopes of the same sign at both ends there is no maximum inside, nor a pair of extrema.
+    turns = (rising & ~falling & np.any(slopes < 0, axis=0)) | (~rising & falling & np.any(slopes > 0, axis=0))
+    wiggles = turns & (cells.width * np.max(np.abs(slopes), axis=0) > _RESOLVED * size)
+    steady = (cells.low.end == cells.high.end) & ~wiggles
+    small = (np.abs(coefficients[5]) <= _RESOLVED * size) & (np.abs(coefficients[4]) <= _BENT * size)
+    return steady & small
+
+
+def quintic(cells: Cells) -> np.ndarray:
+    """Coefficients of t⁰ … t⁵ of the polynomial through both ends of a cell, t from 0 to 1."""
+    h = cells.width
+    value, slope, curve = cells.low.value, h * cells.low.slope, h**2 * cells.low.curve / 2
+    rise = cells.high.value - value - slope - curve
+    steepening = h * cells.high.slope - slope - 2 * curve
+    bending = h**2 * cells.high.curve / 2 - curve
+    return np.stack(
+        [
+            value,
+            slope,
+            curve,
+            10 * rise - 4 * steepening + bending,
+            -15 * rise + 7 * steepening - 2 * bending,
+            6 * rise - 3 * steepening + bending,
+        ]
+    )
+
+
+def _slope_of(coefficients: np.ndarray, t: Any) -> np.ndarray:
+    return np.polynomial.polynomial.polyval(t, [n * c for n, c in enumerate(coefficients)][1:], tensor=False)
+
+
+def is_jump(cells: Cells, size: np.ndarray) -> np.ndarray:
+    """Whether the function jumps within narrow cells."""
+    change = np.abs(cells.high.value - cells.low.value)
+    allowed = 4 * cells.width * (np.abs(cells.low.slope) + np.abs(cells.high.slope))
+    return change > allowed + _JUMP * size
+
+
+def polish(evaluate: Evaluate, cells: Cells) -> tuple[Nodes, np.ndarray]:
+    """The maxima within cells whose slope falls through zero, by safeguarded Newton.
+
+    Newton's step on the slope, from the quintic's own maximum; bisection where it would
+    leave the bracket, as it may at a kink of the slope.
+
+    Returns:
+        The nodes at the maxima, and how many evaluations each took.
+    """
+    case = cells.low.case
+    low, high = cells.low.alpha.copy(), cells.high.alpha.copy()
+    at = cells.low.alpha + cells.width * _falling_root(quintic(cells))
+    tries = np.zeros(case.size, int)
+    best = cells.low
+    active = np.ones(case.size, bool)
+    while active.any():
+        i = np.flatnonzero(active)
+        found = evaluate(case[i], at[i])
+        tries[i] += 1
+        best = Nodes._make(_put(column, i, new) for column, new in zip(best, found, strict=True))
+        low[i] = np.where(found.slope > 0, at[i], low[i])
+        high[i] = np.where(found.slope > 0, high[i], at[i])
+        with np.errstate(all="ignore"):
+            newton = at[i] - found.slope / found.curve
+        inside = (newton >= low[i]) & (newton <= high[i]) & (found.curve < 0)
+        following = np.where(inside, newton, (low[i] + high[i]) / 2)
+        settled = (np.abs(following - at[i]) <= 1e-12) | (found.slope == 0) | ~np.isfinite(found.slope)
+        at[i] = following
+        active[i[settled | (tries[i] >= 60)]] = False
+    return best, tries
+
+
+def _put(column: np.ndarray, index: np.ndarray, new: np.ndarray) -> np.ndarray:
+    column = column.copy()
+    column[index] = new
+    return column
+
+
+def _falling_root(coefficients: np.ndarray) -> np.ndarray:
+    """Where in (0, 1) the quintic's slope falls through zero, by bisection."""
+    low, high = np.zeros(coefficients.shape[1]), np.ones(coefficients.shape[1])
+    for _ in range(40):
+        middle = (low + high) / 2
+        rising = _slope_of(coefficients, middle) > 0
+        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
+    return (low + high) / 2

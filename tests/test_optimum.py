@@ -1,0 +1,190 @@
+import numpy as np
+import pytest
+
+import erosion
+from tests.reference import closed_form
+
+P = erosion.TABLE_1
+
+
+def spun(s, **changes):
+    return P.replace(phidot0=np.asarray(s) * P.v0 / P.r, **changes)
+
+
+# PHYSICS, section 6: angle in degrees, volume, end. The angles are printed to 1e-9 degrees.
+GREATEST = {
+    "linearized": (31.717474411, 2.135029315836e-4, "rebound"),
+    "finnie": (16.845033763, 1.045953579327e-4, "rebound"),
+    "rotating": (25.571827308, 1.050019817361e-4, "rebound"),
+    "rotating-full-torque": (23.884236296, 9.098853990323e-5, "rebound"),
+    "rotating-tan-alpha": (28.600916123, 2.358660516297e-4, "stop"),
+}
+
+
+@pytest.mark.parametrize("name", GREATEST)
+def test_greatest_removal_is_the_published_one(name):
+    degrees, volume, end = GREATEST[name]
+    best = erosion.alpha_max(name, P)
+    assert best.kind == "interior"
+    assert best.certified
+    assert np.rad2deg(best.alpha) == pytest.approx(degrees, abs=6e-10)
+    assert best.volume == pytest.approx(volume, rel=1e-11)
+    assert best.ended_by == end
+    assert abs(best.dvolume) < 1e-12 * best.volume
+    assert best.d2volume < 0
+
+
+def test_linearized_optimum_depends_on_the_force_ratio_alone():
+    best = erosion.alpha_max("linearized", P)
+    assert best.alpha == pytest.approx(np.arctan(2) / 2, abs=1e-12)
+    rates = best.sensitivities
+    # α_max = ½ arctan k, so that dα_max/dk = ½/(1 + k²) = 0.1 at k = 2.
+    assert rates["k"] == pytest.approx(0.1, abs=1e-10)
+    for name in ("v0", "m", "r", "sigma", "b", "psi", "phidot0", "inertia"):
+        assert abs(rates[name]) < 1e-10
+
+
+def test_batch_of_optima_is_the_published_list_of_spins():
+    spins = np.array([-0.5, -0.25, -0.1, 0.1, 0.25, 0.5])
+    best = erosion.alpha_max("rotating", spun(spins))
+    np.testing.assert_allclose(np.rad2deg(best.alpha), [47.14, 46.81, 29.98, 22.27, 20.39, 29.51], atol=0.005)
+    alone = erosion.alpha_max("rotating", spun(spins[1]))
+    assert best.alpha[1] == pytest.approx(alone.alpha, abs=1e-10)
+    assert best.kind[1] == alone.kind
+    np.testing.assert_allclose(best.sensitivities["k"][1], alone.sensitivities["k"], rtol=1e-6)
+
+
+# PHYSICS, section 7: jumps in degrees, V just below and just above, and which supremum is the greatest.
+JUMPS = [
+    ("rotating", P, [42.92255530], 7.53326457e-5, 6.49398094e-5, "interior", ""),
+    ("rotating", P.replace(k=1.0), [33.05321999, 39.99624582], 1.77719894e-4, 7.14990785e-5, "jump", "below"),
+    ("rotating-full-torque", P.replace(k=1.0), [32.68987136, 38.08742922], 1.81167203e-4, 7.03462441e-5, "jump",
+     "below"),
+    ("rotating", spun(-0.2), [48.23562922, 54.27121615], 6.87996322e-5, 9.93192525e-5, "jump", "above"),
+    ("rotating-full-torque", spun(-0.37), [41.05679376, 55.08222820], 4.37042326e-5, 1.78914120e-4, "jump", "above"),
+    ("rotating-full-torque", spun(-0.25), [43.86660603], 5.26680219e-5, 1.59044550e-4, "jump", "above"),
+    ("rotating", spun(-0.5), [35.49883609, 58.11096707], 1.47442538e-4, 2.64565510e-7, "interior", ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "p", "degrees", "below", "above", "kind", "side"), JUMPS)
+def test_jumps_are_the_published_ones(name, p, degrees, below, above, kind, side):
+    best = erosion.alpha_max(name, p)
+    found = np.rad2deg([jump.alpha for jump in best.jumps])
+    np.testing.assert_allclose(found[: len(degrees)], degrees, rtol=0, atol=2e-8)
+    jump = min(best.jumps, key=lambda jump: abs(jump.below - below))
+    # Near a graze V moves with the root of the distance: the figures are for "just" beside it.
+    assert jump.below == pytest.approx(below, rel=1e-5)
+    assert jump.above == pytest.approx(above, rel=1e-5)
+    assert (best.kind, best.side) == (kind, side)
+    if kind == "jump":
+        hit = erosion.impact(name, p.replace(alpha=best.alpha))
+        assert hit.volume == pytest.approx(best.volume, rel=1e-8)
+        assert not best.attained
+
+
+def test_sensitivity_of_a_jump_is_how_the_jump_moves():
+    p = spun(-0.2)
+    best = erosion.alpha_max("rotating", p)
+    h = 1e-4
+    for name in ("k", "r", "inertia"):
+        q = getattr(p, name)
+        ends = erosion.alpha_max("rotating", p.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
+        # Central differences err by h², and by the 1e-11 rad of a jump over 2h.
+        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-6)
+
+
+def test_sensitivity_of_an_interior_maximum_is_how_it_moves():
+    best = erosion.alpha_max("rotating", P)
+    h = 1e-3
+    for name in ("k", "v0", "inertia"):
+        q = getattr(P, name)
+        ends = erosion.alpha_max("rotating", P.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
+        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["tan-alpha", "velocity-aligned"])
+def test_a_supremum_that_is_never_reached_is_a_boundary(name):
+    best = erosion.alpha_max(name, P)
+    assert (best.kind, best.alpha, best.attained) == ("boundary", 0.0, False)
+    assert best.volume == pytest.approx(float(P.volume_scale) / 2, rel=1e-9)
+    assert len(best.candidates) == 1
+    assert all(rate == 0 for rate in best.sensitivities.values())
+
+
+def test_no_angle_cuts():
+    best = erosion.alpha_max("finnie", spun(-1.1))
+    assert (best.kind, best.volume, best.ended_by) == ("none", 0.0, "no-cut")
+    assert np.isnan(best.alpha)
+
+
+def test_certified_optimum_is_never_below_a_brute_force_scan():
+    rng = np.random.default_rng(7)
+    n = 24
+    p = P.replace(k=rng.uniform(0.3, 5, n), r=P.r * np.exp(rng.uniform(-2, 2, n)), inertia=rng.uniform(0.3, 0.6, n))
+    p = p.replace(phidot0=rng.uniform(-0.9, 0.9, n) * p.v0 / p.r)
+    best = erosion.alpha_max("rotating", p)
+    angles = np.linspace(0, np.pi / 2, 4001)[1:, None]
+    brute = erosion.impact("rotating", p.replace(alpha=angles)).volume.max(axis=0)
+    assert np.all(best.volume >= brute * (1 - 1e-8))
+
+
+def test_a_range_has_ends_that_are_reached():
+    low, high = np.deg2rad([35.0, 60.0])
+    most = erosion.alpha_max("linearized", P, alpha_range=(low, high))
+    least = erosion.alpha_min("linearized", P, alpha_range=(low, high))
+    assert (most.kind, most.attained) == (least.kind, least.attained) == ("boundary", True)
+    assert (most.alpha, least.alpha) == (low, high)
+    exact = closed_form("linearized").volume(P.replace(alpha=low))
+    assert most.volume == pytest.approx(float(exact), rel=1e-9)
+
+
+def test_least_within_a_band_may_be_a_jump():
+    low, high = np.deg2rad([30.0, 60.0])
+    p = P.replace(k=1.0)
+    least = erosion.alpha_min("rotating", p, alpha_range=(low, high))
+    angles = np.linspace(low, high, 2001)
+    assert least.volume <= erosion.impact("rotating", p.replace(alpha=angles)).volume.min()
+
+
+def test_other_objectives():
+    # Linearized: the deepest point v₀ sin α/ω √(1 - …) grows until the stop cuts it short, and
+    # the longest cut is every rebound, π/ω.
+    per_mass = erosion.alpha_max("linearized", P, objective="volume per mass")
+    assert per_mass.value == pytest.approx(per_mass.volume / float(P.m), rel=1e-9)
+    assert per_mass.alpha == pytest.approx(np.arctan(2) / 2, abs=1e-10)
+    deepest = erosion.alpha_max("linearized", P, objective="depth")
+    # y = (v₀ sin α/ω) sin ωt reaches its crest if cos ωt = 1 - k cot α is 0 later: tan α ≤ k.
+    # Above, y² = (v₀/ω)² (2 k sin α cos α - k² cos²α), whose crest is at tan 2α = -2/k.
+    crest = (np.pi - np.arctan(2 / float(P.k))) / 2
+    depth = np.sqrt(2 * P.k * np.sin(crest) * np.cos(crest) - (P.k * np.cos(crest)) ** 2) * P.v0 / P.rate
+    assert deepest.alpha == pytest.approx(max(crest, np.arctan(2)), abs=1e-8)
+    assert deepest.value == pytest.approx(float(depth), rel=1e-9)
+    cut = erosion.simulate("linearized", P.replace(alpha=deepest.alpha))
+    assert deepest.value == pytest.approx(cut.max_depth, rel=1e-8)
+    assert deepest.volume == pytest.approx(cut.volume, rel=1e-8)
+
+
+def test_the_end_time_grows_without_bound_as_alpha_falls():
+    longest = erosion.alpha_max("tan-alpha", P, objective="t_c")
+    assert (longest.kind, longest.value, longest.attained) == ("boundary", np.inf, False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"objective": "weight"}, "Argument `objective` must be one of volume, .*, but is 'weight'"),
+        ({"alpha_range": (0.5, 0.4)}, "Argument `alpha_range` must be two ascending angles"),
+        ({"alpha_range": (0.5, 30.0)}, "Argument `alpha_range` must be two ascending angles"),
+        ({"alpha_range": (np.nan, 0.4)}, "Argument `alpha_range` must be two ascending angles"),
+    ],
+)
+def test_bad_arguments_get_one_sentence(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        erosion.alpha_max("linearized", P, **arguments)
+
+
+def test_an_optimum_is_printed_in_degrees():
+    text = str(erosion.alpha_max("linearized", P))
+    assert "31.71747441" in text
+    assert "interior" in text
