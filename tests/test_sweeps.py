@@ -83,6 +83,19 @@ def test_derivatives_carry_their_units():
     np.testing.assert_allclose(found.dvolume, 2 * found.volume / P.v0, rtol=1e-7)
 
 
+def test_the_optimum_lies_beside_the_angles(tmp_path):
+    axes = {"alpha": np.deg2rad(np.linspace(1, 90, 6000)), "k": [1.0, 2.0]}
+    found = sweep("linearized", P, optimum=True, **axes)
+    assert found.alpha_max.dims == ("k",)
+    # The closed form: α_max = ½ arctan k.
+    np.testing.assert_allclose(found.alpha_max, np.arctan(axes["k"]) / 2, rtol=1e-9)
+    np.testing.assert_allclose(found.volume_max, found.volume.max("alpha"), rtol=1e-6)
+    assert found.alpha_max_kind.attrs["flag_meanings"].split()[int(found.alpha_max_kind[0])] == "interior"
+    path = tmp_path / "out.zarr"
+    stored = sweep("linearized", P, optimum=True, store=path, chunks={"alpha": 5000}, **axes)
+    assert_same_bits(stored.compute(), found)
+
+
 def test_netcdf_holds_the_same_and_is_read_back(whole, tmp_path):
     path = tmp_path / "out.nc"
     assert_same_bits(sweep("linearized", P, store=path, **AXES), whole)
@@ -236,5 +249,5 @@ def test_identities_are_words(tmp_path):
     found = sweep("linearized", P, store=path, alpha=[0.2])
     found = xr.load_dataset(path, engine="h5netcdf")
     assert set(json.loads(found.attrs["identity"])) == {
-        "version", "case", "models", "axes", "derivatives", "tolerance",
+        "version", "case", "models", "axes", "derivatives", "optimum", "tolerance",
     }  # fmt: skip

@@ -19,6 +19,7 @@ from erosion.cases import dump_case
 from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
+from erosion.optimum import alpha_max
 from erosion.parameters import QUANTITIES, Parameters, validate
 from erosion.provenance import digest, identity
 from erosion.quantities import RESULTS, Quantity
@@ -33,6 +34,26 @@ PAIR = "pair"
 """The dimension along which paired axes go together."""
 
 _ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
+KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "none")
+"""Meanings of the codes 0, 1, … in `alpha_max_kind`; see `Optimum.kind`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Variable:
+    """An array of a sweep: its dimensions, what it is, and attributes beyond that."""
+
+    dims: tuple[str, ...]
+    quantity: Quantity | None
+    more: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def attributes(self, units: System) -> dict[str, Any]:
+        """Unit and names, in the words of the CF conventions."""
+        return {**({} if self.quantity is None else self.quantity.attributes(units)), **self.more}
+
+    @property
+    def empty(self) -> Any:
+        """What stands where nothing has been computed: NaN, or the code of "not-computed"."""
+        return np.int8(0) if self.quantity is None else np.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +68,7 @@ class Grid:
         paired: names of the axes that go together along the dimension "pair".
         ends: meanings of the codes 0, 1, … in `ended_by`; 0 is "not-computed".
         derivatives, wrt, rtol: see `erosion.impact`.
+        optimum: whether the best angle is kept too, over the other dimensions than "alpha".
     """
 
     models: Mapping[str, Model]
@@ -58,6 +80,7 @@ class Grid:
     derivatives: int
     wrt: str
     rtol: float
+    optimum: bool = False
 
     @property
     def dims(self) -> tuple[str, ...]:
@@ -76,7 +99,10 @@ class Grid:
         along = dict(zip(self.dims, region, strict=True))
         labels = list(self.models)[along.get("model", slice(None))]
         axes = {name: v[along[PAIR if name in self.paired else name]] for name, v in self.axes.items()}
-        return dataclasses.replace(self, models={label: self.models[label] for label in labels}, axes=axes)
+        # Blocks along α share their optimum; the first of them has it.
+        optimum = self.optimum and along.get("alpha", slice(None)).start in (0, None)
+        models = {label: self.models[label] for label in labels}
+        return dataclasses.replace(self, models=models, axes=axes, optimum=optimum)
 
     def parameters(self) -> Parameters:
         """The case with its axes in place: leaves that broadcast to the shape without "model"."""
@@ -88,44 +114,53 @@ class Grid:
             leaves[name] = values.reshape(shape)
         return self.p.replace(**leaves)
 
-    def variables(self) -> dict[str, Quantity]:
-        """The numbers kept of each impact, besides `ended_by`."""
-        names = ["volume", "t_c", *["dvolume", "d2volume"][: self.derivatives]]
-        return {name: RESULTS[name] for name in names}
+    def variables(self) -> dict[str, "Variable"]:
+        """What is kept of each impact, and of each best angle; `ended_by` comes last."""
+        beside = tuple(dim for dim in self.dims if dim != "alpha")
+        found = {name: Variable(self.dims, RESULTS[name]) for name in ("volume", "t_c")}
+        for name in ("dvolume", "d2volume")[: self.derivatives]:
+            found[name] = Variable(self.dims, RESULTS[name], _derivative_attributes(name, self.wrt, self.p.units))
+        if self.optimum:
+            found |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
+            found["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
+        found["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
+        return found
 
     def solve(self) -> dict[str, np.ndarray]:
-        """Compute every impact: arrays of the grid's shape, `ended_by` as codes."""
-        names = [*self.variables(), "ended_by"]
-        parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
-        for model in self.models.values():
-            found = impact(
-                _loaded(model), self.parameters(), derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol
-            )
-            for name in names:
-                part = np.asarray(getattr(found, name))
-                parts[name].append(self._codes(part) if name == "ended_by" else part)
-        return {name: np.stack(part).reshape(self.shape) for name, part in parts.items()}
+        """Compute every impact: arrays of the variables' dimensions, names as codes."""
+        parts: dict[str, list[np.ndarray]] = {name: [] for name in self.variables()}
+        for model in map(_loaded, self.models.values()):
+            p = self.parameters()
+            found = impact(model, p, derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
+            for name in ("volume", "t_c", "dvolume", "d2volume"):
+                if name in parts:
+                    parts[name].append(np.asarray(getattr(found, name)))
+            parts["ended_by"].append(_codes(found.ended_by, self.ends))
+            if self.optimum:
+                best = alpha_max(model, self._beside_alpha(p))
+                parts["alpha_max"].append(np.asarray(best.alpha))
+                parts["volume_max"].append(np.asarray(best.volume))
+                parts["alpha_max_kind"].append(_codes(best.kind, KINDS))
+        lengths = dict(zip(self.dims, self.shape, strict=True))
+        return {
+            name: np.stack(parts[name]).reshape([lengths[dim] for dim in variable.dims])
+            for name, variable in self.variables().items()
+        }
 
-    def _codes(self, ended_by: np.ndarray) -> np.ndarray:
-        codes = np.zeros(ended_by.shape, np.int8)
-        for code, name in enumerate(self.ends):
-            codes[ended_by == name] = code
-        return codes
+    def _beside_alpha(self, p: Parameters) -> Parameters:
+        """The parameters without the dimension "alpha"."""
+        dims = [dim for dim in self.dims if dim != "model"]
+        if "alpha" not in dims:
+            return p
+        leaves = {name: getattr(p, name) for name in self.axes if name != "alpha"}
+        axis = dims.index("alpha")
+        return p.replace(alpha=self.p.alpha, **{name: np.squeeze(leaf, axis) for name, leaf in leaves.items()})
 
     def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
         """Arrays of the grid's shape as a Dataset with coordinates, units and provenance."""
         dataset = xr.Dataset(coords=self._coordinates(), attrs=self._provenance())
-        for name, quantity in self.variables().items():
-            attributes = quantity.attributes(self.p.units)
-            if name in ("dvolume", "d2volume") and self.wrt != "alpha":
-                attributes = _derivative_attributes(name, self.wrt, self.p.units)
-            dataset[name] = (self.dims, values[name], attributes)
-        flags = {
-            "long_name": "how the cut ended",
-            "flag_values": np.arange(len(self.ends), dtype=np.int8),
-            "flag_meanings": " ".join(self.ends),
-        }
-        dataset["ended_by"] = (self.dims, values["ended_by"], flags)
+        for name, variable in self.variables().items():
+            dataset[name] = (variable.dims, values[name], variable.attributes(self.p.units))
         return dataset
 
     def identity(self) -> dict[str, str]:
@@ -135,6 +170,7 @@ class Grid:
             self.p,
             axes=f"{self.dims} " + " ".join(f"{name} {digest(v.tobytes())}" for name, v in self.axes.items()),
             derivatives=f"{self.derivatives} by {self.wrt}",
+            optimum=str(self.optimum),
             tolerance=repr(self.rtol),
         )
 
@@ -171,6 +207,7 @@ def make_grid(
     derivatives: int = 0,
     wrt: str = "alpha",
     rtol: float = 1e-9,
+    optimum: bool = False,
 ) -> Grid:
     """A grid, with everything checked that can be known before computing.
 
@@ -198,7 +235,7 @@ def make_grid(
         raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
     events = [name for one in models.values() for name in end_names(_loaded(one))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
-    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, float(rtol))
+    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, float(rtol), optimum)
     validate(grid.parameters())
     return grid
 
@@ -281,7 +318,22 @@ def _axis(name: str, values: Any) -> np.ndarray:
     return np.ascontiguousarray(array, np.float64)
 
 
+def _codes(names: Any, meanings: Sequence[str]) -> np.ndarray:
+    codes = np.zeros(np.shape(names), np.int8)
+    for code, name in enumerate(meanings):
+        codes[np.asarray(names) == name] = code
+    return codes
+
+
+def _flags(what: str, meanings: Sequence[str]) -> dict[str, Any]:
+    """Codes 0, 1, … and their meanings, in the words of the CF conventions."""
+    values = np.arange(len(meanings), dtype=np.int8)
+    return {"long_name": what, "flag_values": values, "flag_meanings": " ".join(meanings)}
+
+
 def _derivative_attributes(name: str, wrt: str, units: System) -> dict[str, str]:
+    if wrt == "alpha":
+        return {}
     by, power = QUANTITIES[wrt], "" if name == "dvolume" else "²"
     unit = ascii_unit_name(by.dimension, units)
     volume = ascii_unit_name("volume", units)

@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from erosion.kernel import impact
 from erosion.model import CuttingModel
+from erosion.optimum import alpha_max
 from erosion.particles import Particles
 from erosion.replicates import Estimate, Points
 
@@ -34,7 +35,10 @@ class NozzleAngle:
         angles: of the nozzle, shape (n,) [rad].
         curve: mean volume of a particle at each, shape (n,) [volume].
         curve_error: its standard error, shape (n,) [volume].
-        single: volume of one typical particle, shape (n,) [volume].
+        single_alpha: the best angle of one typical particle (see `Particles.typical`) [rad].
+        single_kind: what makes it the best, see `Optimum`.
+        single_angles: angles of attack, shape (k,) [rad].
+        single_curve: its volume at each, shape (k,) [volume].
     """
 
     alpha: Estimate
@@ -43,7 +47,10 @@ class NozzleAngle:
     angles: np.ndarray
     curve: np.ndarray
     curve_error: np.ndarray
-    single: np.ndarray
+    single_alpha: float
+    single_kind: str
+    single_angles: np.ndarray
+    single_curve: np.ndarray
 
 
 def best_nozzle_angle(
@@ -95,6 +102,8 @@ def best_nozzle_angle(
     curves = np.concatenate(parts, axis=1)
     tops = np.array([best(slice(i, i + 1), curve)[0] for i, curve in enumerate(curves)])
     alpha, at_edge = best(slice(None), curves.mean(axis=0))
+    single = alpha_max(model, particles.typical)
+    fine = np.linspace(_ANGLES[0], _ANGLES[-1], 500)
     return NozzleAngle(
         alpha=Estimate.of(tops, alpha),
         volume=Estimate.of(means(np.array([alpha]))[:, 0]),
@@ -102,5 +111,8 @@ def best_nozzle_angle(
         angles=_ANGLES,
         curve=curves.mean(axis=0),
         curve_error=curves.std(axis=0, ddof=1) / np.sqrt(replicates),
-        single=np.asarray(impact(model, particles.typical.replace(alpha=_ANGLES), rtol=rtol).volume),
+        single_alpha=float(single.alpha),
+        single_kind=str(single.kind),
+        single_angles=fine,
+        single_curve=np.asarray(impact(model, particles.typical.replace(alpha=fine), rtol=rtol).volume),
     )

@@ -30,6 +30,8 @@ RESULTS = {
     "volume": Quantity("V", "removed volume", "volume"),
     "dvolume": Quantity("dV/dα", "change of volume with angle", "volume per angle"),
     "d2volume": Quantity("d²V/dα²", "its own change with angle", "volume per angle²"),
+    "alpha_max": Quantity("α_max", "angle of attack that removes most", "angle"),
+    "volume_max": Quantity("V_max", "volume removed at that angle", "volume"),
     "mean_volume": Quantity("V̄", "removed volume of a particle, mean of the stream", "volume"),
     "deviation": Quantity("s", "standard deviation of V from particle to particle", "volume"),
     "mean_mass": Quantity("m̄", "mass of a particle, mean of the stream", "mass"),

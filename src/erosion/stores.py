@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,16 +55,23 @@ class MemoryStore(Store):
             return
         if path is not None:
             check_folder(path)
-        empty = {name: np.full(grid.shape, np.nan) for name in grid.variables()}
-        self._dataset = grid.labelled({**empty, "ended_by": np.zeros(grid.shape, np.int8)})
+        lengths = dict(zip(grid.dims, grid.shape, strict=True))
+        self._dataset = grid.labelled(
+            {
+                name: np.full([lengths[dim] for dim in variable.dims], variable.empty)
+                for name, variable in grid.variables().items()
+            }
+        )
 
     def missing(self) -> list[Region]:
         codes = self._dataset["ended_by"].values
         return [region for region in regions(self._grid.shape, self._block) if not codes[region].all()]
 
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
-        for name in _last_ended_by(values):
-            self._dataset[name].values[region] = values[name]
+        along = dict(zip(self._grid.dims, region, strict=True))
+        for name, block in values.items():
+            array = self._dataset[name]
+            array.values[tuple(along[str(dim)] for dim in array.dims)] = block
 
     def save(self) -> None:
         if self._path is not None:
@@ -95,7 +102,7 @@ class ZarrStore(Store):
         return [region for region in regions(self._grid.shape, self._block) if not np.all(codes[region])]
 
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
-        write_block(self._path, region, values)
+        write_block(self._path, dict(zip(self._grid.dims, region, strict=True)), values)
 
     def save(self) -> None:
         """Every block is on the disk already."""
@@ -107,13 +114,14 @@ class ZarrStore(Store):
         import dask.array
 
         check_folder(self._path)
-        shape = self._grid.shape
-        lazy = {name: dask.array.full(shape, np.nan, chunks=self._block) for name in self._grid.variables()}
-        lazy["ended_by"] = dask.array.zeros(shape, dtype=np.int8, chunks=self._block)
+        lengths = {dim: (n, cut) for dim, n, cut in zip(self._grid.dims, self._grid.shape, self._block, strict=True)}
+        lazy, encoding = {}, {}
+        for name, variable in self._grid.variables().items():
+            shape, chunks = zip(*(lengths[dim] for dim in variable.dims), strict=True) if variable.dims else ((), ())
+            lazy[name] = dask.array.full(shape, variable.empty, chunks=chunks)
+            encoding[name] = {"fill_value": variable.empty}
         template = self._grid.labelled(lazy)
         template.attrs[IDENTITY] = json.dumps(identity)
-        # What has not been written reads as NaN, and "not-computed".
-        encoding = {name: {"fill_value": np.nan} for name in self._grid.variables()}
         draft = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
         try:
             # Coordinates and metadata alone: no block is computed.
@@ -123,15 +131,18 @@ class ZarrStore(Store):
             shutil.rmtree(draft, ignore_errors=True)
 
 
-def write_block(path: Path, region: Region, values: Mapping[str, np.ndarray]) -> None:
-    """Write a block into a Zarr store, `ended_by` last; the same bits may come twice."""
+def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
+    """Write a block into a Zarr store, in the values' order; the same bits may come twice.
+
+    Args:
+        path: of the store.
+        along: where the block lies, by dimension.
+        values: its arrays by name, `ended_by` last.
+    """
     arrays = _arrays(path)
-    for name in _last_ended_by(values):
-        arrays[name][region] = values[name]
-
-
-def _last_ended_by(names: Iterable[str]) -> list[str]:
-    return sorted(names, key=lambda name: name == "ended_by")
+    for name, block in values.items():
+        array = arrays[name]
+        array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
 
 
 def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:

@@ -42,19 +42,20 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     ax.set_ylim(bottom=0)
     nothing = stream.tally.bins[0] / stream.tally.bins.sum()
-    title = f"{nothing:.2%} of the particles remove nothing" if nothing else "every particle removes something"
+    title = f"{100 * nothing:.2g} % of the particles remove nothing" if nothing else "every particle removes something"
     ax.set_title(title, fontsize=10)
-    ax.legend(loc="upper left")
+    ax.legend(loc="best")
     return ax
 
 
 @house_style()
 def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
     """Mean volume over the nozzle's angle with its 95 % band, and a single particle's beside it."""
-    scale = readable_scale("volume", units, float(max(nozzle.curve.max(), nozzle.single.max())))
+    scale = readable_scale("volume", units, float(max(nozzle.curve.max(), nozzle.single_curve.max())))
     degrees, mean = np.rad2deg(nozzle.angles), nozzle.curve / scale.size
     half = 1.96 * nozzle.curve_error / scale.size
-    ax.plot(degrees, nozzle.single / scale.size, color=DIM, linestyle="--", label="one typical particle")
+    alone = f"one typical particle, greatest at {np.rad2deg(nozzle.single_alpha):.2f}°"
+    ax.plot(np.rad2deg(nozzle.single_angles), nozzle.single_curve / scale.size, color=DIM, linestyle="--", label=alone)
     ax.fill_between(degrees, mean - half, mean + half, color=PALETTE["sky"], alpha=0.6, linewidth=0, label="95 % band")
     ax.plot(degrees, mean, color=PALETTE["blue"], label="mean of the stream")
     best = nozzle.alpha

@@ -113,6 +113,8 @@ class Stream:
             rows.append(_with_error(row, best, degree))
             interval = f"{best.low * degree:.4f} … {best.high * degree:.4f}"
             rows.append(Row("", "", interval, "°", "its 95 % interval"))
+            alone = f"of a single, typical particle ({self.nozzle.single_kind})"
+            rows.append(Row("", "", f"{self.nozzle.single_alpha * degree:.6g}", "°", alone))
         return rows
 
     def __str__(self) -> str:
@@ -162,6 +164,8 @@ class Stream:
             dataset["curve_error"] = ("nozzle", self.nozzle.curve_error, RESULTS["mean_volume"].attributes(units))
             best = self.nozzle.alpha
             dataset["alpha_max"] = ((), best.value, {**angle, "long_name": "angle of the nozzle that removes most"})
+            single = {**angle, "long_name": "angle of attack at which a single, typical particle removes most"}
+            dataset["single_alpha_max"] = ((), self.nozzle.single_alpha, single)
             dataset["alpha_max_interval"] = ("end_of_interval", [best.low, best.high], angle)
         laws = "; ".join(f"{name}: {law}" for name, law in self.particles.laws.items())
         dataset.attrs |= {

@@ -33,6 +33,7 @@ def sweep(
     derivatives: int = 0,
     wrt: str = "alpha",
     rtol: float = 1e-9,
+    optimum: bool = False,
     paired: Sequence[str] = (),
     chunks: Mapping[str, int] | None = None,
     store: str | Path | None = None,
@@ -50,6 +51,8 @@ def sweep(
         derivatives: 0, 1 or 2 derivatives of the volume by `wrt`.
         wrt: one parameter.
         rtol: relative tolerance, see `impact`.
+        optimum: also keep alpha_max, volume_max and alpha_max_kind, over the other axes than
+            alpha; see `erosion.alpha_max`.
         paired: names of two or more axes of one length that go together, along "pair".
         chunks: with a Zarr store, lengths of its blocks by dimension (those left out are not
             cut); without it, blocks of about 10⁵ impacts.
@@ -62,8 +65,8 @@ def sweep(
         **axes: parameter name to one-dimensional values, in the units of `p`.
 
     Returns:
-        volume, t_c, ended_by (codes; the attributes flag_values and flag_meanings say of
-        what), dvolume and d2volume over the axes, with units, names and the whole case.
+        volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings say of
+        what), and what was asked for beyond that, over the axes, with units, names and the whole case.
 
     Raises:
         ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`)
@@ -74,7 +77,7 @@ def sweep(
     path = None if store is None else Path(store)
     if chunks is not None and (path is None or path.suffix != ".zarr"):
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
-    grid = make_grid(model, p, axes, paired=paired, derivatives=derivatives, wrt=wrt, rtol=rtol)
+    grid = make_grid(model, p, axes, paired=paired, derivatives=derivatives, wrt=wrt, rtol=rtol, optimum=optimum)
     usual = _MEMORY_BLOCK if path is None or path.suffix != ".zarr" else _STORED_BLOCK
     block = block_shape(grid, chunks, _LEAST_BLOCK, usual)
     place = open_store(grid, block, path)
@@ -122,7 +125,7 @@ def _run(grid: Grid, todo: list[Region], place: Store, path: Path | None, advanc
 def compute_block(grid: Grid, path: Path, region: Region) -> int:
     """Compute a block and write it into its place in a Zarr store; returns its impacts."""
     require_float64()
-    write_block(path, region, grid.solve())
+    write_block(path, dict(zip(grid.dims, region, strict=True)), grid.solve())
     return _size(region)
 
 

@@ -33,6 +33,7 @@ def sweep(
     paired: Annotated[str | None, Parameter(help='Axes that go together: "alpha,v0".')] = None,
     derivatives: Annotated[int | None, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
     wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
+    optimum: Annotated[bool | None, Parameter(help="Also the best angle, over the other axes.")] = None,
     chunks: Annotated[str | None, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')] = None,
     workers: Annotated[int | None, Parameter(help="With out.zarr, work in this many processes.")] = None,
     scheduler: Annotated[
@@ -48,7 +49,7 @@ def sweep(
     [sweep], which options overrule.
     """
     options = with_file(case, file)
-    section = options.section("sweep", ("model", "paired", "derivatives", "wrt"))
+    section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum"))
     if (workers is not None or scheduler is not None) and out.suffix != ".zarr":
         raise InputError(f"Options `--workers` and `--scheduler` need an --out that ends in .zarr, but it is {out}.")
     p, axes = _case_and_axes(options, section)
@@ -60,6 +61,7 @@ def sweep(
         "paired": tuple(paired.replace(" ", "").split(",")) if paired else tuple(section.get("paired", ())),
         "derivatives": section.get("derivatives", 0) if derivatives is None else derivatives,
         "wrt": wrt or section.get("wrt", "alpha"),
+        "optimum": section.get("optimum", False) if optimum is None else optimum,
     }
     chosen = model or section.get("model", "linearized")
     if isinstance(chosen, list) and len(chosen) == 1:
