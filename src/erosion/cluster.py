@@ -11,7 +11,6 @@ from typing import Any
 
 from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed, default_client
 
-_NO_DASHBOARD: Any = None
 _AHEAD = 3
 """Blocks that a worker has at hand, so that it never waits for the client."""
 
@@ -21,7 +20,8 @@ def local_cluster(workers: int) -> LocalCluster:
 
     Use it as a context, with a client: `with local_cluster(2) as cluster, Client(cluster): …`.
     """
-    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=_NO_DASHBOARD)
+    # Any free port: two sweeps at once must not meet.
+    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="localhost:0")
 
 
 def active_client() -> Client | None:
