@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from tests.test_sweeps import assert_same_bits
 distributed = pytest.importorskip("distributed")
 
 P = erosion.TABLE_1
-AXES = {"alpha": np.deg2rad(np.linspace(1, 90, 400)), "v0": np.linspace(2200.0, 4400.0, 300)}
+AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 400)), "v0": np.linspace(2200.0, 4400.0, 300)}
 CHUNKS = {"alpha": 50}  # 8 blocks of 15 000 impacts
 
 

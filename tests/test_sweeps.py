@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from erosion.sweeps import SweepInterrupted, sweep
 
 P = erosion.TABLE_1
 # 24 000 impacts: two blocks of the least size.
-AXES = {"alpha": np.deg2rad(np.linspace(1, 90, 120)), "v0": np.linspace(2200.0, 4400.0, 200)}
+AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 120)), "v0": np.linspace(2200.0, 4400.0, 200)}
 CHUNKS = {"alpha": 60}
 
 
@@ -84,7 +85,7 @@ def test_derivatives_carry_their_units():
 
 
 def test_the_optimum_lies_beside_the_angles(tmp_path):
-    axes = {"alpha": np.deg2rad(np.linspace(1, 90, 6000)), "k": [1.0, 2.0]}
+    axes: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 6000)), "k": [1.0, 2.0]}
     found = sweep("linearized", P, optimum=True, **axes)
     assert found.alpha_max.dims == ("k",)
     # The closed form: α_max = ½ arctan k.
@@ -116,7 +117,7 @@ def test_zarr_holds_the_same_in_any_blocks(whole, tmp_path):
 @pytest.mark.parametrize("suffix", ["nc", "zarr"])
 def test_an_interrupted_sweep_is_readable_and_goes_on(whole, tmp_path, monkeypatch, suffix):
     path = tmp_path / f"out.{suffix}"
-    arguments = {"store": path, **AXES, **({"chunks": CHUNKS} if suffix == "zarr" else {})}
+    arguments: dict[str, Any] = {"store": path, **AXES, **({"chunks": CHUNKS} if suffix == "zarr" else {})}
     # In memory too, blocks of half the grid.
     monkeypatch.setattr("erosion.sweeps._MEMORY_BLOCK", 12_000)
     with pytest.raises(SweepInterrupted, match=r"holds 12,000 of 24,000 impacts; the same command goes on"):
@@ -142,7 +143,7 @@ def test_half_a_block_is_computed_again(whole, tmp_path):
 @pytest.mark.parametrize("suffix", ["nc", "zarr"])
 def test_a_store_of_something_else_is_refused_and_left(tmp_path, suffix):
     path = tmp_path / f"out.{suffix}"
-    small = {"alpha": [0.2, 0.3]}
+    small: dict[str, Any] = {"alpha": [0.2, 0.3]}
     sweep("linearized", P, store=path, **small)
     before = {file: file.read_bytes() for file in [path, *path.rglob("*")] if file.is_file()}
     for changed, message in [

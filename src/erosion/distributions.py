@@ -26,6 +26,8 @@ from scipy import special
 
 from erosion.units import Dimension, System, read_quantity
 
+Number = float | int
+
 
 class Distribution(ABC):
     """The law of one parameter; a new law is a frozen dataclass of numbers with these two methods.
@@ -62,8 +64,8 @@ class Distribution(ABC):
 class Normal(Distribution):
     """The normal law: mean, and standard deviation > 0."""
 
-    mean: float
-    deviation: float
+    mean: Number
+    deviation: Number
     positive: ClassVar[tuple[str, ...]] = ("deviation",)
 
     def ppf(self, u: np.ndarray) -> np.ndarray:
@@ -77,8 +79,8 @@ class Normal(Distribution):
 class LogNormal(Distribution):
     """The lognormal law: median > 0, and standard deviation of the natural logarithm > 0."""
 
-    median: float
-    spread: float
+    median: Number
+    spread: Number
     shapes: ClassVar[tuple[str, ...]] = ("spread",)
     positive: ClassVar[tuple[str, ...]] = ("median", "spread")
 
@@ -93,8 +95,8 @@ class LogNormal(Distribution):
 class Uniform(Distribution):
     """All values from `low` to `high` alike."""
 
-    low: float
-    high: float
+    low: Number
+    high: Number
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -112,8 +114,8 @@ class Uniform(Distribution):
 class Weibull(Distribution):
     """Weibull's law by number: scale > 0 (1 - 1/e lie below it), and shape > 0."""
 
-    scale: float
-    shape: float
+    scale: Number
+    shape: Number
     shapes: ClassVar[tuple[str, ...]] = ("shape",)
     positive: ClassVar[tuple[str, ...]] = ("scale", "shape")
 
@@ -143,9 +145,9 @@ class RosinRammler(Distribution):
         J. Inst. Fuel 7 (1933), 29-36.
     """
 
-    scale: float
-    spread: float
-    least: float
+    scale: Number
+    spread: Number
+    least: Number
     shapes: ClassVar[tuple[str, ...]] = ("spread",)
     positive: ClassVar[tuple[str, ...]] = ("scale", "spread", "least")
 

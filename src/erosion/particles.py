@@ -2,7 +2,9 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
+import jax
 import numpy as np
 
 from erosion.distributions import Distribution
@@ -24,11 +26,11 @@ class Particles:
 
     Args:
         p: the case, all scalars.
-        laws: parameter name to its law, one or more.
+        laws: parameter name to its `Distribution`, one or more.
     """
 
     p: Parameters
-    laws: Mapping[str, Distribution]
+    laws: Mapping[str, Any]
 
     def __post_init__(self) -> None:
         if not self.laws:
@@ -65,13 +67,13 @@ class Particles:
     @property
     def nozzle(self) -> float:
         """The nozzle's angle [rad]: the median of the angles, or the case's."""
-        return float(self.laws["alpha"].ppf(np.array(0.5))) if "alpha" in self.laws else float(self.p.alpha)
+        return float(self.laws["alpha"].ppf(np.array([0.5]))[0]) if "alpha" in self.laws else float(self.p.alpha)
 
     @property
     def typical(self) -> Parameters:
         """One particle without any spread: each law at its median."""
-        middle = self.draw(np.full(len(self.laws), 0.5))
-        return self.impacts(middle)[0]
+        middle = self.draw(np.full((1, len(self.laws)), 0.5))
+        return jax.tree.map(lambda leaf: np.reshape(leaf, ()), self.impacts(middle)[0])
 
     def impacts(
         self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None

@@ -7,11 +7,11 @@ grow with their number. Independent scramblings of the same sequence give the st
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from erosion.distributions import Distribution
 from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
 from erosion.models import load_model
@@ -49,10 +49,11 @@ def stream(
     seed: int = 0,
     points: str = "sobol",
     best_angle: bool = True,
+    sensitivities: bool = True,
     rtol: float = 1e-9,
     store: str | Path | None = None,
     progress: Callable[[str, int, int], object] | None = None,
-    **distributions: Distribution,
+    **distributions: Any,
 ) -> Stream:
     """The erosion of a stream of particles whose parameters vary.
 
@@ -67,6 +68,7 @@ def stream(
         seed: of the points; the same seed gives the same stream.
         points: "sobol" (scrambled, with errors that fall nearly as 1/n) or "random".
         best_angle: also look for the angle of the nozzle that removes most (2 million impacts).
+        sensitivities: also tell which law the variance comes from (30 000 impacts for each law).
         rtol: see `impact`.
         store: a netCDF file, written at the end or when interrupted. The same call goes on from
             it, also to a greater n.
@@ -115,7 +117,7 @@ def stream(
             drawn = tally.drawn
             report("stream", drawn * REPLICATES, whole * REPLICATES)
         assert tally is not None
-        sensitivities = _sensitivities(model, particles, seed, rtol)
+        indices = _sensitivities(model, particles, seed, rtol) if sensitivities else None
         nozzle = None
         if best_angle:
             turned = functools.partial(report, "angles")
@@ -130,7 +132,7 @@ def stream(
         raise StreamInterrupted(
             f"interrupted after {count:,} of {whole * REPLICATES:,} particles; {where}", partial
         ) from None
-    found = Stream(model, particles, tally, ends, nozzle, sensitivities)
+    found = Stream(model, particles, tally, ends, nozzle, indices)
     save(found)
     return found
 

@@ -23,6 +23,7 @@ app = cyclopts.App(
     help="How a rigid particle cuts a ductile surface, and at which angle it removes most.",
     help_format="plaintext",
     version=__version__,
+    suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
 for verb in (run, sweep, stream, report, models):
