@@ -40,9 +40,7 @@ def main() -> int:
     # Linux counts kilobytes, macOS bytes.
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     print(stream)
-    print(
-        f"{stream.n / seconds:,.0f} particles/s with compiling: {seconds:,.0f} s, {processor:,.0f} s of the processor"
-    )
+    print(f"{stream.n / seconds:,.0f} particles/s with compiling: {seconds:,.0f} s, processor {processor:,.0f} s")
     print(f"load average {os.getloadavg()[0]:.1f}; peak memory {peak / 1e6:,.0f} MB", flush=True)
     n = arguments.of_seed
     long = erosion.stream(arguments.model, erosion.TABLE_1, n=10 * n, seed=10**6, **few, **LAWS).mean_volume.value

@@ -69,9 +69,7 @@ def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     curve = np.full(9, 2e-4)
     best = Estimate(np.deg2rad(40), 0.01, np.deg2rad(39), np.deg2rad(41))
     top = Estimate(2e-4, 0.0, 2e-4, 2e-4)
-    nozzle = NozzleAngle(
-        best, Estimate(2e-4, 0.0, 2e-4, 2e-4), False, angles, curve, curve / 10, 0.5, "jump", angles, curve
-    )
+    nozzle = NozzleAngle(best, top, False, angles, curve, curve / 10, 0.5, "jump", angles, curve)
     ax = plot_nozzle_angle(new_axes()[1], nozzle, "inch-pound")
     labels = [str(line.get_label()) for line in ax.lines]
     assert labels == ["one typical particle, greatest at 28.65°", "mean of the stream", "greatest at 40.00° ± 1.00°"]
