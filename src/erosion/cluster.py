@@ -3,8 +3,11 @@
 Nothing here imports JAX: a worker is pinned to its core before JAX counts how many there are.
 """
 
+import logging
 import os
 import re
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,7 +24,13 @@ def local_cluster(workers: int) -> LocalCluster:
     Use it as a context, with a client: `with local_cluster(2) as cluster, Client(cluster): …`.
     """
     # Any free port: two sweeps at once must not meet.
-    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="localhost:0")
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="localhost:0",
+        silence_logs=logging.ERROR,
+    )
 
 
 def active_client() -> Client | None:
@@ -88,6 +97,10 @@ class OneCore(WorkerPlugin):
 
     def setup(self, worker: Worker) -> None:
         """Called by Dask in each worker that is there or comes later, before its tasks."""
+        # Ctrl-C in a terminal reaches every process of it. The client is to act on it: workers
+        # that have a nanny are ended by it, without a traceback.
+        if worker.nanny is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
         # Workers of one machine are told apart by the number at the end of their name; one
         # without a name bears its address, and stays where the system puts it.
         number = None if worker.name == worker.address else re.search(r"\d+$", str(worker.name))
