@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 System = Literal["inch-pound", "si"]
 Dimension = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
-    "volume per angle", "volume per angle²",
+    "volume per angle", "volume per angle²", "volume per mass",
 ]  # fmt: skip
 
 SYSTEMS: tuple[System, ...] = get_args(System)
@@ -31,13 +31,13 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "1": "", "length": "inch", "area": "inch**2", "volume": "inch**3", "mass": "slinch",
             "time": "s", "speed": "inch/s", "stress": "lbf/inch**2", "angle": "rad",
             "angular speed": "rad/s", "volume per angle": "inch**3/rad",
-            "volume per angle²": "inch**3/rad**2",
+            "volume per angle²": "inch**3/rad**2", "volume per mass": "inch**3/slinch",
         },
         "si": {
             "1": "", "length": "m", "area": "m**2", "volume": "m**3", "mass": "kg",
             "time": "s", "speed": "m/s", "stress": "Pa", "angle": "rad",
             "angular speed": "rad/s", "volume per angle": "m**3/rad",
-            "volume per angle²": "m**3/rad**2",
+            "volume per angle²": "m**3/rad**2", "volume per mass": "m**3/kg",
         },
     }
 )  # fmt: skip
@@ -70,6 +70,11 @@ def derivative_unit(of: Dimension, by: Sequence[Dimension], system: System) -> s
     powers = Counter(unit for dimension in by if (unit := unit_name(dimension, system)))
     below = [(f"({unit})" if "/" in unit or unit[-1] in "²³" else unit, power) for unit, power in powers.items()]
     return "/".join([unit_name(of, system), *(unit + {1: "", 2: "²"}[power] for unit, power in below)])
+
+
+def ascii_unit_name(dimension: Dimension, system: System) -> str:
+    """The unit as programs read it (UDUNITS, pint): "in^3", "slinch", "1" for a pure number."""
+    return re.sub(r"\binch\b", "in", _PINT_UNITS[system][dimension]).replace("**", "^") or "1"
 
 
 @functools.cache
