@@ -28,6 +28,10 @@ RESULTS = {
     "d2volume": Quantity("d²V/dα²", "its own change with angle", "volume per angle²"),
     "max_depth": Quantity("d_max", "greatest depth of the tip", "length"),
     "turn": Quantity("Δφ", "how far the body turned", "angle"),
+    "specific_volume": Quantity("V/m", "removed volume per mass of erodent", "volume per mass"),
+    "mass_loss": Quantity("Δm", "mass loss per impact", "mass"),
+    "erosion_ratio": Quantity("Δm/m", "mass loss per mass of erodent", "mass per mass"),
+    "erosion": Quantity("E", "erosion, in units of its own", "1"),
 }
 
 

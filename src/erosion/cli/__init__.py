@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import cyclopts
 
+from erosion.cli.calibrate import calibrate
 from erosion.cli.models import models
 from erosion.cli.options import InputError
 from erosion.cli.report import report
@@ -23,7 +24,7 @@ app = cyclopts.App(
     version=__version__,
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, report, models):
+for verb in (run, calibrate, report, models):
     app.command(verb)
 
 
