@@ -73,7 +73,7 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
             involved = np.abs(null).max(axis=1) > _INVOLVED
             undetermined[index[involved]] = True
             logs = null[involved] / (norms[active] * exponent[active])[involved][:, None]
-            statements += _ties([names[i] for i in index[involved].tolist()], logs)
+            statements += _ties([names[int(i)] for i in index[involved]], logs)
     covariance = modes @ modes.T
     covariance[undetermined, :] = covariance[:, undetermined] = np.nan
     covariance[undetermined, undetermined] = np.inf

@@ -127,7 +127,8 @@ def rank_models(
             failures.append(f"{model_name(model)}: {error}")
     if not fits:
         raise CalibrationError(" ".join(failures))
-    fits.sort(key=lambda one: one.aicc)
+    # Models of one curve differ by rounding: they stay in the order given.
+    fits.sort(key=lambda one: round(one.aicc, 3))
     return Ranking(tuple(fits), _ties(fits), tuple(failures))
 
 
