@@ -22,7 +22,7 @@ def calibrate(
     data: Any,
     free: Sequence[str],
     *,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, Sequence[float]] | None = None,
     density: float | str | None = None,
     loss: str = "linear",
     starts: int = 32,

@@ -5,7 +5,7 @@ wrong valley. So many starts are looked at, and the best of them are followed do
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -77,7 +77,7 @@ class Solution:
     jacobian: np.ndarray
 
 
-def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, tuple[float, float]]) -> Problem:
+def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequence[float]]) -> Problem:
     """Bounds as θ.
 
     Raises:
@@ -86,8 +86,7 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, tupl
     for name, pair in bounds.items():
         if name not in forward.names:
             raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
-        low, high = (float(value) for value in pair)
-        if not (low < high and (low > 0 or name == "phidot0")):
+        if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name == "phidot0")):
             raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
     start = forward.start
     width = np.array([_WIDTH[bool(one)] for one in forward.logarithmic])
