@@ -47,8 +47,9 @@ def test_errors_are_those_of_the_normal_equations(fit):
     def volume(k: float, psi: float) -> np.ndarray:
         return np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=angles, k=k, psi=psi)))
 
-    jacobian = np.stack([(volume(k * 1.0001, psi) - volume(k * 0.9999, psi)) / (2e-4 * k),
-                         (volume(k, psi * 1.0001) - volume(k, psi * 0.9999)) / (2e-4 * psi)], axis=1) / NOISE  # fmt: skip
+    by_k = (volume(k * 1.0001, psi) - volume(k * 0.9999, psi)) / (2e-4 * k)
+    by_psi = (volume(k, psi * 1.0001) - volume(k, psi * 0.9999)) / (2e-4 * psi)
+    jacobian = np.stack([by_k, by_psi], axis=1) / NOISE
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     # Central differences of 1e-4, across the cusp for some.
     np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-3)
