@@ -43,8 +43,9 @@ def test_data_fit_band_and_residuals(fit):
     erosion, error = fit.curve(np.deg2rad(degrees))
     np.testing.assert_allclose(best, erosion * 1e4)
     np.testing.assert_allclose(drawn(upper, "linearized", 1)[1], best)
-    (band,) = [one for one in upper.collections if isinstance(one, PolyCollection)]
-    corners = np.asarray(band.get_paths()[0].vertices)
+    bands = [one for one in upper.collections if isinstance(one, PolyCollection)]
+    assert len(bands) == 2
+    corners = np.asarray(bands[0].get_paths()[0].vertices)
     assert corners[:, 1].max() == pytest.approx((erosion + 1.959964 * error).max() * 1e4)
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
 

@@ -21,8 +21,8 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
 
     Args:
         fits: to the same data, the best first; more than six are too many to tell apart, and
-            the first six are drawn. Bands are drawn for the first alone.
-        level: of the band.
+            the first six are drawn.
+        level: of the bands.
     """
     best = fits[0]
     data = best.data
@@ -30,15 +30,15 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.75, 0.25))
     scale = readable_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
     _draw_data(upper, best, data.erosion / scale.size, scale.size)
-    erosion, error = best.curve(_ANGLES)
-    band = float(stats.norm.ppf((1 + level) / 2)) * error
     degrees = np.rad2deg(_ANGLES)
-    upper.fill_between(degrees, (erosion - band) / scale.size, (erosion + band) / scale.size, zorder=3, linewidth=0,
-                       color=PALETTE["blue"], alpha=0.25, label=f"{level:.0%} band of the best fit")  # fmt: skip
+    width = float(stats.norm.ppf((1 + level) / 2))
     for rank, (one, color) in enumerate(zip(fits, PALETTE.values(), strict=False)):
+        erosion, error = (values / scale.size for values in one.curve(_ANGLES))
         dashes = "-" if rank == 0 else (0, (5, 1.5, *(1, 1.5) * (rank % 3)))
-        upper.plot(degrees, one.curve(_ANGLES)[0] / scale.size, color=color, linestyle=dashes, zorder=4 - 0.1 * rank,
-                   linewidth=1.4 if rank else 2.0, label=model_name(one.model))  # fmt: skip
+        upper.fill_between(degrees, erosion - width * error, erosion + width * error, color=color, linewidth=0,
+                           alpha=0.12 if rank else 0.3, zorder=3)  # fmt: skip
+        upper.plot(degrees, erosion, color=color, linestyle=dashes, linewidth=1.4 if rank else 2.0,
+                   zorder=4 - 0.1 * rank, label=model_name(one.model))  # fmt: skip
     _draw_data(lower, best, best.residuals / scale.size, scale.size)
     lower.axhline(0, color=PALETTE["blue"], linewidth=1.4)
     upper.set_ylim(bottom=min(0.0, 1.1 * float(data.erosion.min()) / scale.size))
@@ -49,7 +49,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     lower.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
     lower.set_xlabel(f"{QUANTITIES['alpha'].symbol}  {QUANTITIES['alpha'].meaning}")
     handles, labels = upper.get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside lower center", ncols=2 if len(labels) < 5 else 3)
+    fig.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), title=f"bands: {level:.0%}")
     return fig
 
 

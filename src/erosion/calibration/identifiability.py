@@ -47,7 +47,7 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
 
     Args:
         names: of the parameters.
-        jacobian: of the weighted residuals with respect to θ, shape (rows, n).
+        jacobian: of the weighted residuals with respect to θ, shape (rows, n), rows ≥ n.
         exponent: dθ/d(log q), 1 for θ = log q; shape (n,). Combinations are products of powers.
         size: norm of the weighted prediction, against which an influence is nothing.
     """
@@ -63,8 +63,7 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
     modes = np.zeros((n, 0))
     if active.any():
         index, scaled = np.flatnonzero(active), jacobian[:, active] / norms[active]
-        _, strength, across = np.linalg.svd(scaled)
-        strength = np.pad(strength, (0, len(index) - len(strength)))
+        _, strength, across = np.linalg.svd(scaled, full_matrices=False)
         kept = strength > _NULL * strength[0]
         modes = np.zeros((n, int(kept.sum())))
         modes[index] = across[kept].T / norms[active][:, None] / strength[kept]

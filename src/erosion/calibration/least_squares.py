@@ -13,6 +13,7 @@ from scipy import optimize
 from scipy.stats import qmc
 
 from erosion.calibration.forward import Forward
+from erosion.calibration.identifiability import identify
 from erosion.calibration.measurements import Measurements
 
 Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
@@ -22,6 +23,7 @@ _FOLLOWED = 5  # of the starts
 _THINNED = 500  # rows are enough to choose among valleys
 _WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds: a factor of 100, a spin of 2 v₀/r
 _NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case
+_HOPS, _DRAWN, _REACH = 10, 24, 6.0  # rounds about the best minimum, points of each, in standard errors
 _MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 
 
@@ -117,10 +119,41 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
         if problem.data.uncertainty is None:
             noise = max(_MAD * float(np.median(np.abs(problem.residuals(best.theta)[0]))), 1e-12)
         problem = dataclasses.replace(problem, loss=loss, noise=noise)
-    whole = descend(problem, best.theta)
+    whole = descend(problem, _hopped(few, best).theta)
     if whole is None:
         raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
     return problem, whole
+
+
+def _hopped(problem: Problem, best: Solution) -> Solution:
+    """The deepest of the valleys about a minimum.
+
+    A jump of V(α) that passes a row as a parameter moves is a step of the misfit, so valleys
+    are as narrow as the rows are close. Points are drawn about the minimum, as wide as its
+    errors and wider; one that lies below the minimum has found another valley.
+    """
+    rng = np.random.default_rng(0)
+    for _ in range(_HOPS):
+        modes = _modes(problem, best)
+        spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))
+        reach = np.linspace(1.0, _REACH, _DRAWN)[:, None]
+        draws = best.theta + reach * spread * rng.standard_normal((_DRAWN, modes.shape[1])) @ modes.T
+        draws = np.clip(draws, problem.lower, problem.upper)
+        misfits = np.array([0.5 * np.sum(problem.residuals(theta)[0] ** 2) for theta in draws])
+        misfits[~np.isfinite(misfits)] = np.inf
+        lowest = int(np.argmin(misfits))
+        if misfits[lowest] >= best.cost:
+            return best
+        found = descend(problem, draws[lowest])
+        best = best if found is None else found
+    return best
+
+
+def _modes(problem: Problem, solution: Solution) -> np.ndarray:
+    """The determined directions of θ, each one standard error long, shape (names, rank)."""
+    predicted, _ = problem.forward.predict(solution.theta, problem.data.conditions)
+    names, size = problem.forward.names, float(np.linalg.norm(predicted / problem.deviation))
+    return identify(names, solution.jacobian, np.ones(len(names)), size).modes
 
 
 def descend(problem: Problem, theta: np.ndarray, held: int | None = None) -> Solution | None:

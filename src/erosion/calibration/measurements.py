@@ -87,8 +87,10 @@ class Measurements:
         return {name: values for name, values in given.items() if values is not None}
 
     def thinned(self, most: int) -> "Measurements":
-        """Every so-manieth row, so that at most `most` are left."""
-        rows = slice(None, None, -(-len(self) // most))
+        """At most `most` rows, drawn at random but always the same."""
+        if len(self) <= most:
+            return self
+        rows = np.sort(np.random.default_rng(0).choice(len(self), most, replace=False))
         names = ("angle", "erosion", "uncertainty", "speed", "mass")
         arrays = {name: values for name in names if (values := getattr(self, name)) is not None}
         return dataclasses.replace(self, **{name: values[rows] for name, values in arrays.items()})
