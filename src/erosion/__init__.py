@@ -12,11 +12,24 @@ from typing import TYPE_CHECKING, Any
 from erosion.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from erosion import correlations as correlations
     from erosion import distributions as distributions
     from erosion import models as models
+    from erosion.calibration import Calibration as Calibration
+    from erosion.calibration import CalibrationError as CalibrationError
+    from erosion.calibration import MeasurementError as MeasurementError
+    from erosion.calibration import Measurements as Measurements
+    from erosion.calibration import Ranking as Ranking
+    from erosion.calibration import calibrate as calibrate
+    from erosion.calibration import rank_models as rank_models
+    from erosion.calibration import read_measurements as read_measurements
+    from erosion.calibration import to_fluent as to_fluent
+    from erosion.calibration import to_openfoam as to_openfoam
     from erosion.cases import CaseError as CaseError
     from erosion.cases import dump_case as dump_case
     from erosion.cases import load_case as load_case
+    from erosion.correlations import CORRELATIONS as CORRELATIONS
+    from erosion.correlations import Correlation as Correlation
     from erosion.kernel import Impact as Impact
     from erosion.kernel import impact as impact
     from erosion.kernel import volume as volume
@@ -48,7 +61,20 @@ if TYPE_CHECKING:
     from erosion.trigonometry import sincos as sincos
 
 _HOMES = {
+    "calibration": (
+        "Calibration",
+        "CalibrationError",
+        "MeasurementError",
+        "Measurements",
+        "Ranking",
+        "calibrate",
+        "rank_models",
+        "read_measurements",
+        "to_fluent",
+        "to_openfoam",
+    ),
     "cases": ("CaseError", "dump_case", "load_case"),
+    "correlations": ("CORRELATIONS", "Correlation"),
     "kernel": ("Impact", "impact", "volume"),
     "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
@@ -63,7 +89,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-_MODULES = ("distributions", "models")
+_MODULES = ("correlations", "distributions", "models")
 
 __all__ = ["__version__", *_MODULES, *_HOME_OF]  # pyright: ignore[reportUnsupportedDunderAll]
 

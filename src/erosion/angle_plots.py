@@ -11,9 +11,10 @@ from matplotlib.lines import Line2D
 
 from erosion.kernel import impact
 from erosion.models import model_name
+from erosion.objectives import MEASURES
 from erosion.optimum import ASIDE, SHALLOWEST, Optimum
 from erosion.parameters import QUANTITIES
-from erosion.plotting import DIM, ENDS, INK, PALETTE, house_style, new_axes, readable_scale
+from erosion.plotting import DIM, ENDS, INK, PALETTE, house_style, new_axes, readable_scale, typeset
 from erosion.quantities import RESULTS
 
 _LINES: Sequence[Any] = ("-", (0, (5, 2)), (0, (1.5, 1.5)))
@@ -66,7 +67,9 @@ def plot_optimum(optimum: Optimum) -> Figure:
         )
     fig, ax = new_axes(6.2, 4.4)
     curve = pieces(optimum)
-    scale = readable_scale("volume" if optimum.objective == "volume" else "1", optimum.p.units, _largest(curve))
+    quantity = RESULTS[MEASURES[optimum.objective]] if optimum.objective in MEASURES else None
+    dimension = "1" if quantity is None else quantity.dimension
+    scale = readable_scale(dimension, optimum.p.units, _largest(curve))
     for piece in curve:
         ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2)
     for jump in optimum.jumps:
@@ -89,8 +92,9 @@ def plot_optimum(optimum: Optimum) -> Figure:
         handles.append(
             Line2D([], [], marker="o", color="white", markeredgecolor=INK, linestyle="", label="other candidates")
         )
-    symbol = RESULTS["volume"] if optimum.objective == "volume" else None
-    ax.set_ylabel(f"${symbol.symbol}$  {symbol.meaning}  [{scale.unit}]" if symbol else optimum.objective)
+    ax.set_ylabel(
+        optimum.objective if quantity is None else f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
+    )
     _finish(ax, optimum)
     fig.legend(handles=handles, loc="outside lower center", ncols=2)
     return fig

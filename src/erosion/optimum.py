@@ -21,7 +21,7 @@ from erosion.maxima import SHALLOWEST as SHALLOWEST
 from erosion.maxima import STEEPEST, TIGHT, Maxima, Search
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
-from erosion.objectives import OBJECTIVES, Objective
+from erosion.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters import QUANTITIES, Parameters, validate
 from erosion.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
@@ -103,7 +103,7 @@ class Optimum:
             result_row("volume", self.volume, self.p.units),
         ]
         if self.objective != "volume":
-            rows.append(Row("value", "", format_number(self.value), "", self.objective))
+            rows.append(self._value_row())
         return rows
 
     def __str__(self) -> str:
@@ -111,6 +111,11 @@ class Optimum:
 
     def _repr_html_(self) -> str:
         return to_html(self._title(), self.rows())
+
+    def _value_row(self) -> Row:
+        if self.objective in MEASURES:
+            return result_row(MEASURES[self.objective], self.value, self.p.units)
+        return Row("value", "", format_number(self.value), "", self.objective)
 
     def _explained(self) -> str:
         """What the kind means here."""

@@ -253,7 +253,7 @@ def plot_end_times(
     _mark(ax, cusp, time, "D", PALETTE["green"], "cusp at {}")
     _mark(ax, case, time, "o", PALETTE["purple"], "this case, {}")
     ax.set_ylim(bottom=0, top=1.12 * float(np.nanmax(t_c)) / time.size)
-    ax.set_ylabel(f"{_typeset(RESULTS['t_c'].symbol)}  {RESULTS['t_c'].meaning}  [{time.unit}]")
+    ax.set_ylabel(f"{typeset(RESULTS['t_c'].symbol)}  {RESULTS['t_c'].meaning}  [{time.unit}]")
     _angle_axis(ax)
     _legend_below(ax, columns=2)
     return ax
@@ -315,7 +315,7 @@ def plot_volume(
     _mark(ax, case, scale, "o", PALETTE["purple"], "this case, {}")
     _mark(ax, best, scale, "*", PALETTE["orange"], "greatest at {}")
     ax.set_ylim(bottom=0, top=1.1 * _largest(volume) / scale.size or None)
-    ax.set_ylabel(f"{_typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
     _angle_axis(ax)
     _legend_below(ax, columns=2)
     return ax
@@ -371,7 +371,7 @@ def _read(name: str, value: float, units: System) -> str:
     return f"{value / scale.size:.5g} {scale.unit}".replace(" 10", " × 10")
 
 
-def _typeset(symbol: str) -> str:
+def typeset(symbol: str) -> str:
     """The symbol, such as t_c, as mathtext."""
     return re.sub(r"^(\w)_(\w+)$", r"$\1_{\2}$", symbol) if "_" in symbol else f"${symbol}$"
 

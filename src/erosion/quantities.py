@@ -40,6 +40,10 @@ RESULTS = {
     "erosion": Quantity("E", "removed volume per unit mass of abrasive", "volume per mass"),
     "max_depth": Quantity("d_max", "greatest depth of the tip", "length"),
     "turn": Quantity("Δφ", "how far the body turned", "angle"),
+    "specific_volume": Quantity("V/m", "removed volume per mass of erodent", "volume per mass"),
+    "mass_loss": Quantity("Δm", "mass loss per impact", "mass"),
+    "erosion_ratio": Quantity("Δm/m", "mass loss per mass of erodent", "mass per mass"),
+    "relative_erosion": Quantity("E", "erosion, in units of its own", "1"),
 }
 
 

@@ -105,11 +105,13 @@ def _as_json(model: str, best: "Optimum", *, with_sensitivities: bool) -> dict[s
 def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
     import numpy as np
 
+    from erosion.objectives import MEASURES
     from erosion.quantities import RESULTS
     from erosion.tables import Row, format_number
     from erosion.units import unit_name
 
-    unit = unit_name(RESULTS["volume"].dimension, best.p.units) if best.objective == "volume" else ""
+    measure = MEASURES.get(best.objective)
+    unit = "" if measure is None else unit_name(RESULTS[measure].dimension, best.p.units)
     print_table(f"{model}: the angle of {'least' if best.least else 'greatest'} {best.objective}", best.rows())
     others = [
         Row(f"at {np.rad2deg(c.alpha):.10g}°", "", format_number(c.value), unit, f"{c.kind} {c.side}".strip())

@@ -170,13 +170,13 @@ def print_json(content: Mapping[str, Any]) -> None:
     print(to_json(content))
 
 
-def print_table(title: str, rows: "Sequence[Row]") -> None:
+def print_table(title: str, rows: "Sequence[Row]", headings: "Sequence[str] | None" = None) -> None:
     """A table on stdout, in colour where it is a terminal."""
     from rich.console import Console
 
-    from erosion.tables import to_rich
+    from erosion.tables import HEADINGS, to_rich
 
-    Console(highlight=False).print(to_rich(title, rows))
+    Console(highlight=False).print(to_rich(title, rows, headings or HEADINGS))
 
 
 def warn(message: str) -> None:
