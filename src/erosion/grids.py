@@ -34,7 +34,7 @@ PAIR = "pair"
 """The dimension along which paired axes go together."""
 
 _ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
-KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "none")
+KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none")
 """Meanings of the codes 0, 1, … in `alpha_max_kind`; see `Optimum.kind`."""
 
 
@@ -123,6 +123,7 @@ class Grid:
         if self.optimum:
             found |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
             found["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
+            found["alpha_max_ended_by"] = Variable(beside, None, _flags("how the cut ends at that angle", self.ends))
         found["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
         return found
 
@@ -141,6 +142,7 @@ class Grid:
                 parts["alpha_max"].append(np.asarray(best.alpha))
                 parts["volume_max"].append(np.asarray(best.volume))
                 parts["alpha_max_kind"].append(_codes(best.kind, KINDS))
+                parts["alpha_max_ended_by"].append(_codes(best.ended_by, self.ends))
         lengths = dict(zip(self.dims, self.shape, strict=True))
         return {
             name: np.stack(parts[name]).reshape([lengths[dim] for dim in variable.dims])

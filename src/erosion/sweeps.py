@@ -51,8 +51,8 @@ def sweep(
         derivatives: 0, 1 or 2 derivatives of the volume by `wrt`.
         wrt: one parameter.
         rtol: relative tolerance, see `impact`.
-        optimum: also keep alpha_max, volume_max and alpha_max_kind, over the other axes than
-            alpha; see `erosion.alpha_max`.
+        optimum: also keep alpha_max, volume_max, alpha_max_kind and alpha_max_ended_by, over
+            the other axes than alpha; see `erosion.alpha_max`.
         paired: names of two or more axes of one length that go together, along "pair".
         chunks: with a Zarr store, lengths of its blocks by dimension (those left out are not
             cut); without it, blocks of about 10⁵ impacts.
