@@ -1,10 +1,11 @@
 """What numbers are called, and their units: the one source of labels for tables and axes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from erosion.tables import Row, format_number
-from erosion.units import Dimension, System, ascii_unit_name, unit_name
+from erosion.units import Dimension, System, ascii_unit, derivative_unit, unit_name
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class Quantity:
 
     def attributes(self, units: System) -> dict[str, str]:
         """The same as attributes of a labelled array, in the words of the CF conventions."""
-        return {"long_name": self.meaning, "symbol": self.symbol, "units": ascii_unit_name(self.dimension, units)}
+        unit = ascii_unit(unit_name(self.dimension, units))
+        return {"long_name": self.meaning, "symbol": self.symbol, "units": unit}
 
 
 RESULTS = {
@@ -40,6 +42,16 @@ RESULTS = {
     "max_depth": Quantity("d_max", "greatest depth of the tip", "length"),
     "turn": Quantity("Δφ", "how far the body turned", "angle"),
 }
+
+
+def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System) -> Row:
+    """The volume's derivative with respect to one or two parameters as a table row."""
+    same = len(by) == 2 and by[0] == by[1]
+    power = "²" if len(by) == 2 else ""
+    below = f"∂{by[0].symbol}²" if same else "".join(f"∂{quantity.symbol}" for quantity in by)
+    unit = derivative_unit(RESULTS["volume"].dimension, [quantity.dimension for quantity in by], units)
+    meaning = "change of volume with " + " and ".join(dict.fromkeys(quantity.meaning for quantity in by))
+    return Row(name, f"∂{power}V/{below}", format_number(value), unit, meaning)
 
 
 def result_row(name: str, value: Any, units: System) -> Row:

@@ -53,6 +53,11 @@ class Answer:
     numbers: dict[str, Any] = field(default_factory=dict)
 
 
+def question(key: str) -> str:
+    """What the scenario calls it: "q4" is Question 4, "a2" is Additional question 2."""
+    return f"{'Additional question' if key[0] == 'a' else 'Question'} {key[1:]}"
+
+
 @dataclass(frozen=True)
 class Case:
     """One set of parameters, with what several questions need computed once.
