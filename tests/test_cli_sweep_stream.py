@@ -76,7 +76,7 @@ def test_a_sweep_is_drawn_and_told_as_a_table(case, tmp_path, capsys):
         (["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:9deg"], 'Option `--alpha` must be "first : last : count"'),
         (
             ["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:99deg:5"],
-            "Option `--alpha` must be in (0, π/2] rad, but is 1.72788 at index 4",
+            "`--alpha` must be in (0, π/2] rad, but is 1.72788 at index 4",
         ),
         (["sweep", "CASE", "-o", "out.zarr", "--chunks", "alpha:3"], "Option `--chunks` must be such as"),
         (["sweep", "CASE", "-o", "out.nc", "--chunks", "alpha=3"], "need `--out` to end in .zarr"),

@@ -12,6 +12,7 @@ import cyclopts
 
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
+from erosion.cli.optimum import optimum
 from erosion.cli.options import InputError, sentence
 from erosion.cli.report import report
 from erosion.cli.run import run
@@ -27,7 +28,7 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, sweep, stream, report, models):
+for verb in (run, optimum, sweep, stream, report, models):
     app.command(verb)
 
 
