@@ -12,8 +12,9 @@ from typing import Any
 
 import xarray as xr
 
-from erosion.grids import Grid, Model, Region, block_shape, make_grid
+from erosion.grids import Grid, Model, make_grid
 from erosion.parameters import Parameters
+from erosion.partition import Region, block_shape
 from erosion.precision import require_float64
 from erosion.stores import Store, ZarrStore, open_store, write_block
 
@@ -79,7 +80,7 @@ def sweep(
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, paired=paired, derivatives=derivatives, wrt=wrt, rtol=rtol, optimum=optimum)
     usual = _MEMORY_BLOCK if path is None or path.suffix != ".zarr" else _STORED_BLOCK
-    block = block_shape(grid, chunks, _LEAST_BLOCK, usual)
+    block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
     place = open_store(grid, block, path)
     todo = place.missing()
     whole = math.prod(grid.shape)

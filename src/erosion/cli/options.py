@@ -75,8 +75,8 @@ class CaseOptions:
         return p
 
     def without_changes(self) -> "CaseOptions":
-        """The case file alone."""
-        return CaseOptions(case=self.case, units=self.units)
+        """The case file and what holds for all of it."""
+        return CaseOptions(case=self.case, units=self.units, material=self.material)
 
     def section(self, verb: str, fields: Sequence[str]) -> dict[str, Any]:
         """The table of a verb in the case file: parameters, and `fields` of the verb's own.
