@@ -76,22 +76,29 @@ def _empty(count: int, order: int) -> Solution:
     return Solution(np.empty(count), np.empty(count), derivatives(), derivatives(), np.empty(count))
 
 
+# A function of its own to JAX, so that it is traced once for chunks of all sizes.
+@functools.partial(jax.jit, static_argnames=("order", "names"), inline=True)
+def _block(
+    model: CuttingModel, lanes: list[Any], along: list[Any], order: int, names: tuple[str, ...], rtol: Any
+) -> Solution:
+    """One block; lanes are (block,)."""
+    # The physics does not depend on the unit system: one program serves all.
+    p = Parameters(**dict(zip(QUANTITIES, lanes, strict=True)))
+    return solve(model, p, order, names or tuple(along), rtol)
+
+
 def _chunk(
     model: CuttingModel, lanes: list[Any], along: list[Any], blocks: Any, order: int, names: tuple[str, ...], rtol: Any
 ) -> Solution:
     """The first `blocks` blocks of a chunk, one after another; lanes are (blocks, block)."""
 
-    def run(given: Any) -> Solution:
-        values, directions = given
-        # The physics does not depend on the unit system: one program serves all.
-        p = Parameters(**dict(zip(QUANTITIES, values, strict=True)))
-        return solve(model, p, order, names or tuple(directions), rtol)
+    def run(i: Any) -> Solution:
+        return _block(model, *jax.tree.map(lambda leaf: leaf[i], (lanes, along)), order, names, rtol)
 
     def block(i: Any, done: Solution) -> Solution:
-        out = run(jax.tree.map(lambda leaf: leaf[i], (lanes, along)))
-        return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 0), done, out)
+        return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 0), done, run(i))
 
-    shapes = jax.eval_shape(run, jax.tree.map(lambda leaf: leaf[0], (lanes, along)))
+    shapes = jax.eval_shape(run, 0)
     empty = jax.tree.map(lambda leaf: jnp.zeros((lanes[0].shape[0], *leaf.shape), leaf.dtype), shapes)
     return lax.fori_loop(0, blocks, block, empty)
 
