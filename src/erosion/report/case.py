@@ -2,6 +2,7 @@
 
 import functools
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -9,11 +10,18 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from erosion.family_plots import Curve, broken_at
+from erosion.kernel import Impact, impact
 from erosion.model import ClosedForm
 from erosion.models import Linearized
+from erosion.optimum import Optimum, alpha_max
 from erosion.parameters import Parameters
+from erosion.report.families import Families, families_of
+from erosion.report.spins import Spins, over_spins
 from erosion.trajectory import Trajectory, TurnWarning, simulate
 from erosion.units import System
+
+_RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
 
 
 class Illustration(NamedTuple):
@@ -38,6 +46,7 @@ class Answer:
 
     Args:
         key: "q1", as in `only` and in numbers.json.
+        label: what kind of question it is: "Question 1", "Additional question 1".
         title: the question in a few words.
         sentence: the answer in one sentence (HTML).
         figures: what shows it.
@@ -46,6 +55,7 @@ class Answer:
     """
 
     key: str
+    label: str
     title: str
     sentence: Markup
     figures: tuple[Illustration, ...]
@@ -58,6 +68,7 @@ class Case:
     """One set of parameters, with what several questions need computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
+    Where models are asked of by name, results come from the kernel, whatever is known exactly.
     """
 
     p: Parameters
@@ -111,6 +122,49 @@ class Case:
     def ended_by(self) -> str:
         """How the cut ends: "rebound", "stop" or "no-cut"."""
         return str(self.closed.ended_by(self.p))
+
+    @functools.cached_property
+    def _known(self) -> dict[tuple[str, str], Any]:
+        """What was computed, by what it is and the model's name."""
+        return {}
+
+    def optimum(self, model: str) -> Optimum:
+        """A model's angle of greatest removal in this case."""
+        return self.once("optimum", model, lambda: alpha_max(model, self.p))
+
+    def hits(self, model: str) -> Impact:
+        """A model's impacts at the `looks`, and after them at the case's own angle."""
+        p = self.p.replace(alpha=np.append(self.looks, self.alpha))
+        # The derivatives are not used; their program is the one that `alpha_max` needs anyway.
+        return self.once("hits", model, lambda: impact(model, p, derivatives=2, rtol=_RTOL))
+
+    def curve(self, model: str, label: str | None = None) -> Curve:
+        """A model's V(α), interrupted at its jumps, with its maximum."""
+        optimum = self.optimum(model)
+        angles, volume = broken_at(optimum.jumps, self.looks, self.hits(model).volume[:-1])
+        best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
+        return Curve(label or model, angles, volume, best, bool(optimum.attained))
+
+    def spins(self, model: str) -> Spins:
+        """A model's angles of greatest removal over the spin."""
+        return self.once("spins", model, lambda: over_spins(model, self.p))
+
+    def families(self, model: str) -> Families:
+        """A model asked with other speeds, erodents, materials and modelling parameters."""
+        return self.once("families", model, lambda: families_of(model, self.p, self.looks))
+
+    def once(self, what: str, model: str, compute: Callable[[], Any]) -> Any:
+        """What `compute` gives, computed when first asked for."""
+        key = (what, model)
+        if key not in self._known:
+            self._known[key] = compute()
+        return self._known[key]
+
+    @functools.cached_property
+    def looks(self) -> np.ndarray:
+        """α in (0, 90°] [rad] for curves of the kernel: fewer than `angles`, all in one small batch."""
+        near_zero, even = [0.02, 0.1, 0.25], np.linspace(0, 90, 181)[1:-1]
+        return np.deg2rad([*near_zero, *even, 90 - 1e-7])
 
     @functools.cached_property
     def cusp(self) -> float:

@@ -70,8 +70,10 @@ def write_report(
 def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str], None]) -> Path:
     answers = []
     for key in keys:
-        progress(f"Question {key.removeprefix('q')}")
+        progress(key)
+        import time; t0=time.process_time(); w0=time.time()
         answers.append(QUESTIONS[key](case))
+        print(key, "cpu %.2f wall %.2f" % (time.process_time()-t0, time.time()-w0))
     progress("Figures and page")
     for answer in answers:
         for illustration in answer.figures:
