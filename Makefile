@@ -14,7 +14,7 @@ report: $(STAMP)
 	.venv/bin/erosion report
 
 test: $(STAMP)
-	.venv/bin/pytest
+	.venv/bin/pytest --numprocesses 2 --dist loadfile
 
 # Not part of the tests: minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look.
 bench: $(STAMP)

@@ -2,8 +2,7 @@
 
     python -m benchmarks.ends [ANGLES] [SPINS]
 
-By default 20,000 angles × 19 spins s = r φ̇₀/v₀ from -0.9 to 0.9 for every rotating model. That
-takes hours on two cores and a minute on a GPU.
+By default 20,000 angles × 19 spins s = r φ̇₀/v₀ from -0.9 to 0.9 for every rotating model.
 """
 
 import sys

@@ -1,7 +1,20 @@
 """Shape and type checks of every function are on during tests, and only then."""
 
+import atexit
+import os
+import shutil
+import tempfile
+
 from jaxtyping import install_import_hook
 
-# Before anything of the package is imported.
+# One run's processes share what they compile; earlier runs and the user's own cache play no part.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="erosion-tests-")
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+
+# Unchecked: thousands of its small functions run for each program, a third of the time to trace one.
+
+# Before any other module of the package is imported.
 _hook = install_import_hook("erosion", "beartype.beartype")
 _hook.__enter__()

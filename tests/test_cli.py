@@ -62,19 +62,26 @@ def test_models_lists_them_all(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "--alpha", "95deg"], "Option `alpha` must be in (0, π/2] rad"),
+        (["run", "--alpha", "95deg"], "Option `--alpha` must be in (0, π/2] rad"),
         (["run", "--alpha", "20"], 'write "20 deg"'),
         (["run", "--v0", "3 kg"], "Option `--v0` must be a speed"),
-        (["run", "--v0", "-3"], "Option `v0` must be positive"),
+        (["run", "--v0", "-3"], "Option `--v0` must be positive"),
         (["run", "--model", "spinning"], "There is no model 'spinning'"),
         (["run", "--model", "nowhere.py"], "nowhere.py: there is no such model file."),
         (["run", "--case", "nowhere.toml"], "nowhere.toml: cannot be read"),
-        (["run", "--units", "cgs"], "`units` must be one of"),
-        (["run", "--beta", "3"], "Unknown option"),
+        (["run", "--units", "cgs"], "Option `--units` must be one of"),
+        (["run", "--beta", "3"], "Option `--beta` is unknown. Did you mean --inertia?"),
+        (["run", "-x"], "Option `-x` is unknown."),
+        (["run", "extra"], "The word 'extra' belongs to no option."),
+        (["run", "--alpha"], "Option `--alpha` must have a value, but has none."),
+        (["run", "--alpha", "1", "--alpha", "2"], "Option `--alpha` must be given once, but is given several times."),
+        (["run", "--json=maybe"], "Option `--json` must have a value that makes sense, but has 'maybe'"),
+        (["run", "--material", "gold"], "Option `--material` must be one of 'mild steel'"),
+        (["run", "--material", "copper", "--sigma", "3"], "Options `--material` and `--sigma` both set"),
         (["run", "--plot", "cut.doc"], "cut.doc"),
-        (["run", "--plot", "/nowhere/cut.svg"], "/nowhere"),
-        (["fly"], "fly"),
-        (["report", "--only", "q99", "--out", "unused"], "q99"),
+        (["run", "--plot", "/nowhere/cut.svg"], "erosion: /nowhere/cut.svg: No such file or directory."),
+        (["fly"], "There is no command 'fly'; there are run, report"),
+        (["report", "--only", "q99", "--out", "unused"], "Option `--only` must be a list of"),
         (["models", "--path", "/nowhere"], "/nowhere: there is no such file or folder"),
     ],
 )
@@ -84,6 +91,46 @@ def test_bad_input_is_one_line_and_exit_2(capsys, arguments, message):
     assert captured.out == ""
     assert message in captured.err
     assert captured.err.count("\n") == 1
+
+
+def test_a_material_replaces_the_flow_stress(capsys):
+    assert _status(["run", "--units", "si", "--material", "copper", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["parameters"]["sigma"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
+    assert found["volume_m3"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
+
+
+def test_a_plot_that_cannot_be_written_is_known_before_the_solve(monkeypatch, tmp_path):
+    import erosion.trajectory
+
+    monkeypatch.setattr(erosion.trajectory, "simulate", None)
+    (tmp_path / "folder.svg").mkdir()
+    for place in (tmp_path / "folder.svg", tmp_path / "nowhere" / "cut.svg", tmp_path / "cut.doc"):
+        assert _status(["run", "--plot", str(place)]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.svg"]
+
+
+def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("COLUMNS", "200")
+    (tmp_path / "a_bad.py").write_text("1/0")
+    (tmp_path / "good.py").write_text('"""One of mine."""\nimport erosion\nmodel = erosion.models.Rotating()\n')
+    assert _status(["models", "--path", str(tmp_path), "--json"]) == 1
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    assert "ZeroDivisionError" in found[str(tmp_path / "a_bad.py")]["error"]
+    assert found[str(tmp_path / "good.py")] == {"summary": "One of mine.", "equations": "plug-in", "error": None}
+    assert captured.err == "erosion: 1 of 13 models cannot be used.\n"
+    assert _status(["models", "--help"]) == 0
+    assert "run as Python" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+def test_models_table_fits_the_terminal(capsys, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert _status(["models"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= columns
+    assert any("rotating-velocity-aligned-full-torque " in line for line in lines)
 
 
 def test_help_comes_without_jax():

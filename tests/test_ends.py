@@ -74,3 +74,50 @@ def test_a_dip_before_the_end_is_not_looked_for_for_ever():
     found = integrate(erosion.load_model("rotating"), lanes, 0, (), 1e-9)
     assert found.trials.max() < 100
     assert np.all(found.mode == ENDED)
+
+
+def _agree_with_tight(p, **options):
+    found = erosion.impact("rotating", p, **options)
+    tight = erosion.impact("rotating", p, rtol=1e-13, **options)
+    assert np.array_equal(found.ended_by, tight.ended_by)
+    return found, tight
+
+
+def test_hundreds_of_turns_end_in_the_right_one():
+    # rω/v₀ = 3e-4: the tip turns up to thousands of times, and often all but touches the surface.
+    generator = np.random.default_rng(1958)
+    r = P.r * 3e-4 / (P.r * P.rate / P.v0) * np.exp(generator.uniform(-1, 1, 500))
+    p = P.replace(
+        r=r,
+        phidot0=generator.uniform(-0.9, 0.9, 500) * P.v0 / r,
+        alpha=generator.uniform(0.02, 1.5, 500),
+        k=generator.uniform(0.5, 4, 500),
+    )
+    found, tight = _agree_with_tight(p)
+    # Local errors of thousands of steps add up.
+    assert found.volume == pytest.approx(tight.volume, rel=1e-8)
+    assert found.t_c == pytest.approx(tight.t_c, rel=1e-8)
+
+
+def test_accuracy_holds_over_a_wide_range():
+    generator = np.random.default_rng(1958)
+    n = 20_000
+    r, v0 = P.r * np.exp(generator.uniform(-1, 1, n)), P.v0 * np.exp(generator.uniform(-0.7, 0.7, n))
+    p = P.replace(
+        alpha=np.deg2rad(generator.uniform(0.5, 89.5, n)),
+        k=np.exp(generator.uniform(np.log(0.3), np.log(5), n)),
+        r=r,
+        v0=v0,
+        inertia=generator.uniform(0.2, 1, n),
+        phidot0=generator.uniform(-0.9, 0.9, n) * v0 / r,
+    )
+    found, tight = _agree_with_tight(p, derivatives=2)
+    assert found.volume == pytest.approx(tight.volume, rel=1e-9)
+    assert found.t_c == pytest.approx(tight.t_c, rel=1e-9)
+    # Derivatives pass through zero; a few second ones are small sums of large terms.
+    size = np.maximum(np.abs(tight.dvolume), tight.volume)
+    assert np.all(np.abs(found.dvolume - tight.dvolume) <= 2e-9 * size)
+    size = np.maximum(np.abs(tight.d2volume), size)
+    off = np.abs(found.d2volume - tight.d2volume) / np.where(size > 0, size, 1)
+    assert np.quantile(off, 0.9995) < 1e-9
+    assert np.max(off) < 5e-8

@@ -106,6 +106,11 @@ def test_files_are_listed_by_path(tmp_path):
     (tmp_path / "one.py").write_text('"""One of mine."""\nimport erosion\nmodel = erosion.models.Rotating()\n')
     found = erosion.available_models(tmp_path)
     assert found[str(tmp_path / "one.py")].summary == "One of mine."
+    (tmp_path / "two.py").write_text("1/0")
+    broken = erosion.available_models(tmp_path)[str(tmp_path / "two.py")]
+    assert "cannot be imported: ZeroDivisionError" in str(broken.error)
+    with pytest.raises(erosion.ModelError, match="ZeroDivisionError"):
+        broken.make()
     with pytest.raises(erosion.ModelError, match="no such file or folder"):
         erosion.available_models(tmp_path / "nowhere")
 
@@ -124,5 +129,6 @@ def test_entry_points_are_found(monkeypatch):
     entries = [EntryPoint("theirs", "erosion.models:Rotating", group), EntryPoint("broken", "nowhere:model", group)]
     monkeypatch.setattr(registry.importlib.metadata, "entry_points", lambda group: entries)
     assert erosion.load_model("theirs") == models.Rotating()
+    assert "cannot be imported" in str(erosion.available_models()["broken"].error)
     with pytest.raises(erosion.ModelError, match=r"'broken'.*cannot be imported: ModuleNotFoundError"):
         erosion.load_model("broken")

@@ -60,6 +60,16 @@ def test_unit_names_are_as_a_person_writes_them():
     assert unit_name("1", "si") == ""
 
 
+def test_a_material_comes_in_the_units_of_the_parameters():
+    for p in (P, P.to("si")):
+        copper = p.with_material("copper")
+        assert copper.units == p.units
+        assert float(copper.to("inch-pound").sigma) == pytest.approx(10e3, rel=1e-14)
+    assert float(P.replace(sigma=erosion.MATERIALS["copper"]).sigma) == 10e3
+    with pytest.raises(ValueError, match=r"`material` must be one of 'mild steel', 'brass', .*, but is 'gold'"):
+        P.with_material("gold")
+
+
 def test_replace_names_what_it_does_not_know():
     with pytest.raises(TypeError, match="`beta` is not a parameter"):
         P.replace(beta=1.0)
@@ -203,6 +213,24 @@ def test_cases_survive_a_round_trip(tmp_path_factory, units, numbers, alpha, phi
     again = erosion.load_case(file)
     assert again.units == p.units
     assert all(getattr(again, n) == getattr(p, n) for n in QUANTITIES)
+
+
+def test_repr_is_short_and_reads_back():
+    from erosion import Parameters
+
+    assert repr(P).startswith("Parameters(k=2, psi=0.04, r=0.04, b=0.04, m=2.855e-07, v0=4400, sigma=200000, alpha=0.3")
+    again = eval(repr(P.to("si")), {"Parameters": Parameters})
+    assert again.units == "si"
+    assert all(getattr(again, name) == getattr(P.to("si"), name) for name in QUANTITIES)
+    assert "alpha=<[1000] 0.1 … 1>," in repr(P.replace(alpha=np.linspace(0.1, 1, 1000)))
+    shown = []
+    jax.jit(lambda p: shown.append(repr(p)) or p.k)(P)
+    assert "k=<traced[]>" in shown[0]
+
+
+def test_a_case_is_written_of_scalars_only():
+    with pytest.raises(ValueError, match=r"`alpha` must be a scalar here, but has shape \(2,\)"):
+        erosion.dump_case(P.replace(alpha=[0.1, 0.2]))
 
 
 def test_parameters_print_with_units():

@@ -87,16 +87,26 @@ def test_a_model_with_linear_algebra_and_control_flow_works():
         assert getattr(found, name) == pytest.approx(getattr(true, name), rel=1e-8), name
 
 
+class Tagged(erosion.models.ConstantRatio):
+    """K = k; another tag makes another program of the same arithmetic."""
+
+    tag: str = eqx.field(static=True)
+
+
 def test_a_plan_changes_no_result(monkeypatch):
-    p = P.replace(alpha=np.linspace(0.1, 1.5, 9), phidot0=0.3 * P.v0 / P.r)
-    found = erosion.impact("rotating-tan-alpha-full-torque", p, derivatives=2, wrt=("alpha", "m"))
-    slope = jax.grad(lambda p: erosion.volume("rotating", p))(P)
-    monkeypatch.setattr(plan, "_Plan", plan._whole)
-    jax.clear_caches()
-    true = erosion.impact("rotating-tan-alpha-full-torque", p, derivatives=2, wrt=("alpha", "m"))
+    def results(tag):
+        turning = erosion.models.Rotating(force=Tagged(tag), torque=erosion.models.FullTorque())
+        p = P.replace(alpha=np.linspace(0.1, 1.5, 9), phidot0=0.3 * P.v0 / P.r)
+        hit = erosion.impact(turning, p, derivatives=2)
+        straight = erosion.models.Linearized(force=Tagged(tag))
+        return hit, jax.jit(jax.grad(lambda p: erosion.volume(straight, p)))(P)
+
+    found, slope = results("planned")
+    wholes = []
+    monkeypatch.setattr(plan, "_Plan", lambda *arguments: wholes.append(arguments) or plan._whole(*arguments))
+    true, expected = results("whole")
+    assert wholes
     for name, rel in (("volume", 1e-13), ("t_c", 1e-13), ("dvolume", 1e-11), ("d2volume", 1e-11)):
         assert getattr(found, name) == pytest.approx(getattr(true, name), rel=rel), name
-    for one, other in zip(
-        *map(jax.tree.leaves, (slope, jax.grad(lambda p: erosion.volume("rotating", p))(P))), strict=True
-    ):
+    for one, other in zip(jax.tree.leaves(slope), jax.tree.leaves(expected), strict=True):
         assert one == pytest.approx(float(other), rel=1e-11)

@@ -12,7 +12,7 @@ import pytest
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters import TABLE_1, Parameters
 from erosion.report import write_report
-from erosion.report.case import Case
+from erosion.report.case import Case, question
 from erosion.report.newton import Jet, greatest
 from erosion.report.questions import QUESTIONS
 from erosion.report.text import degrees, formula, math, number, number_tex, quantity, quantity_tex
@@ -183,7 +183,7 @@ def test_unknown_questions_are_refused_by_name(tmp_path: Path, only: Any) -> Non
 def test_bad_parameters_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="`alpha` must be in"):
         write_report(TABLE_1.replace(alpha=2.0), tmp_path / "new")
-    with pytest.raises(ValueError, match="`v0` must be a single number"):
+    with pytest.raises(ValueError, match="`v0` must be a scalar"):
         write_report(TABLE_1.replace(v0=np.array([1.0, 2.0])), tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
@@ -215,6 +215,10 @@ def test_a_normal_impact_cuts_nothing_and_says_so(tmp_path: Path) -> None:
     answers = numbers(tmp_path)["answers"]
     assert answers["q3"]["volume"] == answers["q2"]["t_c"] == 0.0
     assert answers["q4"]["alpha_max"] == pytest.approx(np.arctan(2.0) / 2, abs=1e-10)
+
+
+def test_headings_are_the_scenarios() -> None:
+    assert [question(key) for key in ("q1", "q10", "a2")] == ["Question 1", "Question 10", "Additional question 2"]
 
 
 def test_a_case_name_is_text_not_html(tmp_path: Path) -> None:

@@ -1,3 +1,5 @@
+import inspect
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -55,7 +57,8 @@ def test_motion_equals_the_closed_form(name, degrees):
 def test_no_wrong_end_near_the_cusp(name, ratio):
     cusp = np.arctan(ratio / 2)
     exact = closed_form(name)
-    for offset in np.linspace(-2, 2, 400):  # even: the tie itself has no right answer
+    aside = np.geomspace(1e-4, 2, 40)  # the tie itself has no right answer
+    for offset in (*aside, *-aside):
         p = P.replace(alpha=cusp + np.deg2rad(offset))
         cut = quietly(name, p, points=2)
         assert cut.ended_by == str(exact.ended_by(p)), offset
@@ -244,7 +247,27 @@ def test_bad_parameters_are_refused(changes, message):
         erosion.simulate("linearized", P.replace(**changes))
 
 
+def test_arguments_of_the_wrong_type_get_one_sentence():
+    # As outside of the tests, where nothing checks types before the functions themselves.
+    simulate = inspect.unwrap(erosion.simulate)
+    with pytest.raises(ValueError, match=r"`points` must be a whole number of at least 2, but is 2\.5"):
+        simulate("linearized", P, points=2.5)
+    with pytest.raises(ValueError, match="`model` must be a model, its name or a path, but is None"):
+        inspect.unwrap(erosion.load_model)(None)
+    with pytest.raises(TypeError, match="`p` must be Parameters, but is None"):
+        inspect.unwrap(erosion.validate)(None)
+
+
+def test_numbers_far_from_one_are_as_good():
+    # Softer by 10³⁰⁰: times grow by its root, volumes as it.
+    cut, soft = quietly("linearized", P), quietly("linearized", P.replace(sigma=P.sigma * 1e-300))
+    assert soft.t_c == pytest.approx(cut.t_c * 1e150, rel=1e-9)
+    assert soft.volume == pytest.approx(cut.volume * 1e300, rel=1e-9)
+    assert soft.max_depth == pytest.approx(cut.max_depth * 1e150, rel=1e-9)
+
+
 def test_results_print_with_units():
+    assert repr(quietly("linearized", P)).startswith("Trajectory('linearized', 201 points, t_c=6.6353")
     cut = quietly("linearized", P)
     assert "in³" in str(cut)
     assert "0.0001816436353" in str(cut)

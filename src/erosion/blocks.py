@@ -10,13 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from erosion.integrator import Solution, solve
+from erosion.integrator import ENDED, NO_CUT, Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
 
 BLOCK = 256  # lanes of a block on a CPU: their stages fit the second-level cache
-CHUNK = 256  # blocks of one call, walked one after another
+CHUNK = 32  # blocks of one call, walked one after another
+_DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
+_GRAZE = 1e4  # likewise larger, over many turns of a fast spin
+_TIGHTEST = 1e-13  # tolerance of the second time: rounding is near
 
 
 def leaf_index(model: CuttingModel, name: str) -> int:
@@ -27,7 +30,10 @@ def leaf_index(model: CuttingModel, name: str) -> int:
 def integrate(
     model: CuttingModel, lanes: list[np.ndarray], order: int, directions: tuple[str, ...] | np.ndarray, rtol: float
 ) -> Solution:
-    """Integrate lanes to their ends.
+    """Integrate lanes to their ends; those of doubtful accuracy twice.
+
+    Where small errors of the motion may be large ones of the results, the lane is integrated
+    again with a tolerance that is smaller by as much.
 
     Args:
         model: its own leaves are shared by all lanes.
@@ -41,31 +47,48 @@ def integrate(
         Arrays of shape (lanes,), or (lanes · n,), those of one lane side by side.
     """
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
-    count, copies = lanes[0].size * indices.shape[1], indices.shape[1]
-    results = _empty(count, order)
-    if not count:
+    copies = indices.shape[1]
+
+    def walk(positions: np.ndarray, rtol: np.ndarray) -> Solution:
+        def chunk(begin: int) -> None:
+            end = min(begin + block * CHUNK, positions.size)
+            # The last block is filled up with copies of its last lane.
+            some = np.minimum(np.arange(begin, begin + block * CHUNK), end - 1)
+            lane, copy = np.divmod(positions[some], copies)
+            of_lanes = [leaf[lane].reshape(-1, block) for leaf in lanes]
+            along = [index[copy].reshape(-1, block) for index in indices]
+            tolerance = rtol[some].reshape(-1, block)
+            blocks = -(-(end - begin) // block)
+            found = _compiled_chunk()(model, of_lanes, along, tolerance, blocks, order, names)
+            for all_, part in zip(jax.tree.leaves(results), jax.tree.leaves(found), strict=True):
+                all_[begin:end] = np.asarray(part).reshape(-1)[: end - begin]
+
+        results = _empty(positions.size, order)
+        block = _block_size()
+        begins = range(0, positions.size, block * CHUNK)
+        if len(begins) == 1:
+            chunk(0)
+        elif begins:
+            with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
+                list(pool.map(chunk, begins))
         return results
-    block = _block_size()
-    capacity = block if count <= block else block * CHUNK
 
-    def work(begin: int) -> None:
-        end = min(begin + capacity, count)
-        # The last block is filled up with copies of its last lane.
-        lane, copy = np.divmod(np.minimum(np.arange(begin, begin + capacity), end - 1), copies)
-        blocks = -(-(end - begin) // block)
-        chunk = [leaf[lane].reshape(-1, block) for leaf in lanes]
-        along = [index[copy].reshape(-1, block) for index in indices]
-        found = _compiled_chunk()(model, chunk, along, blocks, order, names, rtol)
-        for all_, some in zip(jax.tree.leaves(results), jax.tree.leaves(found), strict=True):
-            all_[begin:end] = np.asarray(some).reshape(-1)[: end - begin]
+    count = lanes[0].size * copies
+    found = walk(np.arange(count), np.broadcast_to(rtol, count))
+    tighter = _tighter(found, rtol)
+    again = np.flatnonzero(tighter < rtol)
+    better = walk(again, tighter[again])
+    for all_, some in zip(jax.tree.leaves(found), jax.tree.leaves(better), strict=True):
+        all_[again] = some
+    return found
 
-    begins = range(0, count, capacity)
-    if len(begins) == 1:
-        work(0)
-    else:
-        with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
-            list(pool.map(work, begins))
-    return results
+
+def _tighter(found: Solution, rtol: float) -> np.ndarray:
+    """The tolerance that each lane needs."""
+    cut = (found.mode == ENDED) & (found.which != NO_CUT)
+    factor = np.where(cut & (found.doubt > _DOUBT), _DOUBT / np.where(cut, found.doubt, 1.0), 1.0)
+    factor = np.where(found.margin < _GRAZE * rtol, np.minimum(factor, 1 / _GRAZE), factor)
+    return np.maximum(factor * rtol, min(_TIGHTEST, rtol))
 
 
 def _empty(count: int, order: int) -> Solution:
@@ -73,13 +96,15 @@ def _empty(count: int, order: int) -> Solution:
         parts = (1, 3, 4)[order]
         return Derivatives(*(np.empty(count) for _ in range(parts)), *[None] * (4 - parts))
 
-    return Solution(np.empty(count), np.empty(count), derivatives(), derivatives(), np.empty(count))
+    return Solution(
+        np.empty(count), np.empty(count), derivatives(), derivatives(), *(np.empty(count) for _ in range(3))
+    )
 
 
-# A function of its own to JAX, so that it is traced once for chunks of all sizes.
+# A function of its own to JAX, so that it is traced once, and not again for its shapes.
 @functools.partial(jax.jit, static_argnames=("order", "names"), inline=True)
 def _block(
-    model: CuttingModel, lanes: list[Any], along: list[Any], order: int, names: tuple[str, ...], rtol: Any
+    model: CuttingModel, lanes: list[Any], along: list[Any], rtol: Any, order: int, names: tuple[str, ...]
 ) -> Solution:
     """One block; lanes are (block,)."""
     # The physics does not depend on the unit system: one program serves all.
@@ -88,18 +113,24 @@ def _block(
 
 
 def _chunk(
-    model: CuttingModel, lanes: list[Any], along: list[Any], blocks: Any, order: int, names: tuple[str, ...], rtol: Any
+    model: CuttingModel,
+    lanes: list[Any],
+    along: list[Any],
+    rtol: Any,
+    blocks: Any,
+    order: int,
+    names: tuple[str, ...],
 ) -> Solution:
     """The first `blocks` blocks of a chunk, one after another; lanes are (blocks, block)."""
 
     def run(i: Any) -> Solution:
-        return _block(model, *jax.tree.map(lambda leaf: leaf[i], (lanes, along)), order, names, rtol)
+        return _block(model, *jax.tree.map(lambda leaf: leaf[i], (lanes, along, rtol)), order, names)
 
     def block(i: Any, done: Solution) -> Solution:
         return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 0), done, run(i))
 
     shapes = jax.eval_shape(run, 0)
-    empty = jax.tree.map(lambda leaf: jnp.zeros((lanes[0].shape[0], *leaf.shape), leaf.dtype), shapes)
+    empty = jax.tree.map(lambda leaf: jnp.zeros((rtol.shape[0], *leaf.shape), leaf.dtype), shapes)
     return lax.fori_loop(0, blocks, block, empty)
 
 
@@ -122,7 +153,7 @@ def _compiler_options() -> dict[str, Any]:
 
 
 def _block_size() -> int:
-    return BLOCK if jax.default_backend() == "cpu" else BLOCK * CHUNK
+    return BLOCK if jax.default_backend() == "cpu" else 2 * BLOCK * CHUNK
 
 
 def _threads() -> int:

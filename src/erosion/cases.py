@@ -11,7 +11,7 @@ A file without `units` is in SI, and then every dimensional quantity must carry 
 import tomllib
 from pathlib import Path
 
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters import QUANTITIES, Parameters, require_scalars
 from erosion.units import check_system, has_unit, unit_name
 
 TEXT_KEYS = ("title", "units")
@@ -52,7 +52,16 @@ def load_case(path: str | Path) -> Parameters:
 
 
 def dump_case(p: Parameters, title: str = "") -> str:
-    """The TOML text of a case file that `load_case` reads back to the last bit."""
+    """The TOML text of a case file that `load_case` reads back to the last bit.
+
+    Args:
+        p: parameters, all scalars.
+        title: a line on what the case is.
+
+    Raises:
+        ValueError: for a parameter that is an array.
+    """
+    require_scalars(p)
     lines = [f"title = {_toml_string(title)}"] if title else []
     lines.append(f'units = "{p.units}"')
     for name, quantity in QUANTITIES.items():

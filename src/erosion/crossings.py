@@ -18,8 +18,10 @@ class Ends(NamedTuple):
     rate: Any
 
 
-def dip_in_step(start: Ends, end: Ends, length: Any) -> Any:
+def dip_in_step(start: Ends, end: Ends, length: Any) -> tuple[Any, Any]:
     """Where in the step (0 to 1) an event function may dip to zero and return; 2 if it does not.
+
+    And its least value in between, by the cubic; infinity where it only rises or falls.
 
     The cubic through both ends has its minimum at θ. It errs by less than a small multiple
     of θ²(1-θ)², so that a minimum above that is harmless, and one below is to be looked at.
@@ -34,7 +36,8 @@ def dip_in_step(start: Ends, end: Ends, length: Any) -> Any:
     lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
     width = theta * (1 - theta)
     harmless = lowest > _LOW * (jnp.abs(from_) + jnp.abs(to)) * width**2
-    return jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
+    where = jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
+    return where, jnp.where(inside, lowest, jnp.inf)
 
 
 def expected_fall(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> Any:

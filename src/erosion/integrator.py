@@ -20,7 +20,7 @@ import numpy as np
 from jax import lax
 
 from erosion.crossings import Ends, dip_in_step, expected_fall
-from erosion.jets import Cut, Derivatives, Direction, Jets, at_event
+from erosion.jets import AtEvent, Cut, Derivatives, Direction, Jets, at_event
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
 from erosion.plan import Kernel, planned
@@ -36,12 +36,12 @@ ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 NO_CUT = -1
 """The event index of a lane in which nothing is cut."""
 
-_SLACK = 5.0  # the embedded estimate is of 7th order, the solution of 8th
+_SLACK = 2.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 _TINY = 1e-200  # keeps 0/0 away
 _FIRST_STEP = 0.35  # of the model's time scale
 _LONGEST_CUT = 1e4  # likewise; later is "unfinished"
 _MAX_TRIALS = 20_000
-_NEAR = 1e-4  # of the time scale and of the cut: this near the event, Heun and Newton do the rest
+_NEAR = 1e-4  # of the time scale, the cut and a good step: this near the event, Heun and Newton do the rest
 
 
 class Clock(NamedTuple):
@@ -55,6 +55,7 @@ class Clock(NamedTuple):
     which: Any
     left: Any  # from the last trial's end to the event
     trials: Any
+    margin: Any  # the least value that an event function dipped to so far
     moved: Any  # whether the lane took the last trial
 
 
@@ -75,6 +76,8 @@ class Solution(NamedTuple):
     time: Derivatives
     volume: Derivatives
     trials: Any
+    margin: Any  # the least value that an event function dipped to before the end; else infinity
+    doubt: Any  # see `at_event`
 
 
 def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...], rtol: Any) -> Solution:
@@ -85,7 +88,7 @@ def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Dire
         p: leaves of shape (lanes,).
         order: 0, 1 or 2 derivatives.
         directions: see `Jets`; traced ones have shape (lanes,).
-        rtol: of volume, end time and derivatives.
+        rtol: of volume, end time and derivatives; a scalar, or for each lane its own.
     """
     block = _Block(model, p, order, directions)
     scale = block.time_scale()
@@ -102,9 +105,9 @@ def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Dire
     value, slope = jnp.split(block.look(jet, rate), 2)
     cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
     remaining = jnp.where(cut, -_pick(value, clock.which) / _pick(slope, clock.which), 0.0)
-    time, volume = block.at_event(block.move(remaining, jet, rate), clock.which)
-    time = time._replace(value=clock.time + clock.left + remaining)
-    return _finish(clock, time, volume)
+    end = clock.time + clock.left + remaining
+    time, volume, doubt = block.at_event(block.move(remaining, jet, rate), clock.which, end)
+    return _finish(clock, time, volume, doubt)
 
 
 class _Block:
@@ -121,7 +124,7 @@ class _Block:
         # Made once, so that JAX traces each of them once for the dozen places it is called at.
         self._rate = self._planned(self._rate_of, rows)
         self._look = self._planned(self._look_at, rows[:1] * 2)
-        self._end = self._planned(self._end_at, [None, *rows])
+        self._end = self._planned(self._end_at, [None, None, *rows])
         self._move = Kernel(lambda length, u, k: u + length * k)
 
     def time_scale(self) -> Any:
@@ -144,14 +147,11 @@ class _Block:
         """The event functions, then their rates."""
         return self._look(jet[0], rate[0])[0]
 
-    def at_event(self, jet: Sequence[Any], which: Any) -> tuple[Derivatives, Derivatives]:
-        found = list(self._end(which, *jet)[0])
-        none = Derivatives(None, None, None, None)
-        if self.order == 0:
-            return none, none._replace(value=found[0])
-        count = 2 + (self.order == 2)
-        time, volume = found[:count], found[count:]
-        return Derivatives(None, *time, *([None] * (3 - count))), Derivatives(*volume, *([None] * (3 - count)))
+    def at_event(self, jet: Sequence[Any], which: Any, time: Any) -> AtEvent:
+        doubt, *found = self._end(which, time, *jet)[0]
+        parts = (1, 3, 4)[self.order]
+        absent = [None] * (4 - parts)
+        return AtEvent(Derivatives(*found[:parts], *absent), Derivatives(*found[parts:], *absent), doubt)
 
     def _rate_of(self, model: CuttingModel, known: Any, *rows: Any) -> tuple[list[Any], ...]:
         return self._rows(self._jets(model, known).rate(self._cuts(rows)))
@@ -161,10 +161,10 @@ class _Block:
         values, rates = event_rates(model, cut.state, flow.state, known[0])
         return ([*values.values(), *(rates[name] for name in values)],)
 
-    def _end_at(self, model: CuttingModel, known: Any, which: Any, *rows: Any) -> tuple[list[Any]]:
+    def _end_at(self, model: CuttingModel, known: Any, which: Any, time: Any, *rows: Any) -> tuple[list[Any]]:
         jets = self._jets(model, known)
-        ends = at_event(jets, self._cuts(rows), which)
-        return (jax.tree.leaves(tuple(jets.per_unit(part) for part in ends)),)
+        end = at_event(jets, self._cuts(rows), which, time)
+        return ([end.doubt, *jax.tree.leaves((jets.per_unit(end.time), jets.per_unit(end.volume)))],)
 
     def _planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
         return planned(lane, self.model, self.known, rows)
@@ -199,6 +199,7 @@ def _begin(block: _Block, scale: Any) -> Lanes:
         which=jnp.where(begins, 0.0, NO_CUT),
         left=zero,
         trials=zero,
+        margin=jnp.full_like(scale, jnp.inf),
         moved=zero,
     )
     half = start.shape[0] // 2
@@ -212,16 +213,17 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
     jet, rate, error = _step(block, lanes.jet, lanes.rate, lanes.clock)
     ends = block.look(jet, rate)
     # Events that are not numbers, of a motion that is, are an error too: 0·NaN is NaN.
-    error = Kernel(lambda error, ends: functools.reduce(lambda e, end: e + 0 * end, ends, error))(error, ends)
+    error = Kernel(
+        lambda error, ends, rtol: functools.reduce(lambda e, end: e + 0 * end, ends, error / (_SLACK * rtol))
+    )(error, ends, rtol)
 
     def dips(clock: Any, start: Any, ends: Any) -> Any:
-        return functools.reduce(
-            jnp.minimum, [dip_in_step(*event, Clock(*clock).trial) for event in _events(start, ends)]
-        )
+        found = zip(*(dip_in_step(*event, Clock(*clock).trial) for event in _events(start, ends)), strict=True)
+        return jnp.stack([functools.reduce(jnp.minimum, each) for each in found])
 
     def fences(clock: Any, start: Any, ends: Any, error: Any) -> Any:
         past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
-        return jnp.stack(_fences(Clock(*clock), error / (_SLACK * rtol), past))
+        return jnp.stack(_fences(Clock(*clock), error, past))
 
     def expected(clock: Any, start: Any, ends: Any, fences: Any, i: int) -> Any:
         before, after = _events(start, ends)[i]
@@ -230,7 +232,7 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
 
     def decide(clock: Any, error: Any, scale: Any, dip: Any, fences: Any, roots: Any) -> Any:
-        return jnp.stack(_decide(Clock(*clock), error / (_SLACK * rtol), scale, dip, fences, roots))
+        return jnp.stack(_decide(Clock(*clock), error, scale, dip, fences, roots))
 
     dip = Kernel(dips)(lanes.clock, lanes.start, ends)
     fence = Kernel(fences)(lanes.clock, lanes.start, ends, error)
@@ -261,18 +263,19 @@ def _good(clock: Clock, error: Any) -> Any:
     return jnp.where(clock.mode == LOCATING, jnp.isfinite(error), error <= 1)
 
 
-def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: list[Any]) -> list[Any]:
+def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots: list[Any]) -> list[Any]:
     """The clock after a trial, and whether the lane moves to the trial's end.
 
     Args:
         clock: before the trial.
         error: over the tolerance; NaN is an error.
         scale: the model's time scale.
-        dip: see `dip_in_step`. A dip that may reach below zero is landed on before anything is decided.
+        dips: see `dip_in_step`; the least of all events. A dip that may reach below zero is
+            landed on before anything is decided.
         fences: see `_fences`.
         roots: when each event is expected to fall through zero.
     """
-    high, past = fences[1], fences[2] > 0
+    dip, high, past = dips[0], fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
     good = _good(clock, error)
     landing, fits = good & (dip < 1), good & (dip >= 1)
@@ -282,7 +285,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
     for i, root in enumerate(roots):
         which = jnp.where(root == expected, float(i), which)
     left = expected - clock.trial
-    near = _NEAR * jnp.minimum(scale, clock.time + clock.trial)
+    near = _NEAR * jnp.minimum(jnp.minimum(scale, clock.step), clock.time + clock.trial)
     ended = going & fits & bracketed & (jnp.abs(left) <= near)
     # A locating lane moves on as well, or it would look for ever at both sides of a dip.
     accepted = going & fits & ~past & ~ended
@@ -311,6 +314,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dip: Any, fences: Any, roots: 
         jnp.where(ended, which, clock.which),
         jnp.where(ended, left, clock.left),
         clock.trials + going,
+        jnp.where(accepted | ended, jnp.minimum(clock.margin, dips[1]), clock.margin),
         (accepted | ended).astype(float),
     ]
 
@@ -348,13 +352,14 @@ def _combine(weights: np.ndarray, stages: Sequence[Any]) -> Any:
     return sum(terms[1:], terms[0])
 
 
-def _finish(clock: Clock, time: Derivatives, volume: Derivatives) -> Solution:
+def _finish(clock: Clock, time: Derivatives, volume: Derivatives, doubt: Any) -> Solution:
     """Zeros where nothing is cut; NaN, said to be failed, where a number is not finite."""
     numbers = jax.tree.map(lambda value: jnp.where(clock.which == NO_CUT, 0.0, value), (time, volume))
     whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, jax.tree.leaves(numbers)), clock.mode == ENDED)
     mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
     numbers = jax.tree.map(lambda value: jnp.where(whole, value, jnp.nan), numbers)
-    return Solution(mode, clock.which, *numbers, trials=clock.trials)
+    time, volume = numbers
+    return Solution(mode, clock.which, time, volume, clock.trials, clock.margin, doubt)
 
 
 def _pick(values: Any, index: Any) -> Any:

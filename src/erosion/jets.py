@@ -5,6 +5,7 @@ For directions ε and η in parameter space the state is extended to the jet
 integration loop; the time of the event follows by the implicit function theorem.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -142,24 +143,31 @@ class Jets:
         return Derivatives(value, first, other, second)
 
 
-def at_event(jets: Jets, jet: tuple[Cut, ...], which: Any) -> tuple[Derivatives, Derivatives]:
-    """Derivatives of the event's time and of the volume there.
+class AtEvent(NamedTuple):
+    """Derivatives of the event's time and of the volume there, and how far to trust them."""
+
+    time: Derivatives
+    volume: Derivatives
+    doubt: Any
+
+
+def at_event(jets: Jets, jet: tuple[Cut, ...], which: Any, time: Any) -> AtEvent:
+    """Derivatives at the event, whose time depends on the parameters as well.
 
     With g the event function and R the removal rate along the flow, all at the event:
     t_ε = -g_ε/ġ;  V_ε = v_ε + R t_ε;  and for the second derivatives the chain rule once more.
     R vanishes at rebound and stop, but need not at the events of a plug-in.
 
+    `doubt` says how many times larger than the state's the errors of the results may be: how
+    much the function's slope changes relative to what is left of it, g̈ t/ġ, where it falls
+    slowly; times how much larger the terms of the second derivative are than their sum.
+
     Args:
         jets: the lane's jets.
         jet: at the event.
         which: index of the event that ended the cut, in the order of their names.
-
-    Returns:
-        Derivatives of the time (its `value` is None) and of the volume.
+        time: since contact.
     """
-    volume = jets.of(lambda cut, model, p: cut.volume, jet)
-    if jets.order == 0:
-        return Derivatives(None, None, None, None), volume
 
     def event(cut: Cut, model: CuttingModel, p: Parameters) -> Any:
         chosen = jnp.zeros_like(cut.volume)
@@ -171,26 +179,32 @@ def at_event(jets: Jets, jet: tuple[Cut, ...], which: Any) -> tuple[Derivatives,
     def removal(cut: Cut, model: CuttingModel, p: Parameters) -> Any:
         return model.removal_rate(cut.state, p)
 
-    g, g_rate = jets.of(event, jet), jets.of(_along_flow(event), jet)
-    r = jets.of(removal, jet)
+    volume = jets.of(lambda cut, model, p: cut.volume, jet)
+    g_rate = jets.of(_along_flow(event), jet)
+    g_curve = _along_flow(_along_flow(event))(jet[0], *jets.leaves)
+    doubt = jnp.maximum(1.0, jnp.abs(g_curve * time / g_rate.value))
+    if jets.order == 0:
+        return AtEvent(Derivatives(time, None, None, None), volume, doubt)
+    g, r = jets.of(event, jet), jets.of(removal, jet)
     t_first, t_other = -g.first / g_rate.value, -g.other / g_rate.value
     v_first, v_other = volume.first + r.value * t_first, volume.other + r.value * t_other
     if jets.order == 1:
-        return (
-            Derivatives(None, t_first, t_other, None),
-            Derivatives(volume.value, v_first, v_other, None),
+        return AtEvent(
+            Derivatives(time, t_first, t_other, None), Derivatives(volume.value, v_first, v_other, None), doubt
         )
-    g_curve = jets.of(_along_flow(_along_flow(event)), jet).value
-    r_rate = jets.of(_along_flow(removal), jet).value
+    r_rate = _along_flow(removal)(jet[0], *jets.leaves)
 
-    def chain(mixed: Any, first: Any, other: Any, curve: Any) -> Any:
-        return mixed + first * t_other + other * t_first + curve * t_first * t_other
+    def chain(mixed: Any, first: Any, other: Any, curve: Any) -> list[Any]:
+        return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
 
-    t_second = -chain(g.second, g_rate.first, g_rate.other, g_curve) / g_rate.value
-    v_second = chain(volume.second, r.first, r.other, r_rate) + r.value * t_second
-    return (
-        Derivatives(None, t_first, t_other, t_second),
+    t_second = -sum(chain(g.second, g_rate.first, g_rate.other, g_curve)) / g_rate.value
+    terms = [*chain(volume.second, r.first, r.other, r_rate), r.value * t_second]
+    v_second = sum(terms[1:], terms[0])
+    size = functools.reduce(jnp.maximum, map(jnp.abs, (volume.value, v_first, v_other, v_second)))
+    return AtEvent(
+        Derivatives(time, t_first, t_other, t_second),
         Derivatives(volume.value, v_first, v_other, v_second),
+        doubt * jnp.maximum(1.0, sum(map(jnp.abs, terms)) / size),
     )
 
 

@@ -20,10 +20,10 @@ from erosion.integrator import ENDED, NO_CUT, UNFINISHED, Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
-from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters import QUANTITIES, Parameters, require_concrete, require_scalars, validate
 from erosion.precision import require_float64
-from erosion.quantities import result_row
-from erosion.tables import Row, format_number, to_html, to_text
+from erosion.quantities import derivative_row, result_row
+from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 
@@ -56,15 +56,22 @@ class Impact:
         """The results as rows of a table."""
         rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
         rows.append(result_row("volume", self.volume, self.p.units))
-        for name in ("dvolume", "d2volume"):
-            value = getattr(self, name)
+        if self.wrt == "alpha":
+            found = {"dvolume": self.dvolume, "d2volume": self.d2volume}
+            return rows + [result_row(name, value, self.p.units) for name, value in found.items() if value is not None]
+        names = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
+        for name, value, order in (("dvolume", self.dvolume, 1), ("d2volume", self.d2volume, 2)):
             if value is None:
                 continue
-            if self.wrt == "alpha":
-                rows.append(result_row(name, value, self.p.units))
-            else:
-                rows.append(Row(name, "", format_number(value), "", f"with respect to {self.wrt}"))
+            for index in itertools.combinations_with_replacement(range(len(names)), order):
+                part = value if isinstance(self.wrt, str) else value[(..., *index)]
+                rows.append(derivative_row(name, part, [QUANTITIES[names[i]] for i in index], self.p.units))
         return rows
+
+    def __repr__(self) -> str:
+        names = ("t_c", "ended_by", "volume", "dvolume", "d2volume")
+        values = [f"{name}={abbreviate(v)}" for name in names if (v := getattr(self, name)) is not None]
+        return f"Impact({model_name(self.model)!r}, {', '.join(values)}, wrt={self.wrt!r}, p={self.p!r})"
 
     def __str__(self) -> str:
         return to_text(f"{model_name(self.model)}: {np.size(self.volume):,} impact(s)", self.rows())
@@ -101,17 +108,20 @@ def impact(
     require_float64()
     model = load_model(model)
     validate(p, batch=True)
+    require_concrete(p)
+    if not isinstance(wrt, (str, Sequence)):
+        raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {wrt!r}.")
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     for name in names:
         if name not in QUANTITIES:
             raise ValueError(f"Argument `wrt` must name parameters ({', '.join(QUANTITIES)}), but has {name!r}.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {wrt!r}.")
-    if derivatives not in (0, 1, 2):
+    if not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
         raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
     if not 0 < rtol < 1:
         raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
-    rtol = max(float(rtol), _TINY)
+    derivatives, rtol = int(derivatives), max(float(rtol), _TINY)
     lanes, shape = _lanes(p)
     single = isinstance(wrt, str)
     if derivatives == 0 or single:
@@ -230,6 +240,7 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:
         V [volume], a scalar.
     """
     require_float64()
+    require_scalars(p, "; for many impacts use `erosion.impact`, or `jax.vmap`")
     flat, structure = jax.tree.flatten((load_model(model), p))
     return _volume(structure, [jnp.asarray(leaf, float) for leaf in flat])
 

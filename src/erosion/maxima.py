@@ -166,7 +166,7 @@ class Search:
 
     def _at_jumps(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
         low, high = (
-            self._at(TIGHT)(side.case[jumped], side.alpha[jumped] + towards * ASIDE)
+            self._at(_LOOSE)(side.case[jumped], side.alpha[jumped] + towards * ASIDE)
             for side, towards in zip(found.narrow, (-1, 1), strict=True)
         )
         candidates = []

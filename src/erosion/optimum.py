@@ -54,6 +54,7 @@ class Optimum:
         regimes: how the cut ends over the whole range, a tuple of `Regime`.
         iterations: rounds of refinement, and Newton steps of the answer.
         certified: False where an impact failed, so that something may have been missed.
+        integrand: the model whose "volume" is the objective; `model` itself for the volume.
     """
 
     model: CuttingModel
@@ -74,7 +75,7 @@ class Optimum:
     regimes: Any
     iterations: Any
     certified: Any
-    _asked: CuttingModel = dataclasses.field(repr=False)
+    integrand: CuttingModel = dataclasses.field(repr=False)
 
     @functools.cached_property
     def sensitivities(self) -> Mapping[str, Any]:
@@ -204,7 +205,7 @@ def _optimum(
     volume = columns["value"]
     if asked is not model:
         volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"])
-    return Optimum(model=model, p=p, objective=name, least=least, volume=volume, _asked=asked, **columns)
+    return Optimum(model=model, p=p, objective=name, least=least, volume=volume, integrand=asked, **columns)
 
 
 def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
@@ -226,7 +227,7 @@ def _volume_at(model: CuttingModel, p: Parameters, alpha: Any, ended_by: Any) ->
 
 def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     """dα/dq, shape (names, *shape of the optimum)."""
-    p, model = optimum.p, optimum._asked
+    p, model = optimum.p, optimum.integrand
     kind, alpha = np.atleast_1d(optimum.kind), np.atleast_1d(optimum.alpha)
     flat = {q: np.broadcast_to(np.asarray(getattr(p, q)), np.shape(optimum.kind)).reshape(-1) for q in QUANTITIES}
     sizes = np.stack([np.abs(flat[q]) if q != "phidot0" else flat["v0"] / flat["r"] for q in names])

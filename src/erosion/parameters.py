@@ -18,7 +18,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.quantities import Quantity
-from erosion.tables import Row, format_number, to_html, to_text
+from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 from erosion.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
 
 if TYPE_CHECKING:
@@ -122,6 +122,17 @@ class Parameters(eqx.Module):
             raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
         return dataclasses.replace(self, **changes)
 
+    def with_material(self, material: str) -> "Parameters":
+        """The same impact on a metal of Table 2: its flow stress, in this unit system.
+
+        Raises:
+            ValueError: for a metal that Table 2 lacks.
+        """
+        if material not in MATERIALS:
+            known = ", ".join(map(repr, MATERIALS))
+            raise ValueError(f"Argument `material` must be one of {known}, but is {material!r}.")
+        return self.replace(sigma=MATERIALS[material] * conversion_factor("stress", "inch-pound", self.units))
+
     def to(self, units: str) -> "Parameters":
         """The same impact in another unit system."""
         system = check_system(units)
@@ -155,6 +166,10 @@ class Parameters(eqx.Module):
     def spin(self) -> Any:
         """Spin s = r φ̇₀/v₀ [-], the tip's speed by spin over the speed of impact."""
         return self.r * self.phidot0 / self.v0
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={abbreviate(getattr(self, name))}" for name in QUANTITIES)
+        return f"Parameters({values}, units={self.units!r})"
 
     def __str__(self) -> str:
         return to_text(f"Parameters ({self.units})", self.rows())
@@ -195,6 +210,7 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         ValueError: one sentence naming the first field that is not finite or out of range,
             its value and, in an array, the index; or leaves that do not broadcast.
     """
+    _require_parameters(p)
     leaves = {name: getattr(p, name) for name in QUANTITIES}
     if any(isinstance(leaf, Tracer) for leaf in leaves.values()):
         return
@@ -215,6 +231,41 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
     except ValueError:
         shapes = ", ".join(f"{name} {np.shape(leaf)}" for name, leaf in leaves.items() if np.ndim(leaf))
         raise ValueError(f"{what}s must broadcast against each other, but have shapes {shapes}.") from None
+
+
+def require_scalars(p: Parameters, instead: str = "") -> None:
+    """Refuse parameters that are arrays.
+
+    Args:
+        p: the parameters.
+        instead: what to use for arrays, added to the message.
+
+    Raises:
+        ValueError: naming the first field that is an array, and its shape.
+    """
+    _require_parameters(p)
+    for name in QUANTITIES:
+        if shape := np.shape(getattr(p, name)):
+            raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
+
+
+def require_concrete(p: Parameters) -> None:
+    """Refuse parameters that JAX is tracing.
+
+    Raises:
+        TypeError: naming the first field that is traced, and what to use instead.
+    """
+    for name in QUANTITIES:
+        if isinstance(getattr(p, name), Tracer):
+            raise TypeError(
+                f"Argument `{name}` must be a number or an array, but is traced by JAX: "
+                "inside jit, vmap and grad use `erosion.volume`."
+            )
+
+
+def _require_parameters(p: object) -> None:
+    if not isinstance(p, Parameters):
+        raise TypeError(f"Argument `p` must be Parameters, but is {p!r}.")
 
 
 def _first_bad(values: np.ndarray, good: Any) -> str:
@@ -238,4 +289,4 @@ TABLE_1 = Parameters(
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
     {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
 )
-"""Flow stress of the metals of Laverty, Table 2 [lbf/in²]: `TABLE_1.replace(sigma=MATERIALS["copper"])`."""
+"""Flow stress of the metals of Laverty, Table 2 [lbf/in²]; `p.with_material("copper")` converts it to those of `p`."""

@@ -8,7 +8,6 @@ the same results give the same bytes.
 import contextlib
 import io
 import math
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from scipy.interpolate import CubicSpline
 
+from erosion.files import require_writable, write_whole
 from erosion.model import ClosedForm, State
 from erosion.models import model_name
 from erosion.parameters import QUANTITIES
@@ -263,7 +263,7 @@ def plot_end_times(
 def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
     """dV/dt over time, whose area is the volume, with the bars of the midpoint rule."""
     p, t_c = trajectory.p, trajectory.t_c
-    rate = np.asarray(p.b) * trajectory.depth * trajectory.vx_tip
+    rate = trajectory.removal_rate
     time = readable_scale("time", p.units, t_c)
     volume = readable_scale("volume", p.units, _largest(rate) * time.size)
     height = time.size / volume.size
@@ -339,26 +339,24 @@ def save_plot(fig: Figure, path: str | Path) -> Path:
 
     Raises:
         ValueError: for a suffix other than .svg, .png or .pdf.
+        OSError: where the file cannot be written.
     """
     path = Path(path)
-    suffix = path.suffix.lower().removeprefix(".")
-    if suffix not in _NO_DATES:
-        raise ValueError(f"{path}: a plot's file name must end in .svg, .png or .pdf.")
-    write_whole(path, render(fig, suffix))
+    write_whole(path, render(fig, _suffix(path)))
     return path
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there completely or not at all."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        draft.write_bytes(content)
-        draft.replace(path)
-    except OSError as error:
-        raise type(error)(error.errno, error.strerror, str(path)) from error
-    finally:
-        with contextlib.suppress(OSError):
-            draft.unlink()
+def require_plot_path(path: str | Path) -> None:
+    """Find out whether `save_plot` can write there, before computing for it; raises as it does."""
+    _suffix(Path(path))
+    require_writable(Path(path))
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix not in _NO_DATES:
+        raise ValueError(f"{path}: a plot's file name must end in .svg, .png or .pdf.")
+    return suffix
 
 
 _EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}

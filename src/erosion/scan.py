@@ -103,8 +103,10 @@ def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) ->
     nodes = evaluate(np.repeat(np.arange(cases), count), np.tile(angles, cases))
     left = np.flatnonzero(np.arange(cases * count) % count != count - 1)
     found = _resolve(evaluate, nodes, left, left + 1, np.zeros(cases), _SUSPECT)
+    # Where cutting begins the tip is so slow at contact that a tighter tolerance is below rounding.
+    cut = (found.narrow.low.time > 0) & (found.narrow.high.time > 0)
+    low, high = (side.take(cut) for side in found.narrow)
     # What the looser tolerance placed within _SUSPECT may lie a little beside it.
-    low, high = found.narrow
     ends = [
         tight(side.case, np.clip(side.alpha + aside, angles[0], angles[-1]))
         for side, aside in ((low, -_SUSPECT), (high, _SUSPECT))
@@ -112,7 +114,7 @@ def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) ->
     index = np.arange(low.case.size)
     close = _resolve(tight, joined(*ends), index, index + index.size, found.size, NARROW)
     return found._replace(
-        narrow=close.narrow,
+        narrow=Cells._make(joined(a, b.take(~cut)) for a, b in zip(close.narrow, found.narrow, strict=True)),
         size=np.maximum(found.size, close.size),
         unresolved=found.unresolved + close.unresolved,
         rounds=found.rounds + close.rounds,

@@ -1,8 +1,10 @@
-"""Rows of named values with units, as text for a terminal and as HTML for a notebook."""
+"""Results as a person or a program reads them: tables in text and HTML, JSON."""
 
 import html
 import io
-from collections.abc import Sequence
+import json
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +38,16 @@ def format_number(value: Any, digits: int = 10) -> str:
     return f"{list(array.shape)} {np.nanmin(array):.{digits}g} … {np.nanmax(array):.{digits}g}"
 
 
+def abbreviate(value: Any) -> str:
+    """A number so that Python reads the same one back, text in quotes, an array as its shape and range."""
+    if isinstance(value, Tracer) or np.ndim(value):
+        return f"<{format_number(value, 6)}>"
+    number = np.asarray(value)
+    if number.dtype.kind in "US":
+        return repr(str(number))
+    return repr(float(number)).removesuffix(".0")
+
+
 def to_text(title: str, rows: Sequence[Row]) -> str:
     """An aligned table under a title, without colour, ending without a newline."""
     from rich.console import Console
@@ -67,3 +79,19 @@ def to_html(title: str, rows: Sequence[Row]) -> str:
     head = "".join(f"<th>{cell}</th>" for cell in ("quantity", "", "value", "unit", "meaning"))
     body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><caption>{html.escape(title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def to_json(content: Mapping[str, Any]) -> str:
+    """JSON, indented; NaN and infinity, which it lacks, as null."""
+    return json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (str, int, bool)) or value is None:
+        return value
+    number = float(value)
+    return number if math.isfinite(number) else None

@@ -22,10 +22,10 @@ import erosion.flow as flow
 from erosion.events import find_root, first_fall
 from erosion.model import CuttingModel, State
 from erosion.models import load_model, model_name
-from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters import Parameters, require_concrete, require_scalars, validate
 from erosion.precision import require_float64
 from erosion.quantities import result_row
-from erosion.tables import Row, to_html, to_text
+from erosion.tables import Row, abbreviate, to_html, to_text
 
 _SAMPLES = 8  # looks at the event functions within each step
 _LONGEST_CUT = 1e4  # of the model's time scale; longer ones are reported, not waited for
@@ -121,13 +121,20 @@ class Trajectory:
         return self._body().omega
 
     @property
+    def removal_rate(self) -> np.ndarray:
+        """dV/dt over `t`, as the model has it [volume/s]."""
+        return np.asarray(jax.vmap(lambda state: self.model.removal_rate(state, self.p))(self.states))
+
+    @property
     def max_depth(self) -> float:
         """The tip's greatest depth on the grid of `t`, refined by a cubic [length]."""
         if len(self.t) < 2:
             return 0.0
-        spline = CubicHermiteSpline(self.t, self.depth, self.vdepth)
+        deepest = float(self.depth.max())
+        # In shares of t_c and of the depth, whose powers neither overflow nor vanish.
+        spline = CubicHermiteSpline(self.t / self.t_c, self.depth / deepest, self.vdepth * (self.t_c / deepest))
         turning = [float(spline(t)) for t in spline.derivative().roots(extrapolate=False) if np.isfinite(t)]
-        return max([float(self.depth.max()), *turning])
+        return deepest * max([1.0, *turning])
 
     @property
     def turn(self) -> float:
@@ -154,6 +161,12 @@ class Trajectory:
             result_row("max_depth", self.max_depth, self.p.units),
             result_row("turn", self.turn, self.p.units),
         ]
+
+    def __repr__(self) -> str:
+        return (
+            f"Trajectory({model_name(self.model)!r}, {len(self.t)} points, t_c={abbreviate(self.t_c)}, "
+            f"ended_by={self.ended_by!r}, volume={abbreviate(self.volume)}, p={self.p!r})"
+        )
 
     def __str__(self) -> str:
         lines = [to_text(self._title(), self.rows()), *(f"warning: {line}" for line in self.warnings)]
@@ -205,13 +218,12 @@ def simulate(
     require_float64()
     model = load_model(model)
     validate(p)
-    for name in QUANTITIES:
-        if np.ndim(getattr(p, name)):
-            raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {np.shape(getattr(p, name))}.")
+    require_concrete(p)
+    require_scalars(p, "; for many impacts use `erosion.impact`")
     if not 0 < rtol < 1:
         raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
-    if points < 2:
-        raise ValueError(f"Argument `points` must be at least 2, but is {points}.")
+    if not isinstance(points, (int, np.integer)) or points < 2:
+        raise ValueError(f"Argument `points` must be a whole number of at least 2, but is {points!r}.")
     trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
     for message in trajectory.warnings:
         warnings.warn(message, TurnWarning, stacklevel=2)

@@ -8,7 +8,8 @@ tables and axis labels.
 import functools
 import re
 import types
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:
@@ -62,6 +63,13 @@ def unit_name(dimension: Dimension, system: System) -> str:
     for ascii_power, superscript in _SUPERSCRIPTS.items():
         name = name.replace(ascii_power, superscript)
     return name
+
+
+def derivative_unit(of: Dimension, by: Sequence[Dimension], system: System) -> str:
+    """The unit of a derivative, of first or higher order: "in³/rad", "in³/(in/s)²"."""
+    powers = Counter(unit for dimension in by if (unit := unit_name(dimension, system)))
+    below = [(f"({unit})" if "/" in unit or unit[-1] in "²³" else unit, power) for unit, power in powers.items()]
+    return "/".join([unit_name(of, system), *(unit + {1: "", 2: "²"}[power] for unit, power in below)])
 
 
 @functools.cache

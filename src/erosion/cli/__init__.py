@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 import cyclopts
 
+from erosion.cli.mistakes import explain
 from erosion.cli.models import models
-from erosion.cli.options import InputError
+from erosion.cli.options import InputError, sentence
 from erosion.cli.report import report
 from erosion.cli.run import run
 from erosion.version import __version__
@@ -40,7 +41,7 @@ def _status(arguments: Sequence[str]) -> int:
         app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except cyclopts.CycloptsError as error:
-        return _say(2, " ".join(str(error).split()))
+        return _say(2, explain(error))
     except InputError as error:
         return _say(2, str(error))
     except BrokenPipeError:
@@ -51,7 +52,7 @@ def _status(arguments: Sequence[str]) -> int:
         return _say(130, "interrupted")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
-        return _say(1, str(error) or type(error).__name__)
+        return _say(1, sentence(error))
     # A plug-in's own code may raise anything, anywhere in a computation.
     except Exception as error:  # noqa: BLE001
         return _say(1, f"{type(error).__name__}: {error}")

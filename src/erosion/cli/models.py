@@ -1,34 +1,56 @@
 """`erosion models`: what can be computed."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from erosion.cli.options import JsonOption, print_json, user_errors
 
+if TYPE_CHECKING:
+    from erosion.models.registry import ModelInfo
+
+_LONGEST_NAME = 40
+
 
 def models(
     *,
-    path: Annotated[Path | None, Parameter(help="Also list the model files in this folder.")] = None,
+    path: Annotated[
+        Path | None,
+        Parameter(help="Also list the model files in this folder. They are run as Python: list only what you trust."),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List every model: name, what it says, and the source's equations."""
+    """List every model: name, what it says, and the source's equations.
+
+    A model that cannot be used is listed with the reason, and the exit status is then 1.
+    """
     from erosion.models import available_models
 
     with user_errors():
         found = available_models(path)
     if json:
-        print_json({name: {"summary": info.summary, "equations": info.equations} for name, info in found.items()})
-        return
+        keys = ("summary", "equations", "error")
+        print_json({name: {key: getattr(info, key) for key in keys} for name, info in found.items()})
+    else:
+        _print_table(found)
+    broken = [name for name, info in found.items() if info.error]
+    if broken:
+        raise RuntimeError(f"{len(broken)} of {len(found)} models cannot be used.")
+
+
+def _print_table(found: "Mapping[str, ModelInfo]") -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("model", no_wrap=True)
-    table.add_column("what it says")
-    table.add_column("source", style="dim")
+    # Names are kept whole; paths may be longer.
+    table.add_column("model", overflow="fold", min_width=min(_LONGEST_NAME, max(map(len, found))))
+    table.add_column("what it says, and the source's equations", ratio=1)
     for name, info in found.items():
-        table.add_row(name, info.summary, info.equations)
+        said = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
+        table.add_row(Text(name), said)
     Console(highlight=False).print(table)

@@ -2,7 +2,7 @@
 
 import contextlib
 import dataclasses
-import json
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -34,6 +34,9 @@ class CaseOptions:
     m: Annotated[str | None, Parameter(help='Mass: "50 mg".', allow_leading_hyphen=True)] = None
     v0: Annotated[str | None, Parameter(help='Impact speed: "4400 in/s".', allow_leading_hyphen=True)] = None
     sigma: Annotated[str | None, Parameter(help='Flow stress: "1.4 GPa".', allow_leading_hyphen=True)] = None
+    material: Annotated[
+        str | None, Parameter(help='Instead of --sigma, a metal of Table 2: "mild steel", brass, copper, …')
+    ] = None
     alpha: Annotated[
         str | None, Parameter(help='Angle of attack: "20deg"; bare numbers are radians.', allow_leading_hyphen=True)
     ] = None
@@ -54,6 +57,11 @@ class CaseOptions:
             p = TABLE_1 if self.case is None else load_case(self.case)
             if self.units is not None:
                 p = p.to(self.units)
+        if self.material is not None:
+            if self.sigma is not None:
+                raise InputError("Options `--material` and `--sigma` both set the flow stress: give one of them.")
+            with user_errors():
+                p = p.with_material(self.material)
         changes = {}
         for name, quantity in QUANTITIES.items():
             text = getattr(self, name)
@@ -64,7 +72,7 @@ class CaseOptions:
                     raise InputError(f"Option `--{name}` {error}.") from error
         with user_errors():
             p = p.replace(**changes)
-            validate(p, what="Option" if changes else "Field")
+            validate(p)
         return p
 
 
@@ -84,11 +92,22 @@ def load(name: str) -> "CuttingModel":
 
 @contextlib.contextmanager
 def user_errors(*also: type[Exception]) -> Iterator[None]:
-    """Errors of what the user gave become `InputError`."""
+    """Errors of what the user gave become `InputError`; Python's arguments are options here."""
     try:
         yield
     except (ValueError, OSError, *also) as error:
-        raise InputError(str(error)) from error
+        raise InputError(re.sub(r"\bArgument `(\w+)`", _as_option, sentence(error))) from error
+
+
+def sentence(error: Exception) -> str:
+    """What an error says, without Python's "[Errno 2]"."""
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}."
+    return str(error) or type(error).__name__
+
+
+def _as_option(argument: re.Match[str]) -> str:
+    return f"Option `--{argument[1].replace('_', '-')}`"
 
 
 def start_engine() -> None:
@@ -105,7 +124,9 @@ def start_engine() -> None:
 
 def print_json(content: Mapping[str, Any]) -> None:
     """JSON on stdout; NaN, which JSON lacks, as null."""
-    print(json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False))
+    from erosion.tables import to_json
+
+    print(to_json(content))
 
 
 def print_table(title: str, rows: "Sequence[Row]") -> None:
@@ -127,14 +148,3 @@ def parameters_as_json(p: "Parameters") -> dict[str, Any]:
     from erosion.parameters import QUANTITIES
 
     return {"units": p.units, **{name: float(getattr(p, name)) for name in QUANTITIES}}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, (str, int, bool)) or value is None:
-        return value
-    number = float(value)
-    return number if number - number == 0 else None

@@ -28,6 +28,12 @@ def run(
 ) -> None:
     """Follow one impact to the end of its cut: when, how, and how much is removed."""
     p = (case or CaseOptions()).parameters()
+    chosen = load(model)
+    if plot is not None:
+        from erosion.plotting import require_plot_path
+
+        with user_errors():
+            require_plot_path(plot)
     start_engine()
     import warnings
 
@@ -36,14 +42,15 @@ def run(
     from erosion.kernel import impact
     from erosion.quantities import RESULTS
     from erosion.tables import Row, format_number
-    from erosion.trajectory import TurnWarning, simulate
+    from erosion.trajectory import SimulationError, TurnWarning, simulate
     from erosion.units import conversion_factor, unit_name
 
-    chosen = load(model)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TurnWarning)  # they are printed below
         trajectory = simulate(chosen, p)
     dvolume = float(impact(chosen, p, derivatives=1).dvolume)
+    if not np.isfinite(dvolume):
+        raise SimulationError(f"{model}: the derivative of the volume could not be computed.")
     in_si = conversion_factor("volume", p.units, "si")
     if plot is not None:
         from erosion.plotting import plot_trajectory, save_plot

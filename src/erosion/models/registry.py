@@ -1,5 +1,6 @@
 """Models by name: the built-in ones, those of installed packages, and files by path."""
 
+import functools
 import importlib.metadata
 import importlib.util
 import inspect
@@ -26,12 +27,16 @@ class ModelError(ValueError):
 
 @dataclass(frozen=True)
 class ModelInfo:
-    """A model's name, one line on what it is, and the source's equations for it."""
+    """A model's name, one line on what it is, and the source's equations for it.
+
+    A plug-in that cannot be used has the reason as its `error`, and `make` raises it.
+    """
 
     name: str
     summary: str
     equations: str
     make: Callable[[], CuttingModel]
+    error: str | None = None
 
 
 def _built_in() -> Mapping[str, ModelInfo]:
@@ -66,27 +71,26 @@ def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
     """Every model that `load_model` knows by name, with its description.
 
     Args:
-        path: a folder (or file) of plug-ins to list as well, by path.
+        path: a folder (or file) of plug-ins to list as well, by path. They are run as Python.
 
     Returns:
-        `ModelInfo` by name: built-in models, then entry points, then files.
+        `ModelInfo` by name: built-in models, then entry points, then files. One that cannot
+        be used is listed with the reason, as its `error`.
 
     Raises:
-        ModelError: for a plug-in that cannot be loaded.
+        ModelError: where there is no such file or folder.
     """
     found = dict(BUILT_IN)
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name not in found:
-            model = _from_entry_point(entry)
-            found[entry.name] = _describe(entry.name, model, type(model))
+            found[entry.name] = _listed(entry.name, functools.partial(_entry, entry))
     if path is not None:
         folder = Path(path)
         if not folder.exists():
             raise ModelError(f"{folder}: there is no such file or folder of models.")
         files = sorted(folder.glob("*.py")) if folder.is_dir() else [folder]
         for file in files:
-            module = _import_file(file)
-            found[str(file)] = _describe(str(file), _made(_choose(module, file), str(file)), module)
+            found[str(file)] = _listed(str(file), functools.partial(_file, file))
     return found
 
 
@@ -109,7 +113,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     if str(name) in BUILT_IN:
         return BUILT_IN[str(name)].make()
     if str(name).endswith(".py"):
-        return _made(_choose(_import_file(Path(name)), Path(name)), str(name))
+        return _file(Path(name))[0]
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name == str(name):
             return _from_entry_point(entry)
@@ -130,9 +134,24 @@ def _same(one: CuttingModel, other: CuttingModel) -> bool:
     return type(one) is type(other) and bool(one == other)
 
 
-def _describe(name: str, model: CuttingModel, documented: object) -> ModelInfo:
+def _listed(name: str, load: Callable[[], tuple[CuttingModel, object]]) -> ModelInfo:
+    """A plug-in's line in the list, given how to load it and what has its description."""
+    try:
+        model, documented = load()
+    except ModelError as error:
+        return ModelInfo(name, "", "plug-in", lambda: load()[0], str(error))
     text = inspect.getdoc(documented) or "no description"
     return ModelInfo(name, text.strip().splitlines()[0], "plug-in", lambda: model)
+
+
+def _file(path: Path) -> tuple[CuttingModel, types.ModuleType]:
+    module = _import_file(path)
+    return _made(_choose(module, path), str(path)), module
+
+
+def _entry(entry: importlib.metadata.EntryPoint) -> tuple[CuttingModel, type]:
+    model = _from_entry_point(entry)
+    return model, type(model)
 
 
 def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:

@@ -22,6 +22,7 @@ from erosion.trajectory import Trajectory, TurnWarning, simulate
 from erosion.units import System
 
 _RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
+_ASIDE = {"slips": "On the source", "models": "In closing"}
 
 
 class Illustration(NamedTuple):
@@ -46,7 +47,6 @@ class Answer:
 
     Args:
         key: "q1", as in `only` and in numbers.json.
-        label: what kind of question it is: "Question 1", "Additional question 1".
         title: the question in a few words.
         sentence: the answer in one sentence (HTML).
         figures: what shows it.
@@ -55,12 +55,18 @@ class Answer:
     """
 
     key: str
-    label: str
     title: str
     sentence: Markup
     figures: tuple[Illustration, ...]
     derivation: Markup
     numbers: dict[str, Any] = field(default_factory=dict)
+
+
+def question(key: str) -> str:
+    """What the scenario calls it: "q4" is Question 4, "a2" is Additional question 2; or what it is on."""
+    if key in _ASIDE:
+        return _ASIDE[key]
+    return f"{'Additional question' if key[0] == 'a' else 'Question'} {key[1:]}"
 
 
 @dataclass(frozen=True)

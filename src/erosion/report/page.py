@@ -1,21 +1,20 @@
 """The page and its files: answers -> index.html, figures, numbers.json."""
 
-import json
 import math
 import types
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import jinja2
-import numpy as np
 
-from erosion.parameters import QUANTITIES, Parameters, validate
-from erosion.plotting import save_figure, write_whole
-from erosion.report.case import Answer, Case
+from erosion.files import write_whole
+from erosion.parameters import QUANTITIES, Parameters, require_scalars, validate
+from erosion.plotting import save_figure
+from erosion.report.case import Answer, Case, question
 from erosion.report.inline import THEMES, inline_svg
 from erosion.report.questions import QUESTIONS
 from erosion.report.text import number
+from erosion.tables import to_json
 from erosion.units import System, unit_name
 from erosion.version import __version__
 
@@ -55,9 +54,7 @@ def write_report(
     """
     keys = _chosen(only)
     validate(p)
-    for name in QUANTITIES:
-        if np.ndim(getattr(p, name)):
-            raise ValueError(f"Argument `{name}` must be a single number, for a report is on one case.")
+    require_scalars(p)
     out = Path(out)
     try:
         (out / "figures").mkdir(parents=True, exist_ok=True)
@@ -70,10 +67,8 @@ def write_report(
 def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str], None]) -> Path:
     answers = []
     for key in keys:
-        progress(key)
-        import time; t0=time.process_time(); w0=time.time()
+        progress(question(key))
         answers.append(QUESTIONS[key](case))
-        print(key, "cpu %.2f wall %.2f" % (time.process_time()-t0, time.time()-w0))
     progress("Figures and page")
     for answer in answers:
         for illustration in answer.figures:
@@ -108,6 +103,7 @@ def _page(case: Case, answers: Sequence[Answer]) -> str:
         system=_SYSTEMS[case.units],
         parameters=_parameter_rows(case.p),
         answers=answers,
+        question=question,
         themes=THEMES,
         inline_svg=inline_svg,
         version=__version__,
@@ -133,13 +129,4 @@ def _numbers(case: Case, answers: Sequence[Answer]) -> str:
         "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
         "answers": {answer.key: answer.numbers for answer in answers},
     }
-    return json.dumps(_plain(record), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    """For JSON, which has no NaN: null."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return to_json(record) + "\n"

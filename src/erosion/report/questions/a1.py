@@ -24,7 +24,6 @@ def answer(case: Case) -> Answer:
     numbers = _numbers(case)
     return Answer(
         key="a1",
-        label="Additional question 1",
         title="What if the body turns as it cuts?",
         sentence=_sentence(case, numbers),
         figures=(_curves_figure(case), _spins_figure(case), _turn_figure(case, numbers), *figures_again(case)),

@@ -20,7 +20,6 @@ def answer(case: Case) -> Answer:
     numbers = _numbers(case)
     return Answer(
         key="a2",
-        label="Additional question 2",
         title="What if k = tan α?",
         sentence=Markup("<strong>Then there is no best angle</strong>: the volume only falls with the angle, and its "
                         "supremum {} is approached as {} but never reached.").format(

@@ -25,7 +25,6 @@ def answer(case: Case) -> Answer:
     largest = max(pair["largest_difference"] for pair in numbers["pairs"].values())
     return Answer(
         key="a3",
-        label="Additional question 3",
         title="What if the force opposes the motion throughout?",
         sentence=Markup("<strong>Nothing new</strong>: a force against the motion never turns the motion, so {} stays "
                         "{}. The two models agree to {} of the volume scale at every angle, with rotation too.").format(

@@ -17,7 +17,6 @@ def answer(case: Case) -> Answer:
     numbers = _numbers(case)
     return Answer(
         key="models",
-        label="In closing",
         title="How do all models compare?",
         sentence=_sentence(numbers),
         figures=(_figure(case),),

@@ -39,7 +39,6 @@ def answer(case: Case) -> Answer:
     numbers = _numbers(case)
     return Answer(
         key="q1",
-        label="Question 1",
         title="How does the tip move?",
         sentence=_sentence(case, numbers),
         figures=_figures(case),

@@ -26,7 +26,6 @@ def answer(case: Case) -> Answer:
     numbers = _numbers(case)
     return Answer(
         key="q2",
-        label="Question 2",
         title="When does the cutting stop?",
         sentence=_sentence(case),
         figures=(_figure(case),),

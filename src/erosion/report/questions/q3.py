@@ -18,7 +18,6 @@ def answer(case: Case) -> Answer:
     numbers = _numbers(case)
     return Answer(
         key="q3",
-        label="Question 3",
         title="How much is removed?",
         sentence=_sentence(case),
         figures=() if case.ended_by == "no-cut" else (_figure(case),),

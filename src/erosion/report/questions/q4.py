@@ -30,7 +30,6 @@ def answer(case: Case) -> Answer:
     numbers = _numbers(case, steps)
     return Answer(
         key="q4",
-        label="Question 4",
         title="Which angle removes most?",
         sentence=_sentence(case, numbers),
         figures=(_figure(case, numbers),),

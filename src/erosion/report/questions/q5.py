@@ -26,7 +26,6 @@ def answer(case: Case) -> Answer:
     numbers = family_numbers(case, family, _MODEL) | {"departure_from_square": family.departure(2)}
     return Answer(
         key="q5",
-        label="Question 5",
         title="Does the speed change the best angle?",
         sentence=Markup("<strong>No</strong>: at every speed most is removed at {}, the same to within {}; how much is removed "
                         "grows with the square of the speed.").format(

@@ -22,7 +22,6 @@ def answer(case: Case) -> Answer:
     }
     return Answer(
         key="q6",
-        label="Question 6",
         title="Does the erodent change the best angle?",
         sentence=Markup("<strong>No</strong>: its size {} is not in the equations at all, and the volume is simply "
                         "proportional to its mass {}; the best angle stays {}.").format(

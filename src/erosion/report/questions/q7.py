@@ -17,7 +17,6 @@ def answer(case: Case) -> Answer:
     numbers = family_numbers(case, family, _MODEL) | {"departure_from_inverse": family.departure(-1)}
     return Answer(
         key="q7",
-        label="Question 7",
         title="Does the surface material change the best angle?",
         sentence=Markup("<strong>No</strong>: the flow stress divides the volume and leaves the best angle at {}, "
                         "the same to within {} for all metals of Table 2.").format(

@@ -27,7 +27,6 @@ def answer(case: Case) -> Answer:
     }
     return Answer(
         key="q8",
-        label="Question 8",
         title="Do the guesses for ψ and k change the best angle?",
         sentence=Markup("ψ does <strong>not</strong>, <strong>but k does</strong>: {}, from {} at {} to {} at {}; the "
                         "one guess that decides the answer.").format(

@@ -20,7 +20,6 @@ def answer(case: Case) -> Answer:
     falls = " and that only falls with the angle" if printed["only_falls"] else ""
     return Answer(
         key="slips",
-        label="On the source",
         title="Where the source slips",
         sentence=Markup("The printed equations contradict themselves in six places. <strong>Taken to the letter</strong> "
                         "they give a volume of {} at {}{}, for the erodent is first pushed forward.").format(

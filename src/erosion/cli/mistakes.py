@@ -1,0 +1,27 @@
+"""Mistakes on the command line, in the words of all other messages."""
+
+import re
+
+import cyclopts
+from cyclopts import exceptions
+
+
+def explain(error: cyclopts.CycloptsError) -> str:
+    """One sentence on what was typed wrong."""
+    match error:
+        case exceptions.UnknownOptionError():
+            near = re.search(r" Did you mean .*\?", str(error))
+            return f"Option `{error.token.keyword or error.token.value}` is unknown.{near[0] if near else ''}"
+        case exceptions.RepeatArgumentError():
+            return f"Option `{error.token.keyword}` must be given once, but is given several times."
+        case exceptions.MissingArgumentError(argument=argument) if argument is not None:
+            return f"Option `{error.keyword or argument.name}` must have a value, but has none."
+        case exceptions.CoercionError(argument=argument, token=token) if argument is not None and token is not None:
+            return f"Option `{argument.name}` must have a value that makes sense, but has {token.value!r}: see --help."
+        case exceptions.UnknownCommandError(unused_tokens=[word, *_]) if error.app is not None:
+            known = ", ".join(name for name in error.app if not name.startswith("-"))
+            return f"There is no command {word!r}; there are {known}."
+        case exceptions.UnusedCliTokensError(unused_tokens=[word, *_]):
+            return f"The word {word!r} belongs to no option."
+        case _:
+            return " ".join(str(error).split())
