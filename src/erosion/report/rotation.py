@@ -12,7 +12,7 @@ from erosion.plotting import new_axes
 from erosion.report.case import Case, Illustration
 from erosion.report.families import Family
 from erosion.report.text import degrees, formula, join, math, number, paragraph, table
-from erosion.report.varied import family_figure, family_numbers, sensitivity
+from erosion.report.varied import family_figure, family_numbers
 
 MODEL = "rotating"
 _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
@@ -21,40 +21,36 @@ _ON_LINE = 41
 
 def numbers_again(case: Case) -> dict[str, Any]:
     """For numbers.json."""
-    reach, alpha, kind = over_reach(case)
+    reach, alpha, kind = _over_reach(case)
     return {
         **{name: family_numbers(case, family, MODEL) for name, family in case.families(MODEL).items()},
-        "over_reach": {"reach": reach.tolist(), "alpha_max": alpha.tolist(), "kind": [str(one) for one in kind]},
+        "over_reach": {"reach": reach.tolist(), "alpha_max": alpha.tolist(), "kind": kind.tolist()},
     }
 
 
-def over_reach(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _over_reach(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ω over all that the families cover, α_max [rad] and its kind, by changing r at the case's s and k."""
-
-    def compute() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        reaches = np.concatenate([case.families(MODEL)[name].reach for name in _IN_REACH])
-        reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
-        r = reach * float(case.p.v0) / case.omega
-        found = alpha_max(MODEL, case.p.replace(r=r, phidot0=float(case.p.spin * case.p.v0) / r))
-        return reach, found.alpha, found.kind
-
-    return case.once("over reach", MODEL, compute)
+    reaches = np.concatenate([case.families(MODEL)[name].reach for name in _IN_REACH])
+    reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
+    r = reach * float(case.p.v0) / case.omega
+    found = alpha_max(MODEL, case.p.replace(r=r, phidot0=float(case.p.spin * case.p.v0) / r))
+    return reach, found.alpha, found.kind
 
 
-def figures_again(case: Case) -> tuple[Illustration, ...]:
+def figures_again(case: Case, numbers: dict[str, Any]) -> tuple[Illustration, ...]:
     """V(α) at several speeds; α_max over Ω; α_max over k."""
     families = case.families(MODEL)
     return (
         family_figure(case, families["v0"], "rotating-speeds",
                       Markup("Question 5 again, with rotation: the maxima no longer lie on one upright line.")),
-        _over_reach_figure(case),
+        _over_reach_figure(case, numbers),
         _over_k_figure(case, families["k"]),
     )  # fmt: skip
 
 
-def _over_reach_figure(case: Case) -> Illustration:
+def _over_reach_figure(case: Case, numbers: dict[str, Any]) -> Illustration:
     fig, ax = new_axes(5.4, 4.2)
-    reach, alpha, kind = over_reach(case)
+    reach, alpha, kind = (np.array(column) for column in numbers["over_reach"].values())
     families = [case.families(MODEL)[name] for name in _IN_REACH]
     plot_best_angles(
         ax,
@@ -137,7 +133,7 @@ def _sensitivities(case: Case) -> Markup:
     names = [name for name in QUANTITIES if name not in ("alpha", "phidot0")]
     rows = []
     for name in names:
-        cells = (sensitivity(case, model, name) for model in ("linearized", MODEL))
+        cells = (case.sensitivity(model, name) for model in ("linearized", MODEL))
         rows.append((f"{QUANTITIES[name].symbol}, {QUANTITIES[name].meaning}",
                      *("0" if rate == 0 else degrees(rate, 6) for rate in cells)))  # fmt: skip
     return table("q ∂α_max/∂q: ten per cent more of q moves the angle by a tenth of this",

@@ -12,7 +12,7 @@ from erosion.parameters import Parameters
 TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both components"}
 """What the models of a body that turns are called, by their names."""
 
-_SPINS = np.round(np.linspace(-0.9, 0.9, 73), 3)  # s = r φ̇₀/v₀, in steps of 0.025
+_SPINS = np.round(np.linspace(-0.9, 0.9, 37), 3)  # s = r φ̇₀/v₀, in steps of 0.05
 _TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)
 
 

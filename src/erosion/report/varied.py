@@ -52,13 +52,8 @@ def family_numbers(case: Case, family: Family, model: str) -> dict[str, Any]:
         "kind": [str(kind) for kind in family.kind],
         "ended_by": [str(end) for end in family.ended_by],
         "spread": family.spread,
-        "sensitivity": sensitivity(case, model, family.name),
+        "sensitivity": case.sensitivity(model, family.name),
     }
-
-
-def sensitivity(case: Case, model: str, name: str) -> float:
-    """q dα_max/dq [rad]: the change of α_max by a change of q of its own size."""
-    return float(case.optimum(model).sensitivities[name]) * float(getattr(case.p, name))
 
 
 def said_angle(angle: float) -> str:

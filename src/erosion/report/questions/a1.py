@@ -15,6 +15,14 @@ from erosion.report.text import degrees, formula, join, math, note, number, para
 from erosion.trajectory import SimulationError, TurnWarning, simulate
 
 _MODEL = "rotating"
+NEEDS = (
+    *((what, model) for model in TORQUES for what in ("optimum", "hits", "spins")),
+    ("families", _MODEL),
+    ("optimum", "linearized"),
+    ("hits", "linearized"),
+    ("sensitivities", _MODEL),
+    ("sensitivities", "linearized"),
+)
 _TURN_ANGLES = np.deg2rad(np.arange(3.0, 90.0, 4.0))
 _MUCH = np.deg2rad(20)  # sin φ has fallen by 6 %
 
@@ -26,7 +34,7 @@ def answer(case: Case) -> Answer:
         key="a1",
         title="What if the body turns as it cuts?",
         sentence=_sentence(case, numbers),
-        figures=(_curves_figure(case), _spins_figure(case), _turn_figure(case, numbers), *figures_again(case)),
+        figures=(_curves_figure(case), _spins_figure(case), _turn_figure(case, numbers), *figures_again(case, numbers["again"])),
         derivation=_derivation(case, numbers),
         numbers=numbers,
     )

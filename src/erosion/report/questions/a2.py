@@ -13,6 +13,7 @@ from erosion.report.text import degrees, formula, join, math, note, paragraph, q
 from erosion.report.varied import said_part
 
 _MODEL, _TURNING = "tan-alpha", "rotating-tan-alpha"
+NEEDS = tuple((what, model) for model in (_MODEL, _TURNING, "linearized") for what in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:

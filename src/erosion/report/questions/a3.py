@@ -18,6 +18,8 @@ _PAIRS = {
 }
 """Models of additional question 2 and of this one that differ in nothing else."""
 
+NEEDS = tuple((what, model) for pair in _PAIRS.values() for model in pair for what in ("optimum", "hits"))
+
 
 def answer(case: Case) -> Answer:
     """The direction never changes, so this is additional question 2 again."""

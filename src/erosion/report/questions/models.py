@@ -11,6 +11,8 @@ from erosion.plotting import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, join, number, paragraph, table
 
+NEEDS = tuple((what, model) for model in BUILT_IN for what in ("optimum", "hits"))
+
 
 def answer(case: Case) -> Answer:
     """V at the case's angle, α_max, V_max, what kind it is and how the cut ends there, of every model."""

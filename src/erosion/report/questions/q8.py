@@ -10,9 +10,10 @@ from erosion.parameters import QUANTITIES
 from erosion.plotting import new_axes
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, degrees_tex, formula, join, math, number, paragraph
-from erosion.report.varied import family_figure, family_numbers, family_table, said_angle, said_part, sensitivity
+from erosion.report.varied import family_figure, family_numbers, family_table, said_angle, said_part
 
 _MODEL = "linearized"
+NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))
 
 
 def answer(case: Case) -> Answer:
@@ -80,7 +81,7 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
                   "to ", degrees(k["largest_difference_from_law"], 1), ":"),
         family_table(case, families["k"], "The greatest volume for several k"),
         paragraph("In this case ", math(r"k\,\partial\alpha_\text{max}/\partial k"), " is ",
-                  degrees(sensitivity(case, _MODEL, "k"), 8), " by second derivatives of the solver and ",
+                  degrees(case.sensitivity(_MODEL, "k"), 8), " by second derivatives of the solver and ",
                   math(degrees_tex(np.deg2rad(exact), 8)), " by the law: if ", math("k"), " is off by a tenth, so is "
-                  "the angle by about ", degrees(sensitivity(case, _MODEL, "k") / 10, 2), "."),
+                  "the angle by about ", degrees(case.sensitivity(_MODEL, "k") / 10, 2), "."),
     )  # fmt: skip

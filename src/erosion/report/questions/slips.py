@@ -11,6 +11,7 @@ from erosion.report.text import degrees, formula, join, math, note, number, para
 from erosion.units import unit_name
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
+NEEDS = tuple((what, model) for model in _MODELS for what in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:
