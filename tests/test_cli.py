@@ -80,7 +80,7 @@ def test_models_lists_them_all(capsys):
         (["run", "--material", "copper", "--sigma", "3"], "Options `--material` and `--sigma` both set"),
         (["run", "--plot", "cut.doc"], "cut.doc"),
         (["run", "--plot", "/nowhere/cut.svg"], "erosion: /nowhere/cut.svg: No such file or directory."),
-        (["fly"], "There is no command 'fly'; there are run, report"),
+        (["fly"], "There is no command 'fly'; there are run, optimum"),
         (["report", "--only", "q99", "--out", "unused"], "Option `--only` must be a list of"),
         (["models", "--path", "/nowhere"], "/nowhere: there is no such file or folder"),
     ],

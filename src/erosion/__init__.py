@@ -12,10 +12,24 @@ from typing import TYPE_CHECKING, Any
 from erosion.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from erosion import correlations as correlations
+    from erosion import distributions as distributions
     from erosion import models as models
+    from erosion.calibration import Calibration as Calibration
+    from erosion.calibration import CalibrationError as CalibrationError
+    from erosion.calibration import MeasurementError as MeasurementError
+    from erosion.calibration import Measurements as Measurements
+    from erosion.calibration import Ranking as Ranking
+    from erosion.calibration import calibrate as calibrate
+    from erosion.calibration import rank_models as rank_models
+    from erosion.calibration import read_measurements as read_measurements
+    from erosion.calibration import to_fluent as to_fluent
+    from erosion.calibration import to_openfoam as to_openfoam
     from erosion.cases import CaseError as CaseError
     from erosion.cases import dump_case as dump_case
     from erosion.cases import load_case as load_case
+    from erosion.correlations import CORRELATIONS as CORRELATIONS
+    from erosion.correlations import Correlation as Correlation
     from erosion.kernel import Impact as Impact
     from erosion.kernel import impact as impact
     from erosion.kernel import volume as volume
@@ -34,6 +48,12 @@ if TYPE_CHECKING:
     from erosion.parameters import TABLE_1 as TABLE_1
     from erosion.parameters import Parameters as Parameters
     from erosion.parameters import validate as validate
+    from erosion.provenance import StoreError as StoreError
+    from erosion.stream_result import Stream as Stream
+    from erosion.streams import StreamInterrupted as StreamInterrupted
+    from erosion.streams import stream as stream
+    from erosion.sweeps import SweepInterrupted as SweepInterrupted
+    from erosion.sweeps import sweep as sweep
     from erosion.trajectory import SimulationError as SimulationError
     from erosion.trajectory import Trajectory as Trajectory
     from erosion.trajectory import TurnWarning as TurnWarning
@@ -41,18 +61,37 @@ if TYPE_CHECKING:
     from erosion.trigonometry import sincos as sincos
 
 _HOMES = {
+    "calibration": (
+        "Calibration",
+        "CalibrationError",
+        "MeasurementError",
+        "Measurements",
+        "Ranking",
+        "calibrate",
+        "rank_models",
+        "read_measurements",
+        "to_fluent",
+        "to_openfoam",
+    ),
     "cases": ("CaseError", "dump_case", "load_case"),
+    "correlations": ("CORRELATIONS", "Correlation"),
     "kernel": ("Impact", "impact", "volume"),
     "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
     "optimum": ("Optimum", "alpha_max", "alpha_min"),
     "parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
+    "provenance": ("StoreError",),
+    "stream_result": ("Stream",),
+    "streams": ("StreamInterrupted", "stream"),
+    "sweeps": ("SweepInterrupted", "sweep"),
     "trajectory": ("SimulationError", "Trajectory", "TurnWarning", "simulate"),
     "trigonometry": ("sincos",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = ["__version__", "models", *_HOME_OF]  # pyright: ignore[reportUnsupportedDunderAll]
+_MODULES = ("correlations", "distributions", "models")
+
+__all__ = ["__version__", *_MODULES, *_HOME_OF]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def _turn_float64_on() -> None:
@@ -69,8 +108,8 @@ _turn_float64_on()
 
 
 def __getattr__(name: str) -> Any:
-    if name == "models":
-        return importlib.import_module("erosion.models")
+    if name in _MODULES:
+        return importlib.import_module(f"erosion.{name}")
     if name in _HOME_OF:
         value = getattr(importlib.import_module(f"erosion.{_HOME_OF[name]}"), name)
         globals()[name] = value

@@ -10,11 +10,14 @@ A file without `units` is in SI, and then every dimensional quantity must carry 
 
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from erosion.parameters import QUANTITIES, Parameters, require_scalars
 from erosion.units import check_system, has_unit, unit_name
 
 TEXT_KEYS = ("title", "units")
+SECTIONS = ("sweep", "stream")
+"""Tables that a case file may have for the verbs of these names; see `load_section`."""
 
 
 class CaseError(ValueError):
@@ -25,7 +28,8 @@ def load_case(path: str | Path) -> Parameters:
     """Read the parameters in a TOML case file.
 
     Args:
-        path: the file; its keys are `units`, `title` and the fields of `Parameters`.
+        path: the file; its keys are `units`, `title` and the fields of `Parameters`. Tables for
+            other verbs (`SECTIONS`) may stand below them.
 
     Returns:
         Validated parameters, in the file's units (SI where it names none).
@@ -35,8 +39,28 @@ def load_case(path: str | Path) -> Parameters:
             read, an unknown or missing key, a wrong dimension or a value out of range.
     """
     path = Path(path)
+    table = _read(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return _parameters(table)
+    except ValueError as error:
+        raise CaseError(f"{path}: {_lower_first(str(error))}") from error
+
+
+def load_section(path: str | Path, name: str) -> dict[str, Any]:
+    """The table `[name]` of a case file as it stands there, empty where there is none.
+
+    Raises:
+        CaseError: for a file that cannot be read, or where `name` is no table.
+    """
+    section = _read(Path(path)).get(name, {})
+    if not isinstance(section, dict):
+        raise CaseError(f"{path}: `{name}` must be a table, but is {section!r}.")
+    return section
+
+
+def _read(path: Path) -> dict[str, object]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise CaseError(f"{path}: cannot be read ({error.strerror or error}).") from error
     except UnicodeDecodeError as error:
@@ -45,10 +69,6 @@ def load_case(path: str | Path) -> Parameters:
         raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
     except RecursionError as error:
         raise CaseError(f"{path}: is nested too deeply to be a case file.") from error
-    try:
-        return _parameters(table)
-    except ValueError as error:
-        raise CaseError(f"{path}: {_lower_first(str(error))}") from error
 
 
 def dump_case(p: Parameters, title: str = "") -> str:
@@ -77,6 +97,8 @@ def _parameters(table: dict[str, object]) -> Parameters:
         if name in TEXT_KEYS:
             if not isinstance(value, str):
                 raise ValueError(f"Field `{name}` must be text in quotes, but is {value!r}.")
+        elif name in SECTIONS and isinstance(value, dict):
+            continue
         elif name in QUANTITIES and isinstance(value, (int, float, str)):
             quantities[name] = value
         elif name in QUANTITIES:

@@ -6,15 +6,16 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from erosion.maxima import ASIDE, Jump
+from erosion.maxima import Jump
+from erosion.optimum import ASIDE
 from erosion.parameters import QUANTITIES
-from erosion.plotting import ENDS, FAINT, INK, PALETTE, _angle_axis, _legend_below, house_style, readable_scale
+from erosion.plotting import ENDS, FAINT, INK, PALETTE, angle_axis, legend_below, house_style, readable_scale
 from erosion.quantities import RESULTS
 from erosion.units import System
 
 _COLORS = (*PALETTE.values(), INK)
 _MARKERS = ("o", "s", "^", "v", "D", "P")
-_APART = np.deg2rad(3)  # neighbouring maxima further apart than this are different ones: no line between
+_APART = np.deg2rad(4)  # neighbouring maxima further apart than this are different ones: no line between
 _WIDE = 30  # times the least maximum: what is larger needs a logarithmic axis
 
 _ROUNDING = 2.0**-52
@@ -103,8 +104,8 @@ def plot_family(ax: Axes, curves: Sequence[Curve], *, units: System, joined: boo
     else:
         ax.set_ylim(0, 1.1 * max(largest) / scale.size or None)
     ax.set_ylabel(f"${RESULTS['volume'].symbol}$  {RESULTS['volume'].meaning}  [{scale.unit}]")
-    _angle_axis(ax)
-    _legend_below(ax, columns)
+    angle_axis(ax)
+    legend_below(ax, columns)
     return ax
 
 
@@ -125,12 +126,20 @@ def plot_best_angles(
         found: in the order of the legend.
         xlabel: of the parameter.
         log: whether its axis is logarithmic.
-        exact: label, parameter and angle [rad] of a known law, drawn as a broad pale line.
+        exact: label, parameter and angle [rad] of a law, at close points, drawn as a broad pale line.
         columns: of the legend.
     """
     if exact is not None:
         label, x, alpha = exact
-        ax.plot(x, np.rad2deg(alpha), color=PALETTE["sky"], linewidth=7, alpha=0.5, label=label)
+        apart = np.flatnonzero(np.abs(np.diff(alpha)) > _APART) + 1
+        ax.plot(
+            np.insert(x, apart, np.nan),
+            np.rad2deg(np.insert(alpha, apart, np.nan)),
+            color=PALETTE["sky"],
+            linewidth=7,
+            alpha=0.5,
+            label=label,
+        )
     highest = 0.0
     for i, (label, x, alpha, at_jump, line) in enumerate(found):
         color, degrees = _COLORS[i % len(_COLORS)], np.rad2deg(alpha)
@@ -151,7 +160,7 @@ def plot_best_angles(
     ax.set_yticks(ticks, [f"{tick}°" for tick in ticks])
     ax.set_xlabel(xlabel)
     ax.set_ylabel(f"${QUANTITIES['alpha'].symbol}_\\mathrm{{max}}$  angle of greatest removal")
-    _legend_below(ax, columns)
+    legend_below(ax, columns)
     return ax
 
 
@@ -168,10 +177,10 @@ def plot_differences(ax: Axes, angles: np.ndarray, differences: Mapping[str, np.
         # A difference of nothing has no place on the axis: it is drawn at the least that can be.
         ax.semilogy(np.rad2deg(angles), np.maximum(difference, _ROUNDING), ".", color=color, markersize=4, label=label)
     ax.axhline(_ROUNDING, color=INK, linestyle=(0, (4, 3)), linewidth=1, label="rounding of one number")
-    ax.set_ylim(1e-17, 1)
+    ax.set_ylim(1e-17, max(1e-8, 10 * max(float(np.nanmax(some)) for some in differences.values())))
     ax.set_ylabel("difference over the volume scale V*")
-    _angle_axis(ax)
-    _legend_below(ax, 1)
+    angle_axis(ax)
+    legend_below(ax, 1)
     return ax
 
 
@@ -185,13 +194,14 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
         turn: Δφ, shape (n,) [rad].
         ended_by: shape (n,).
     """
-    ax.plot(np.rad2deg(angles), np.rad2deg(turn), color=FAINT, linewidth=1.5)
+    changes = np.flatnonzero(ended_by[1:] != ended_by[:-1]) + 1
+    ax.plot(*(np.insert(np.rad2deg(some), changes, np.nan) for some in (angles, turn)), color=FAINT, linewidth=1.5)
     for end in dict.fromkeys(str(end) for end in ended_by):
         shown = ended_by == end
         ax.plot(np.rad2deg(angles[shown]), np.rad2deg(turn[shown]), "o", color=ENDS.get(end, INK), markersize=5,
                 label="nothing is cut" if end == "no-cut" else f"ends by {end}")  # fmt: skip
     ax.yaxis.set_major_formatter("{x:g}°")
     ax.set_ylabel(f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}")
-    _angle_axis(ax)
-    _legend_below(ax, 2)
+    angle_axis(ax)
+    legend_below(ax, 2)
     return ax

@@ -135,7 +135,7 @@ def impact(
         p=p,
         volume=found.volume.value.reshape(shape)[()],
         t_c=found.time.value.reshape(shape)[()],
-        ended_by=_outcomes(model, p, found).reshape(shape)[()],
+        ended_by=_outcomes(model, found).reshape(shape)[()],
         dvolume=first.reshape(shape + tail)[()] if derivatives >= 1 else None,
         d2volume=second.reshape(shape + tail + tail)[()] if second is not None else None,
         wrt=wrt if isinstance(wrt, str) else names,
@@ -171,7 +171,7 @@ def pair_derivatives(
     def shaped(derivatives: Derivatives) -> Derivatives:
         return Derivatives(*(part.reshape(shape + part.shape[1:]) for part in derivatives))
 
-    return PairDerivatives(shaped(volume), shaped(time), _outcomes(model, p, found).reshape(shape)[()])
+    return PairDerivatives(shaped(volume), shaped(time), _outcomes(model, found).reshape(shape)[()])
 
 
 def _lanes(p: Parameters) -> tuple[list[np.ndarray], tuple[int, ...]]:
@@ -215,9 +215,15 @@ def _along(
     return one._replace(volume=volume, time=time), volume, time
 
 
-def _outcomes(model: CuttingModel, p: Parameters, found: Solution) -> np.ndarray:
-    one = jax.tree.map(lambda leaf: jnp.zeros(()), p)
-    names = [*jax.eval_shape(lambda q: model.events(model.initial_state(q), q), one), "no-cut", "failed", "unfinished"]
+def end_names(model: CuttingModel) -> tuple[str, ...]:
+    """What `ended_by` may say for a model: its events, then "no-cut", "failed", "unfinished"."""
+    one = Parameters(k=0, psi=0, r=0, b=0, m=0, v0=0, sigma=0, alpha=0)
+    events = jax.eval_shape(lambda p: model.events(model.initial_state(p), p), one)
+    return (*events, "no-cut", "failed", "unfinished")
+
+
+def _outcomes(model: CuttingModel, found: Solution) -> np.ndarray:
+    names = end_names(model)
     # The codes of the events are 0, 1, …; NO_CUT is -1, counted from the three last names.
     code = np.where(found.which == NO_CUT, len(names) - 3, found.which)
     code = np.where(found.mode == ENDED, code, len(names) - 2)

@@ -15,6 +15,7 @@ STEEPEST = np.pi / 2
 ASIDE = 1e-9  # rad; so far beside a jump any evaluation agrees on which side it is
 _LOOSE = 1e-9  # relative tolerance of the search
 TIGHT = 1e-12  # relative tolerance where an answer is polished
+_LEVEL = 1e-6  # of a function's size, per rad²
 _GRID = 112  # angles of the first look between 0.02 rad and π/2
 
 
@@ -25,7 +26,7 @@ class Candidate:
     Args:
         alpha: its angle [rad]; at a jump 1e-9 beside it, where any evaluation agrees on the side.
         value: of the objective there.
-        kind: "interior", "jump" or "boundary".
+        kind: "interior", "jump", "boundary", "kink" or "plateau"; see `Optimum`.
         ended_by: how the cut ends there.
         side: at a jump "below" or "above" it in angle; else "".
         attained: whether `value` is reached. At a jump the impact that just grazes belongs
@@ -123,6 +124,8 @@ class Search:
             *self._at_ends(found, low, high),
         ]:
             candidates[case].append(candidate)
+        for case, candidate in self._on_plateaus(found, candidates):
+            candidates[case].append(candidate)
         jumps, regimes = self._jumps(found, jumped, cases), _regimes(found, cases, low, high)
         return [
             Maxima(
@@ -158,10 +161,13 @@ class Search:
         falls = (cells.low.slope > 0) & (cells.high.slope <= 0)
         cells = Cells._make(side.take(falls) for side in cells)
         best, steps = polish(self._at(TIGHT), cells)
+        # Where the function is level, its slope falls through zero by rounding.
+        bends = best.curve < -_LEVEL * found.size[best.case]
         flat = np.abs(best.slope) <= 1e-6 * found.size[best.case]
         return [
             (int(case), self._candidate(best, i, kind="interior" if flat[i] else "kink", steps=int(steps[i])))
             for i, case in enumerate(best.case)
+            if bends[i] or not flat[i]
         ]
 
     def _at_jumps(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
@@ -197,6 +203,18 @@ class Search:
                 candidate = self._candidate(nodes, j, kind="boundary")
                 ends.append((case, dataclasses.replace(candidate, alpha=high)))
         return ends
+
+    def _on_plateaus(self, found: Scan, candidates: list[list[Candidate]]) -> list[tuple[int, Candidate]]:
+        """The best node where it is above all candidates: the function is level there."""
+        nodes = found.nodes
+        order = np.lexsort((np.nan_to_num(nodes.value, nan=-np.inf), nodes.case))
+        last = np.append(np.flatnonzero(np.diff(nodes.case[order])), order.size - 1)
+        plateaus = []
+        for case, i in enumerate(order[last]):
+            best = max((self.sign * c.value for c in candidates[case]), default=-np.inf)
+            if nodes.value[i] > best + 1e-8 * found.size[case]:
+                plateaus.append((case, self._candidate(nodes, i, kind="plateau")))
+        return plateaus
 
     def _limit(self, first: Candidate) -> Candidate:
         """The supremum as α → 0, continued from the shallowest angle of the scan."""

@@ -80,3 +80,11 @@ OBJECTIVES: Mapping[str, Objective] = {
     "depth": Depth,
 }
 """What `alpha_max` can be asked about, by name."""
+
+MEASURES: Mapping[str, str] = {
+    "volume": "volume",
+    "volume per mass": "specific_volume",
+    "t_c": "t_c",
+    "depth": "max_depth",
+}
+"""Which of `erosion.quantities.RESULTS` each of them is."""

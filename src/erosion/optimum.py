@@ -16,10 +16,12 @@ import jax
 import numpy as np
 
 from erosion.kernel import impact, pair_derivatives
-from erosion.maxima import ASIDE, SHALLOWEST, STEEPEST, TIGHT, Maxima, Search
+from erosion.maxima import ASIDE as ASIDE
+from erosion.maxima import SHALLOWEST as SHALLOWEST
+from erosion.maxima import STEEPEST, TIGHT, Maxima, Search
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
-from erosion.objectives import OBJECTIVES, Objective
+from erosion.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters import QUANTITIES, Parameters, validate
 from erosion.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
@@ -35,7 +37,8 @@ class Optimum:
     an array of their broadcast shape (that of `alpha` excepted, which is not used).
 
     Args:
-        model, p: what was asked.
+        model: whose.
+        p: the parameters, `alpha` being the answer.
         objective: its name.
         least: whether the least is meant.
         alpha: the angle [rad]; 1e-9 beside a jump; 0 for the limit as α → 0, NaN where nothing is
@@ -44,7 +47,8 @@ class Optimum:
         volume: V there [volume].
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
             `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
-            slope jumps through zero; only plug-ins do that), or "none": nothing is ever cut.
+            slope jumps through zero), "plateau" (one of many angles with the same value), or
+            "none": nothing is ever cut.
         ended_by: how the cut ends there.
         side: of a jump, "below" or "above" it; else "".
         attained: whether `value` is reached, or only approached.
@@ -92,15 +96,14 @@ class Optimum:
     def rows(self) -> list[Row]:
         """The answer as rows of a table."""
         degrees = np.rad2deg(self.alpha)
-        kind = self.kind if np.ndim(self.kind) else " ".join(filter(None, (str(self.kind), str(self.side))))
         rows = [
             Row("alpha_max" if not self.least else "alpha_min", "α", format_number(degrees), "°", "angle of attack"),
-            Row("kind", "", format_number(np.asarray(kind)), "", ""),
+            Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._explained()),
             Row("ended_by", "", format_number(self.ended_by), "", "how the cut ends there"),
             result_row("volume", self.volume, self.p.units),
         ]
         if self.objective != "volume":
-            rows.append(Row("value", "", format_number(self.value), "", self.objective))
+            rows.append(self._value_row())
         return rows
 
     def __str__(self) -> str:
@@ -108,6 +111,19 @@ class Optimum:
 
     def _repr_html_(self) -> str:
         return to_html(self._title(), self.rows())
+
+    def _value_row(self) -> Row:
+        if self.objective in MEASURES:
+            return result_row(MEASURES[self.objective], self.value, self.p.units)
+        return Row("value", "", format_number(self.value), "", self.objective)
+
+    def _explained(self) -> str:
+        """What the kind means here."""
+        if self.kind == "jump":
+            return f"just {self.side} a jump" + ("" if self.attained else "; approached, not reached")
+        if self.kind == "boundary":
+            return "an end of the range" if self.attained else "approached as α → 0, not reached"
+        return {"interior": "dV/dα = 0", "plateau": "the same over a range of angles"}.get(str(self.kind), "")
 
     def _title(self) -> str:
         what = "least" if self.least else "greatest"
@@ -205,6 +221,7 @@ def _optimum(
     volume = columns["value"]
     if asked is not model:
         volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"])
+    p = p.replace(alpha=columns["alpha"])
     return Optimum(model=model, p=p, objective=name, least=least, volume=volume, integrand=asked, **columns)
 
 

@@ -195,7 +195,7 @@ REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("p
 """The fields without a default."""
 
 # α = π/2 reached through degrees may round up by an ulp.
-_STEEPEST = np.pi / 2 * (1 + 4 * np.finfo(float).eps)
+STEEPEST = np.pi / 2 * (1 + 4 * np.finfo(float).eps)
 
 
 def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> None:
@@ -219,7 +219,7 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         if name == "phidot0":
             good, condition = np.isfinite(values), "must be a finite number"
         elif name == "alpha":
-            good, condition = (values > 0) & (values <= _STEEPEST), "must be in (0, π/2] rad"
+            good, condition = (values > 0) & (values <= STEEPEST), "must be in (0, π/2] rad"
         else:
             good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
         if batch and values.ndim:
@@ -276,7 +276,7 @@ def _first_bad(values: np.ndarray, good: Any) -> str:
 
 
 def _hint(name: str, values: np.ndarray) -> str:
-    if name == "alpha" and np.any((values > _STEEPEST) & (values <= 90)):
+    if name == "alpha" and np.any((values > STEEPEST) & (values <= 90)):
         return ' (for degrees write "20 deg" in files and on the command line, np.deg2rad(20) in Python)'
     return ""
 

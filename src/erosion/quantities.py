@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from erosion.tables import Row, format_number
-from erosion.units import Dimension, System, derivative_unit, unit_name
+from erosion.units import Dimension, System, ascii_unit_name, derivative_unit, unit_name
 
 
 @dataclass(frozen=True)
@@ -21,14 +21,29 @@ class Quantity:
         unit = unit_name(self.dimension, units)
         return f"{self.symbol}  {self.meaning}" + (f" [{unit}]" if unit else "")
 
+    def attributes(self, units: System) -> dict[str, str]:
+        """The same as attributes of a labelled array, in the words of the CF conventions."""
+        return {"long_name": self.meaning, "symbol": self.symbol, "units": ascii_unit_name(self.dimension, units)}
+
 
 RESULTS = {
     "t_c": Quantity("t_c", "end of the cut", "time"),
     "volume": Quantity("V", "removed volume", "volume"),
     "dvolume": Quantity("dV/dα", "change of volume with angle", "volume per angle"),
     "d2volume": Quantity("d²V/dα²", "its own change with angle", "volume per angle²"),
+    "alpha_max": Quantity("α_max", "angle of attack that removes most", "angle"),
+    "volume_max": Quantity("V_max", "volume removed at that angle", "volume"),
+    "mean_volume": Quantity("V̄", "removed volume of a particle, mean of the stream", "volume"),
+    "deviation": Quantity("s", "standard deviation of V from particle to particle", "volume"),
+    "mean_mass": Quantity("m̄", "mass of a particle, mean of the stream", "mass"),
+    "total_volume": Quantity("ΣV", "removed by all the particles computed", "volume"),
+    "erosion": Quantity("E", "removed volume per unit mass of abrasive", "volume per mass"),
     "max_depth": Quantity("d_max", "greatest depth of the tip", "length"),
     "turn": Quantity("Δφ", "how far the body turned", "angle"),
+    "specific_volume": Quantity("V/m", "removed volume per mass of erodent", "volume per mass"),
+    "mass_loss": Quantity("Δm", "mass loss per impact", "mass"),
+    "erosion_ratio": Quantity("Δm/m", "mass loss per mass of erodent", "mass per mass"),
+    "relative_erosion": Quantity("E", "erosion, in units of its own", "1"),
 }
 
 

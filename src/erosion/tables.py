@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jax.core import Tracer
 
+HEADINGS = ("quantity", "", "value", "unit", "meaning")
+
 
 class Row(NamedTuple):
     """One line of a table; all cells are text already."""
@@ -48,35 +50,36 @@ def abbreviate(value: Any) -> str:
     return repr(float(number)).removesuffix(".0")
 
 
-def to_text(title: str, rows: Sequence[Row]) -> str:
+def to_text(title: str, rows: Sequence[Row], headings: Sequence[str] = HEADINGS) -> str:
     """An aligned table under a title, without colour, ending without a newline."""
     from rich.console import Console
 
     buffer = io.StringIO()
-    Console(file=buffer, width=120, highlight=False, color_system=None).print(to_rich(title, rows))
+    Console(file=buffer, width=120, highlight=False, color_system=None).print(to_rich(title, rows, headings))
     return "\n".join(line.rstrip() for line in buffer.getvalue().rstrip().splitlines())
 
 
-def to_rich(title: str, rows: Sequence[Row]) -> Any:
+def to_rich(title: str, rows: Sequence[Row], headings: Sequence[str] = HEADINGS) -> Any:
     """The same as a rich table, for the terminal."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
-    table.add_column("quantity")
-    table.add_column("", no_wrap=True)
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    table.add_column("meaning", style="dim")
+    name, symbol, value, unit, meaning = headings
+    table.add_column(name)
+    table.add_column(symbol, no_wrap=True)
+    table.add_column(value, justify="right", no_wrap=True)
+    table.add_column(unit, no_wrap=True)
+    table.add_column(meaning, style="dim")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     return table
 
 
-def to_html(title: str, rows: Sequence[Row]) -> str:
+def to_html(title: str, rows: Sequence[Row], headings: Sequence[str] = HEADINGS) -> str:
     """The same as an HTML table."""
-    head = "".join(f"<th>{cell}</th>" for cell in ("quantity", "", "value", "unit", "meaning"))
+    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in headings)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><caption>{html.escape(title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 

@@ -10,11 +10,15 @@ from collections.abc import Sequence
 
 import cyclopts
 
+from erosion.cli.calibrate import calibrate
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
+from erosion.cli.optimum import optimum
 from erosion.cli.options import InputError, sentence
 from erosion.cli.report import report
 from erosion.cli.run import run
+from erosion.cli.stream import stream
+from erosion.cli.sweep import sweep
 from erosion.version import __version__
 
 app = cyclopts.App(
@@ -22,9 +26,10 @@ app = cyclopts.App(
     help="How a rigid particle cuts a ductile surface, and at which angle it removes most.",
     help_format="plaintext",
     version=__version__,
+    suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, report, models):
+for verb in (run, optimum, sweep, stream, calibrate, report, models):
     app.command(verb)
 
 
@@ -48,8 +53,8 @@ def _status(arguments: Sequence[str]) -> int:
         # The reader has gone (`erosion models | head -1`): say nothing, and let Python close in peace.
         sys.stdout = None
         return 0
-    except KeyboardInterrupt:
-        return _say(130, "interrupted")
+    except KeyboardInterrupt as error:
+        return _say(130, str(error) or "interrupted")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
         return _say(1, sentence(error))

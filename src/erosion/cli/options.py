@@ -75,6 +75,47 @@ class CaseOptions:
             validate(p)
         return p
 
+    def without_changes(self) -> "CaseOptions":
+        """The case file alone."""
+        return CaseOptions(case=self.case, units=self.units)
+
+    def section(self, verb: str, fields: Sequence[str]) -> dict[str, Any]:
+        """The table of a verb in the case file: parameters, and `fields` of the verb's own.
+
+        Raises:
+            InputError: for a field that is neither.
+        """
+        from erosion.cases import load_section
+        from erosion.parameters import QUANTITIES
+
+        if self.case is None:
+            return {}
+        with user_errors():
+            section = load_section(self.case, verb)
+        known = (*fields, *QUANTITIES)
+        for name in section:
+            if name not in known:
+                raise InputError(f"{self.case}: field `{name}` of [{verb}] is unknown; they are {', '.join(known)}.")
+        return section
+
+    def texts(self, verb: str, section: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
+        """By parameter, what the verb's section and the options say of it: where, and what; options win."""
+        from erosion.parameters import QUANTITIES
+
+        found = {
+            name: (f"{self.case}: field `{name}` of [{verb}]", section[name]) for name in QUANTITIES if name in section
+        }
+        options = {name: getattr(self, name) for name in QUANTITIES}
+        return found | {name: (f"Option `--{name}`", text) for name, text in options.items() if text is not None}
+
+
+def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
+    """The case's options, where its file may also stand alone before them."""
+    options = options or CaseOptions()
+    if file is not None and options.case is not None:
+        raise InputError(f"The case must be given once, but is both {file} and {options.case}.")
+    return options if file is None else dataclasses.replace(options, case=file)
+
 
 ModelOption = Annotated[
     str, Parameter(name="--model", help="A model's name (see `erosion models`), or the path of a Python file.")
@@ -129,13 +170,13 @@ def print_json(content: Mapping[str, Any]) -> None:
     print(to_json(content))
 
 
-def print_table(title: str, rows: "Sequence[Row]") -> None:
+def print_table(title: str, rows: "Sequence[Row]", headings: "Sequence[str] | None" = None) -> None:
     """A table on stdout, in colour where it is a terminal."""
     from rich.console import Console
 
-    from erosion.tables import to_rich
+    from erosion.tables import HEADINGS, to_rich
 
-    Console(highlight=False).print(to_rich(title, rows))
+    Console(highlight=False).print(to_rich(title, rows, headings or HEADINGS))
 
 
 def warn(message: str) -> None:

@@ -16,7 +16,7 @@ from erosion.report.varied import family_figure, family_numbers
 
 MODEL = "rotating"
 _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
-_ON_LINE = 41
+_ON_LINE = 61
 
 
 def numbers_again(case: Case) -> dict[str, Any]:
@@ -50,18 +50,18 @@ def figures_again(case: Case, numbers: dict[str, Any]) -> tuple[Illustration, ..
 
 def _over_reach_figure(case: Case, numbers: dict[str, Any]) -> Illustration:
     fig, ax = new_axes(5.4, 4.2)
-    reach, alpha, kind = (np.array(column) for column in numbers["over_reach"].values())
+    reach, alpha = (np.array(numbers["over_reach"][key]) for key in ("reach", "alpha_max"))
     families = [case.families(MODEL)[name] for name in _IN_REACH]
     plot_best_angles(
         ax,
         [
             BestAngles(f"{QUANTITIES[family.name].symbol} changed", family.reach, family.alpha,
-                       np.zeros(family.reach.size, bool), line=False)
+                       family.kind == "jump", line=False)
             for family in families
         ],
         xlabel="Ω = r ω/v₀",
         log=True,
-        exact=("any of them changed", _broken(reach, alpha, kind), alpha),
+        exact=("any of them changed", reach, alpha),
         columns=3,
     )  # fmt: skip
     off = "" if case.p.spin == 0 else " Points of other speeds and sizes leave the curve, for they change s as well."
@@ -72,11 +72,6 @@ def _over_reach_figure(case: Case, numbers: dict[str, Any]) -> Illustration:
                "act through this one number.{}").format(math(r"\Omega=r\omega/v_0"), math(r"\psi"), off),
         "Angle of greatest removal over Ω, with the points of five parameters on one curve.",
     )  # fmt: skip
-
-
-def _broken(x: np.ndarray, alpha: np.ndarray, kind: np.ndarray) -> np.ndarray:
-    """NaN after a change of the kind of maximum, so that no line leads over it."""
-    return np.where(np.append(kind[1:] != kind[:-1], False), np.nan, x)
 
 
 def _over_k_figure(case: Case, ratios: Family) -> Illustration:

@@ -21,7 +21,9 @@ def family_figure(case: Case, family: Family, name: str, caption: Markup) -> Ill
     fig, ax = new_axes(5.4, 4.2)
     plot_family(ax, family.curves(), units=case.units, joined=True)
     meaning = QUANTITIES[family.name].meaning
-    return Illustration(name, fig, caption, f"Removed volume over the angle of attack for several values of: {meaning}.")
+    return Illustration(
+        name, fig, caption, f"Removed volume over the angle of attack for several values of: {meaning}."
+    )
 
 
 def family_table(case: Case, family: Family, caption: str) -> Markup:

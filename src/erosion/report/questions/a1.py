@@ -7,11 +7,11 @@ import numpy as np
 from markupsafe import Markup
 
 from erosion.family_plots import plot_best_angles, plot_family, plot_turn
-from erosion.plotting import new_axes
+from erosion.plotting import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.rotation import derivation_again, figures_again, numbers_again
 from erosion.report.spins import TORQUES
-from erosion.report.text import degrees, formula, join, math, note, number, paragraph, quantity, table
+from erosion.report.text import degrees, formula, join, math, note, number, paragraph, table
 from erosion.trajectory import SimulationError, TurnWarning, simulate
 
 _MODEL = "rotating"
@@ -34,7 +34,12 @@ def answer(case: Case) -> Answer:
         key="a1",
         title="What if the body turns as it cuts?",
         sentence=_sentence(case, numbers),
-        figures=(_curves_figure(case), _spins_figure(case), _turn_figure(case, numbers), *figures_again(case, numbers["again"])),
+        figures=(
+            _curves_figure(case),
+            _spins_figure(case),
+            _turn_figure(case, numbers),
+            *figures_again(case, numbers["again"]),
+        ),
         derivation=_derivation(case, numbers),
         numbers=numbers,
     )
@@ -161,14 +166,15 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
 
 
 def _jumps(case: Case, numbers: dict[str, Any]) -> Markup:
+    scale = readable_scale("volume", case.units, max(numbers[model]["volume_max"] for model in TORQUES))
     said = []
     for model, label in TORQUES.items():
         for jump in case.optimum(model).jumps:
-            said.append((label, degrees(jump.alpha, 9), quantity(jump.below, "volume", case.units), jump.ended_below,
-                         quantity(jump.above, "volume", case.units), jump.ended_above))  # fmt: skip
+            said.append((label, degrees(jump.alpha, 9), number(jump.below / scale.size, 5), jump.ended_below,
+                         number(jump.above / scale.size, 5), jump.ended_above))  # fmt: skip
     if not said:
         return paragraph("In this case ", math(r"V(\alpha)"), " has no jump.")
-    head = ("torque", "at", "V below", "ends by", "V above", "ends by")
+    head = ("", "jump at", f"V below [{scale.unit}]", "ends by", f"V above [{scale.unit}]", "ends by")
     return table("Where V(α) jumps in this case", head, said)
 
 
@@ -203,7 +209,7 @@ def _spin_text(case: Case) -> Markup:
                   math("rF_x"), f", and {full.jumps} with that of both components: looking for a zero of the derivative "
                   "would miss them."),
         table("The angle of greatest removal over the spin",
-              ("s", *(cell for label in TORQUES.values() for cell in (f"α_max, {label}", "maximum"))), rows),
+              ("s", *(cell for label in TORQUES.values() for cell in (f"α_max, {label}", "maximum, end"))), rows),
     )  # fmt: skip
 
 

@@ -6,10 +6,9 @@ import numpy as np
 from markupsafe import Markup
 
 from erosion.family_plots import plot_differences, plot_family
-from erosion.plotting import new_axes
+from erosion.plotting import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, formula, join, math, note, number, paragraph, table
-from erosion.units import unit_name
 
 _PAIRS = {
     "without rotation": ("tan-alpha", "velocity-aligned"),
@@ -96,11 +95,12 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
 
 
 def _table(case: Case, numbers: dict[str, Any]) -> Markup:
-    head = ("", "maximum", "α_max, k = tan α", "α_max, k = ẏ/ẋ", f"V_max [{unit_name('volume', case.units)}]",
-            "largest difference/V*")  # fmt: skip
+    scale = readable_scale("volume", case.units, max(pair["volume_max"] for pair in numbers["pairs"].values()))
+    head = ("", "maximum, end", "α_max, k = tan α", "α_max, k = ẏ/ẋ", f"V_max [{scale.unit}]",
+            "largest difference over V*")  # fmt: skip
     rows = [
         (label, f"{pair['kind']}, {pair['ended_by']}", *(_angle(pair[key], pair["kind"]) for key in (
-            "alpha_max_of_tan_alpha", "alpha_max")), number(pair["volume_max"], 6),
+            "alpha_max_of_tan_alpha", "alpha_max")), number(pair["volume_max"] / scale.size, 6),
          number(pair["largest_difference"], 2))
         for label, pair in numbers["pairs"].items()
     ]  # fmt: skip

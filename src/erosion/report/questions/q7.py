@@ -6,7 +6,15 @@ from markupsafe import Markup
 
 from erosion.report.case import Answer, Case
 from erosion.report.text import degrees, formula, join, math, paragraph
-from erosion.report.varied import family_figure, family_numbers, family_table, said_angle, said_part, said_rate, volume_range
+from erosion.report.varied import (
+    family_figure,
+    family_numbers,
+    family_table,
+    said_angle,
+    said_part,
+    said_rate,
+    volume_range,
+)
 
 _MODEL = "linearized"
 NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))

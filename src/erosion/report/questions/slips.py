@@ -5,10 +5,9 @@ from typing import Any
 from markupsafe import Markup
 
 from erosion.family_plots import plot_family
-from erosion.plotting import new_axes
+from erosion.plotting import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, formula, join, math, note, number, paragraph, quantity, quantity_tex, table
-from erosion.units import unit_name
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
 NEEDS = tuple((what, model) for model in _MODELS for what in ("optimum", "hits"))
@@ -107,12 +106,19 @@ def _slips() -> Markup:
 
 
 def _readings(case: Case, numbers: dict[str, Any]) -> Markup:
-    unit = unit_name("volume", case.units)
+    scale = readable_scale("volume", case.units, max(numbers[model]["volume_max"] for model in _MODELS))
     rows = []
     for model, label in _MODELS.items():
         found = numbers[model]
         best = "α → 0" if found["kind"] == "boundary" and not found["alpha_max"] else degrees(found["alpha_max"])
-        rows.append((label, number(found["volume"], 7), quantity(found["t_c"], "time", case.units, like=found["t_c"]),
-                     found["ended_by"], best if found["kind"] != "none" else "–", number(found["volume_max"], 6)))  # fmt: skip
-    head = ("reading", f"V at {degrees(case.alpha)} [{unit}]", "t_c", "ends by", "greatest at", f"V there [{unit}]")
+        rows.append((label, number(found["volume"] / scale.size, 7), quantity(found["t_c"], "time", case.units, like=found["t_c"]),
+                     found["ended_by"], best if found["kind"] != "none" else "–", number(found["volume_max"] / scale.size, 6)))  # fmt: skip
+    head = (
+        "reading",
+        f"V at {degrees(case.alpha)} [{scale.unit}]",
+        "t_c",
+        "ends by",
+        "greatest at",
+        f"V there [{scale.unit}]",
+    )
     return table("Three readings of one page", head, rows)

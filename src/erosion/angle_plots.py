@@ -1,0 +1,162 @@
+"""Curves over the angle of attack with their optimum, broken where they jump."""
+
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from erosion.kernel import impact
+from erosion.models import model_name
+from erosion.objectives import MEASURES
+from erosion.optimum import ASIDE, SHALLOWEST, Optimum
+from erosion.parameters import QUANTITIES
+from erosion.plotting import DIM, ENDS, INK, PALETTE, house_style, new_axes, readable_scale, typeset
+from erosion.quantities import RESULTS
+
+_LINES: Sequence[Any] = ("-", (0, (5, 2)), (0, (1.5, 1.5)))
+_STYLES: list[tuple[str, Any]] = [(color, line) for line in _LINES for color in PALETTE.values()]
+_MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
+
+
+class Piece(NamedTuple):
+    """A stretch of a curve without a jump and with one kind of end.
+
+    Args:
+        alpha: angles, shape (n,) [rad].
+        value: the objective there, shape (n,).
+        ended_by: how the cut ends.
+    """
+
+    alpha: np.ndarray
+    value: np.ndarray
+    ended_by: str
+
+
+def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
+    """The objective over the range of angles that was searched, for scalar parameters."""
+    low, high = optimum.regimes[0].low, optimum.regimes[-1].high
+    breaks = sorted({*(jump.alpha for jump in optimum.jumps), *(regime.low for regime in optimum.regimes[1:])})
+    ends = [max(low, SHALLOWEST), *breaks, high - 1e-9]
+    spans = [(a + 2 * ASIDE, b - 2 * ASIDE) for a, b in itertools.pairwise(ends) if b - a > 10 * ASIDE]
+    counts = [max(3, round(points * (b - a) / (high - low))) for a, b in spans]
+    angles = [np.linspace(a, b, count) for (a, b), count in zip(spans, counts, strict=True)]
+    # With two derivatives, because that program is compiled already.
+    hits = impact(optimum.integrand, optimum.p.replace(alpha=np.concatenate(angles)), derivatives=2)
+    cuts = np.cumsum(counts)[:-1]
+    values, how = np.split(hits.volume, cuts), np.split(hits.ended_by, cuts)
+    return [Piece(alpha, value, str(end[len(end) // 2])) for alpha, value, end in zip(angles, values, how, strict=True)]
+
+
+@house_style()
+def plot_optimum(optimum: Optimum) -> Figure:
+    """The objective over the angle: how the cut ends, jumps, candidates and the answer.
+
+    Args:
+        optimum: for scalar parameters.
+
+    Raises:
+        ValueError: for a batch of optima.
+    """
+    if np.ndim(optimum.kind):
+        raise ValueError(
+            f"Argument `optimum` must be of one set of parameters, but has the shape {np.shape(optimum.kind)}."
+        )
+    fig, ax = new_axes(6.2, 4.4)
+    curve = pieces(optimum)
+    quantity = RESULTS[MEASURES[optimum.objective]] if optimum.objective in MEASURES else None
+    dimension = "1" if quantity is None else quantity.dimension
+    scale = readable_scale(dimension, optimum.p.units, _largest(curve))
+    for piece in curve:
+        ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2)
+    for jump in optimum.jumps:
+        ax.plot([np.rad2deg(jump.alpha)] * 2, np.array([jump.below, jump.above]) / scale.size, color=DIM,
+                linestyle=(0, (2, 2)), linewidth=1.2)  # fmt: skip
+    for candidate in optimum.candidates[1:]:
+        ax.plot(np.rad2deg(candidate.alpha), candidate.value / scale.size, _MARKERS[candidate.kind], color="white",
+                markeredgecolor=INK, markersize=7, zorder=4)  # fmt: skip
+    handles = [
+        Line2D([], [], color=ENDS.get(end, INK), linewidth=2.2,
+               label="nothing is cut" if end == "no-cut" else f"ends by {end}")
+        for end in dict.fromkeys(piece.ended_by for piece in curve)
+    ]  # fmt: skip
+    if optimum.jumps:
+        handles.append(Line2D([], [], color=DIM, linestyle=(0, (2, 2)), linewidth=1.2, label="jump"))
+    if np.isfinite(optimum.value) and optimum.kind != "none":
+        mark_best(ax, optimum, scale.size)
+        handles.append(_star(optimum, f"{'least' if optimum.least else 'greatest'}: {describe(optimum)}"))
+    if len(optimum.candidates) > 1:
+        handles.append(
+            Line2D([], [], marker="o", color="white", markeredgecolor=INK, linestyle="", label="other candidates")
+        )
+    ax.set_ylabel(
+        optimum.objective if quantity is None else f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
+    )
+    _finish(ax, optimum)
+    fig.legend(handles=handles, loc="outside lower center", ncols=2)
+    return fig
+
+
+@house_style()
+def plot_optima(optima: Sequence[Optimum], names: Sequence[str] | None = None) -> Figure:
+    """Several models over the same angles, each with its optimum.
+
+    Args:
+        optima: of the volume, each for scalar parameters, in the same unit system.
+        names: what to call them; the models' names without it.
+    """
+    names = [model_name(optimum.model) for optimum in optima] if names is None else names
+    fig, ax = new_axes(6.6, 5.2)
+    curves = [pieces(optimum) for optimum in optima]
+    units = optima[0].p.units
+    scale = readable_scale("volume", units, max(_largest(curve) for curve in curves))
+    handles = []
+    for i, (optimum, curve, name) in enumerate(zip(optima, curves, names, strict=True)):
+        color, line = _STYLES[i % len(_STYLES)]
+        for piece in curve:
+            ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=color, linestyle=line, linewidth=1.8)
+        if np.isfinite(optimum.value) and optimum.kind != "none":
+            mark_best(ax, optimum, scale.size, color)
+        handles.append(Line2D([], [], color=color, linestyle=line, linewidth=1.8, label=f"{name}: {describe(optimum)}"))
+    ax.set_ylabel(f"${RESULTS['volume'].symbol}$  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    _finish(ax, optima[0])
+    fig.legend(handles=handles, loc="outside lower center", ncols=1 if len(handles) < 4 else 2)
+    return fig
+
+
+def describe(optimum: Optimum) -> str:
+    """An optimum in a few words: "at 25.57°", "as α → 0", "just below the jump at 40.00°"."""
+    if optimum.kind == "none":
+        return "nothing is cut"
+    if optimum.alpha == 0:
+        return "approached as α → 0"
+    at = f"{np.rad2deg(optimum.alpha):.2f}°"
+    return f"just {optimum.side} the jump at {at}" if optimum.kind == "jump" else f"at {at}"
+
+
+def mark_best(ax: Axes, optimum: Optimum, size: float, color: str = PALETTE["orange"]) -> None:
+    """A star where the optimum is; hollow where it is only approached."""
+    ax.plot([np.rad2deg(optimum.alpha)], [optimum.value / size], "*", markersize=14, zorder=6, clip_on=False,
+            color=color if optimum.attained else "white", markeredgecolor=INK, markeredgewidth=0.8)  # fmt: skip
+
+
+def _star(optimum: Optimum, label: str) -> Line2D:
+    color = PALETTE["orange"] if optimum.attained else "white"
+    return Line2D([], [], marker="*", color=color, markeredgecolor=INK, markersize=12, linestyle="", label=label)
+
+
+def _largest(curve: Sequence[Piece]) -> float:
+    return max(float(np.nanmax(np.abs(piece.value))) for piece in curve)
+
+
+def _finish(ax: Axes, optimum: Optimum) -> None:
+    low, high = (np.rad2deg(end) for end in (optimum.regimes[0].low, optimum.regimes[-1].high))
+    ax.set_xlim(low, high)
+    if low == 0 and high == 90:
+        ax.set_xticks(range(0, 91, 15))
+    ax.xaxis.set_major_formatter("{x:g}°")
+    ax.set_xlabel(f"{QUANTITIES['alpha'].symbol}  {QUANTITIES['alpha'].meaning}")
+    ax.set_ylim(bottom=0, top=1.05 * ax.get_ylim()[1])

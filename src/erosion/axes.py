@@ -1,0 +1,54 @@
+"""Axes as text: the values of a parameter, as the command line and case files write them.
+
+"1deg : 90deg : 90"           90 values, evenly from 1° to 90°
+"100 m/s : 1000 m/s : 5 : log"  5 values at even ratios
+"20deg, 30deg, 45deg"         these values
+"""
+
+from typing import Any
+
+import numpy as np
+
+from erosion.units import Dimension, System, UnitError, read_quantity
+
+
+def read_axis(value: Any, dimension: Dimension, system: System) -> np.ndarray:
+    """The values of an axis, shape (n,), or of a single quantity, shape ().
+
+    Args:
+        value: text as above, a number in the units of `system`, or a list of quantities.
+        dimension: of the parameter.
+        system: the unit system of bare numbers and of the result.
+
+    Raises:
+        UnitError: with a clause that starts with "must", to follow the axis's name.
+    """
+    if isinstance(value, str) and ":" in value:
+        return _range(value, dimension, system)
+    if isinstance(value, str):
+        value = [part.strip() for part in value.split(",")] if "," in value else value
+    if isinstance(value, (list, tuple)):
+        if not value:
+            raise UnitError("must hold values, but is empty")
+        return np.array([_one(part, dimension, system) for part in value])
+    return np.array(_one(value, dimension, system))
+
+
+def _range(text: str, dimension: Dimension, system: System) -> np.ndarray:
+    first, last, number, *spacing = (part.strip() for part in text.split(":")) if text.count(":") > 1 else ("",) * 3
+    if not number.isdecimal() or int(number) < 2 or spacing not in ([], ["log"]):
+        raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {text!r}')
+    begin, end = (read_quantity(part, dimension, system) for part in (first, last))
+    if not spacing:
+        return np.linspace(begin, end, int(number))
+    if begin * end <= 0:
+        raise UnitError(f"must have ends of one sign, other than zero, for even ratios, but is {text!r}")
+    return np.geomspace(begin, end, int(number))
+
+
+def _one(value: object, dimension: Dimension, system: System) -> float:
+    if isinstance(value, str):
+        return read_quantity(value, dimension, system)
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    raise UnitError(f"must be numbers or quantities in quotes, but has {value!r}")

@@ -1,0 +1,107 @@
+"""Columns of measured data: "volume [in^3]" -> what it is, and its factor to consistent units."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from erosion.units import Dimension, System, UnitError, read_quantity
+
+REMOVALS: Mapping[str, Sequence[Dimension]] = {
+    "volume": ("volume", "volume per mass"),
+    "mass_loss": ("mass", "mass per mass"),
+    "erosion": ("volume", "volume per mass", "mass", "mass per mass"),
+}
+"""The columns that may hold the erosion, with what each may measure; `erosion [-]` has units of its own."""
+
+_OTHERS: Mapping[str, Sequence[Dimension]] = {"angle": ("angle",), "speed": ("speed",), "mass": ("mass",)}
+
+COLUMNS = ("angle", *REMOVALS, "uncertainty", "speed", "mass")
+
+_EXAMPLES = {
+    "angle": "angle [deg]", "volume": "volume [mm^3]", "mass_loss": "mass_loss [mg/g]", "erosion": "erosion [-]",
+    "speed": "speed [m/s]", "mass": "mass [mg]",
+}  # fmt: skip
+_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+_NO_UNIT = ("", "-", "–", "1")
+
+
+class Column(NamedTuple):
+    """What a column holds: number in the file × factor = number in the unit system."""
+
+    name: str
+    dimension: Dimension
+    factor: float
+
+
+class HeaderError(ValueError):
+    """A header that cannot be used.
+
+    Args:
+        index: the column, from 0; None where one is missing.
+        message: a clause that follows the column's place.
+    """
+
+    def __init__(self, index: int | None, message: str):
+        super().__init__(message)
+        self.index = index
+
+
+def read_header(cells: Sequence[str], units: System) -> list[Column]:
+    """What the columns hold.
+
+    Args:
+        cells: "angle [deg]", "volume [in^3]", …
+        units: the unit system to convert to.
+
+    Raises:
+        HeaderError: for an unknown, repeated or missing column, or a unit that does not fit.
+    """
+    parts = [_HEADER.fullmatch(cell) for cell in cells]
+    names = [re.sub(r"[\s-]+", "_", part["name"]).lower() if part else "" for part in parts]
+    for i, (name, cell) in enumerate(zip(names, cells, strict=True)):
+        if name not in COLUMNS:
+            raise HeaderError(i, f"must be one of {', '.join(COLUMNS)} with a unit in brackets, but is {cell!r}")
+        if name in names[:i]:
+            raise HeaderError(i, f"repeats the column `{name}`")
+    removals = [name for name in names if name in REMOVALS]
+    if "angle" not in names:
+        raise HeaderError(None, "has no column `angle [deg]`")
+    if len(removals) != 1:
+        found = f"has {' and '.join(removals)}" if removals else "has none"
+        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {found}")
+    given = [(part["unit"] or "").strip() if part else "" for part in parts]
+    at = names.index(removals[0])
+    removal = _column(at, names[at], given[at], REMOVALS[names[at]], units)
+    columns = []
+    for i, (name, unit) in enumerate(zip(names, given, strict=True)):
+        if i == at:
+            columns.append(removal)
+        elif name == "uncertainty":
+            columns.append(_column(i, name, unit, (removal.dimension,), units))
+        else:
+            columns.append(_column(i, name, unit, _OTHERS[name], units))
+    return columns
+
+
+def _column(index: int, name: str, unit: str, dimensions: Sequence[Dimension], units: System) -> Column:
+    if unit in _NO_UNIT:
+        if name == "erosion" or tuple(dimensions) == ("1",):
+            return Column(name, "1", 1.0)
+        if "mass per mass" in dimensions and unit:
+            return Column(name, "mass per mass", 1.0)
+        example = _EXAMPLES.get(name, f"{name} [mm^3]")
+        raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
+    complaints = []
+    for dimension in dimensions:
+        try:
+            # "volume [1e-4 in^3]" has a number of its own.
+            return Column(name, dimension, read_quantity(unit if unit[0].isdigit() else f"1 {unit}", dimension, units))
+        except UnitError as error:
+            complaints.append(str(error))
+    if len(dimensions) == 1:
+        raise HeaderError(index, f"the unit of `{name}` {complaints[0].replace(repr('1 ' + unit), repr(unit))}")
+    raise HeaderError(index, f"the unit of `{name}` must be one of {_listed(dimensions)}, but is {unit!r}")
+
+
+def _listed(dimensions: Sequence[Dimension]) -> str:
+    return ", ".join(dimensions[:-1]) + f" or {dimensions[-1]}"

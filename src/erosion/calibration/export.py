@@ -1,0 +1,181 @@
+"""The fitted angle curve for CFD codes, with what is lost on the way.
+
+OpenFOAM's `ParticleErosion` knows one shape of curve, Finnie's, with coefficients p, psi and
+K. Fluent takes any curve as a table of up to 30 points.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from scipy import optimize
+
+from erosion.calibration.result import Calibration
+from erosion.correlations import finnie
+from erosion.kernel import impact
+from erosion.models import model_name
+from erosion.units import conversion_factor
+from erosion.version import __version__
+
+_ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
+_MOST_POINTS = 30  # a piecewise-linear profile of Fluent has no more
+_POINTS = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class ParticleErosion:
+    """Coefficients of OpenFOAM's `ParticleErosion`: Q = m V²/(p ψ K) F(α; K).
+
+    Args:
+        p: flow stress [Pa].
+        psi: depth of contact over length of the cut [-].
+        K: normal over tangential force [-].
+        misfit: greatest difference from the fitted curve over that curve's maximum [-].
+        rms: root mean square of the same over all angles [-].
+        comment: what was fitted, for the file.
+    """
+
+    p: float
+    psi: float
+    K: float
+    misfit: float
+    rms: float
+    comment: str
+
+    def text(self) -> str:
+        """An entry for the `cloudFunctions` of a case's cloud properties."""
+        return (
+            f"{_commented(self.comment, '//')}"
+            f"// Finnie's curve differs from the fitted one by up to {self.misfit:.2%} of its maximum,\n"
+            f"// by {self.rms:.2%} in the mean of squares over all angles.\n"
+            "particleErosion1\n"
+            "{\n"
+            "    type        particleErosion;\n"
+            "    patches     (walls);    // name the eroding patches here\n"
+            f"    p           {self.p:.6e};    // Pa\n"
+            f"    psi         {self.psi:.6g};\n"
+            f"    K           {self.K:.6g};\n"
+            "}\n"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class AngleTable:
+    """A piecewise-linear angle function f, as Fluent's wall boundary condition takes it.
+
+    Fluent's rate of erosion is Σ ṁ C f(α) V^b / A. With b = 2, `factor` × (density of the
+    target) is C.
+
+    Args:
+        angle: ascending, shape (points,) [rad].
+        f: the curve over its maximum, shape (points,) [-].
+        factor: greatest volume over m V² [m³/J].
+        misfit: greatest difference between table and curve, over the curve's maximum [-].
+        comment: what was fitted, for the file.
+    """
+
+    angle: np.ndarray
+    f: np.ndarray
+    factor: float
+    misfit: float
+    comment: str
+
+    def text(self) -> str:
+        """A CSV table, one point a line, angles in degrees."""
+        lines = [f"{np.rad2deg(angle):.4f},{f:.6f}" for angle, f in zip(self.angle, self.f, strict=True)]
+        return (
+            f"{_commented(self.comment, '#')}"
+            f"# The table differs from the fitted curve by up to {self.misfit:.2%} of its maximum.\n"
+            f"# Velocity exponent b = 2; diameter function C = {self.factor:.6e} m^3/J x density of the target.\n"
+            "angle [deg],f [-]\n" + "\n".join(lines) + "\n"
+        )
+
+
+def to_openfoam(calibration: Calibration) -> ParticleErosion:
+    """The coefficients p and K with which Finnie's curve comes nearest to the fitted one.
+
+    ψ is kept as the calibration has it; only p ψ counts. Curves of `finnie` with β = ½ and
+    no spin, and of `linearized` (with K = 3k), are of Finnie's shape exactly.
+    """
+    case = calibration.p.to("si")
+    volume = _volume(calibration)
+    scale = float(case.m * case.v0**2 / case.psi)
+    greatest = volume.max()
+
+    def curve(coefficients: Any) -> np.ndarray:
+        stress, ratio = np.exp(coefficients)
+        return scale / (stress * ratio) * np.asarray(finnie(_ANGLES, ratio))
+
+    begin = np.log([scale / greatest / 3, float(case.k)])
+    fits = [
+        optimize.least_squares(lambda q: curve(q) / greatest - volume / greatest, begin + np.log([1.0, factor]),
+                               xtol=1e-12, ftol=1e-12, gtol=1e-12)
+        for factor in (0.5, 1.0, 3.0)
+    ]  # fmt: skip
+    best = min(fits, key=lambda one: one.cost)
+    stress, ratio = np.exp(best.x)
+    return ParticleErosion(
+        p=float(stress),
+        psi=float(case.psi),
+        K=float(ratio),
+        misfit=float(np.abs(best.fun).max()),
+        rms=float(np.sqrt(np.mean(best.fun**2))),
+        comment=_comment(calibration),
+    )
+
+
+def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
+    """The fitted curve as a table; a point is added where the table is worst, until all are used.
+
+    Raises:
+        ValueError: for fewer than 2 points or more than Fluent takes.
+    """
+    if not 2 <= points <= _MOST_POINTS:
+        raise ValueError(f"Argument `points` must be from 2 to {_MOST_POINTS}, but is {points}.")
+    angles, volume = np.append(0.0, _ANGLES), np.append(0.0, _volume(calibration))
+    curve = volume / volume.max()
+    kept = [0, len(angles) - 1]
+    while True:
+        table = np.interp(angles, angles[kept], curve[kept])
+        wrong = np.abs(table - curve)
+        if len(kept) == points:
+            break
+        kept = sorted({*kept, int(np.argmax(wrong))})
+        if len(kept) < points and not wrong.any():
+            break
+    case = calibration.p.to("si")
+    return AngleTable(
+        angle=angles[kept],
+        f=curve[kept],
+        factor=float(volume.max() / (case.m * case.v0**2)),
+        misfit=float(wrong.max()),
+        comment=_comment(calibration),
+    )
+
+
+def _volume(calibration: Calibration) -> np.ndarray:
+    """V over `_ANGLES` [m³] at the case's speed and mass."""
+    p, free = calibration.p, calibration.problem.forward.free
+    # In halves and with derivatives: then the program compiled for the fit serves.
+    volume = [
+        impact(calibration.model, p.replace(alpha=half), derivatives=1, wrt=free).volume
+        for half in np.array_split(_ANGLES, 2)
+    ]
+    return np.concatenate(volume) * conversion_factor("volume", p.units, "si")
+
+
+def _comment(calibration: Calibration) -> str:
+    lines = [
+        f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(calibration.data)} rows of "
+        f"{calibration.data.source}",
+        ", ".join(f"{name} = {value:.6g}" for name, value in calibration.estimates.items())
+        + f" ({calibration.p.units} units), at v0 = {float(calibration.p.to('si').v0):.6g} m/s",
+        *calibration.statements,
+    ]
+    if calibration.data.free_scale:
+        lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
+    return "\n".join(lines)
+
+
+def _commented(text: str, mark: str) -> str:
+    return "".join(f"{mark} {line}\n" for line in text.splitlines())

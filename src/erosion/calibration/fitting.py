@@ -1,0 +1,90 @@
+"""`calibrate`: the parameters with which a model comes nearest to measured erosion."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from erosion.calibration.forward import Forward, check_free
+from erosion.calibration.least_squares import LOSSES, fit, make_problem
+from erosion.calibration.measurements import Measurements, read_measurements
+from erosion.calibration.result import Calibration
+from erosion.model import CuttingModel
+from erosion.models import load_model
+from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.units import UnitError, read_quantity
+
+
+def calibrate(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    data: Any,
+    free: Sequence[str],
+    *,
+    bounds: Mapping[str, Sequence[float]] | None = None,
+    density: float | str | None = None,
+    loss: str = "linear",
+    starts: int = 32,
+) -> Calibration:
+    """Fit parameters of a model to measured erosion, by least squares.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: the case: the first guess of the free parameters, and the values of all others.
+        data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
+        free: the parameters to fit: ["k", "psi"].
+        bounds: (least, greatest) of free parameters, in the case's units; by default a factor
+            of 100 about the case, and of the spin ±2 v₀/r about it.
+        density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
+            for data of mass loss.
+        loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some
+            rows may be far off (`scipy.optimize.least_squares`).
+        starts: how many points to begin from. V(α) of a turning body jumps, and the misfit
+            has several valleys.
+
+    Returns:
+        Estimates, their errors, and sentences on what the data does not determine.
+
+    Raises:
+        ValueError: for arguments or data that cannot be used (data: `MeasurementError`).
+        CalibrationError: where the model's impacts fail.
+    """
+    model = load_model(model)
+    validate(p)
+    for name in QUANTITIES:
+        if np.ndim(getattr(p, name)):
+            raise ValueError(f"Argument `p` must be one case, but its {name} has shape {np.shape(getattr(p, name))}.")
+    measured = read_measurements(data, p.units)
+    forward = Forward(model, p, check_free(free, measured), measured, _density(density, measured, p))
+    if loss not in LOSSES:
+        raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
+    if starts < 1:
+        raise ValueError(f"Argument `starts` must be at least 1, but is {starts}.")
+    needed = len(forward.names) + (measured.uncertainty is None)
+    if len(measured) < needed:
+        raise ValueError(
+            f"Argument `data` must have at least {needed} rows for {len(forward.names)} free parameters, "
+            f"but has {len(measured)}."
+        )
+    if not np.any(measured.erosion):
+        raise ValueError("Argument `data` must have erosion other than zero.")
+    problem = make_problem(forward, measured, bounds or {})
+    return Calibration(*fit(problem, loss, starts))
+
+
+def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:
+    if density is None:
+        if data.needs_density:
+            raise ValueError(
+                "Argument `density` of the target must be given, as the data has mass losses: a model removes volume."
+            )
+        return None
+    if isinstance(density, str):
+        try:
+            density = read_quantity(density, "density", p.units)
+        except UnitError as error:
+            raise ValueError(f"Argument `density` {error}.") from error
+    if not (np.isfinite(density) and density > 0):
+        raise ValueError(f"Argument `density` must be positive and finite, but is {density:g}.")
+    return float(density)

@@ -1,0 +1,223 @@
+"""Least squares with exact Jacobians, from many starts.
+
+V(α) of a turning body jumps, and with it the misfit: a descent from one start may end in the
+wrong valley. So many starts are looked at, and the best of them are followed down.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Literal, get_args
+
+import numpy as np
+from scipy import optimize
+from scipy.stats import qmc
+
+from erosion.calibration.forward import Forward
+from erosion.calibration.identifiability import identify
+from erosion.calibration.measurements import Measurements
+
+Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
+LOSSES: tuple[Loss, ...] = get_args(Loss)
+
+_FOLLOWED = 5  # of the starts
+_THINNED = 500  # rows are enough to choose among valleys
+_WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds: a factor of 100, a spin of 2 v₀/r
+_NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case
+_HOPS, _DRAWN, _REACH = 10, 24, 6.0  # rounds about the best minimum, points of each, in standard errors
+_MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
+
+
+class CalibrationError(RuntimeError):
+    """A fit that could not be made."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """Weighted residuals of a model against data, as a function of θ.
+
+    Args:
+        forward: the model.
+        data: what was measured.
+        lower, upper: bounds of θ, shape (names,).
+        loss: scipy's robust loss, "linear" for plain least squares.
+        noise: residuals beyond so many standard deviations count less in a robust loss.
+    """
+
+    forward: Forward
+    data: Measurements
+    lower: np.ndarray
+    upper: np.ndarray
+    loss: Loss = "linear"
+    noise: float = 1.0
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """What residuals are divided by: the uncertainties, or the typical erosion where none are given."""
+        if self.data.uncertainty is not None:
+            return self.data.uncertainty
+        return np.full(len(self.data), np.sqrt(np.mean(self.data.erosion**2)))
+
+    def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(prediction - measurement)/deviation, shape (rows,), and its Jacobian, shape (rows, names)."""
+        predicted, rates = self.forward.predict(theta, self.data.conditions)
+        deviation = self.deviation
+        return (predicted - self.data.erosion) / deviation, rates / deviation[:, None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A minimum.
+
+    Args:
+        theta: where, shape (names,).
+        cost: half the sum of squares (of the robust loss), with residuals over `deviation`.
+        jacobian: of the residuals, weighted by the robust loss, shape (rows, names).
+    """
+
+    theta: np.ndarray
+    cost: float
+    jacobian: np.ndarray
+
+
+def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequence[float]]) -> Problem:
+    """Bounds as θ.
+
+    Raises:
+        ValueError: for bounds of no free parameter, or that make no sense.
+    """
+    for name, pair in bounds.items():
+        if name not in forward.names:
+            raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
+        if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name == "phidot0")):
+            raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
+    start = forward.start
+    width = np.array([_WIDTH[bool(one)] for one in forward.logarithmic])
+    width[len(forward.free) :] = np.inf  # of the scale
+    lower, upper = start - width, start + width
+    for i, name in enumerate(forward.names):
+        if name in bounds:
+            lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
+    return Problem(forward, data, lower, upper)
+
+
+def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
+    """The best minimum found; the problem returned has the robust loss and its noise.
+
+    Raises:
+        CalibrationError: if the model fails for all starts.
+    """
+    few = dataclasses.replace(problem, data=problem.data.thinned(_THINNED))
+    begins = _starts(few, starts)
+    found = [solution for theta in begins if (solution := descend(few, theta)) is not None]
+    if not found:
+        raise CalibrationError("The model could not be fitted: its impacts failed for every start.")
+    # Valleys as deep as the best but for rounding are the same: the first is nearest to the case.
+    least = min(one.cost for one in found)
+    best = next(one for one in found if one.cost <= least * (1 + 1e-9) + 1e-20)
+    if loss != "linear":
+        noise = 1.0
+        if problem.data.uncertainty is None:
+            noise = max(_MAD * float(np.median(np.abs(problem.residuals(best.theta)[0]))), 1e-12)
+        problem = dataclasses.replace(problem, loss=loss, noise=noise)
+    whole = descend(problem, _hopped(few, best).theta)
+    if whole is None:
+        raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
+    return problem, whole
+
+
+def _hopped(problem: Problem, best: Solution) -> Solution:
+    """The deepest of the valleys about a minimum.
+
+    A jump of V(α) that passes a row as a parameter moves is a step of the misfit, so valleys
+    are as narrow as the rows are close. Points are drawn about the minimum, as wide as its
+    errors and wider; one that lies below the minimum has found another valley.
+    """
+    rng = np.random.default_rng(0)
+    for _ in range(_HOPS):
+        modes = _modes(problem, best)
+        spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))
+        reach = np.linspace(1.0, _REACH, _DRAWN)[:, None]
+        draws = best.theta + reach * spread * rng.standard_normal((_DRAWN, modes.shape[1])) @ modes.T
+        draws = np.clip(draws, problem.lower, problem.upper)
+        misfits = np.array([0.5 * np.sum(problem.residuals(theta)[0] ** 2) for theta in draws])
+        misfits[~np.isfinite(misfits)] = np.inf
+        lowest = int(np.argmin(misfits))
+        if misfits[lowest] >= best.cost:
+            return best
+        found = descend(problem, draws[lowest])
+        best = best if found is None else found
+    return best
+
+
+def _modes(problem: Problem, solution: Solution) -> np.ndarray:
+    """The determined directions of θ, each one standard error long, shape (names, rank)."""
+    predicted, _ = problem.forward.predict(solution.theta, problem.data.conditions)
+    names, size = problem.forward.names, float(np.linalg.norm(predicted / problem.deviation))
+    return identify(names, solution.jacobian, np.ones(len(names)), size).modes
+
+
+def descend(problem: Problem, theta: np.ndarray, held: int | None = None) -> Solution | None:
+    """The minimum down from θ, with parameter number `held` kept; None where impacts fail."""
+    moving = np.arange(len(theta)) != held
+    last: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
+
+    def evaluate(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # scipy asks for residuals and Jacobian at the same place one after the other.
+        nonlocal last
+        if last is None or last[0] != part.tobytes():
+            whole = theta.copy()
+            whole[moving] = part
+            last = part.tobytes(), problem.residuals(whole)
+        return last[1]
+
+    part = theta[moving]
+    residuals, jacobian = evaluate(part)
+    if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(jacobian))):
+        return None
+    if not moving.any():
+        return Solution(theta, 0.5 * float(residuals @ residuals), jacobian)
+    with np.errstate(over="ignore"):
+        result = optimize.least_squares(
+            lambda part: evaluate(part)[0],
+            part,
+            jac=lambda part: evaluate(part)[1][:, moving],  # pyright: ignore[reportArgumentType]
+            bounds=(problem.lower[moving], problem.upper[moving]),
+            loss=problem.loss,
+            f_scale=problem.noise,
+            xtol=1e-10,
+            ftol=1e-12,
+            gtol=1e-12,
+            max_nfev=200,
+        )
+    theta = theta.copy()
+    theta[moving] = result.x
+    return Solution(theta, float(result.cost), np.asarray(result.jac))
+
+
+def _starts(problem: Problem, count: int) -> list[np.ndarray]:
+    """The case, and the best of `count` points about it by their misfit."""
+    forward = problem.forward
+    free = len(forward.free)
+    start = np.clip(forward.start, problem.lower, problem.upper)
+    near = np.array([_NEAR[bool(one)] for one in forward.logarithmic[:free]])
+    low, high = (
+        np.maximum(start[:free] - near, problem.lower[:free]),
+        np.minimum(start[:free] + near, problem.upper[:free]),
+    )
+    spread = low + (high - low) * qmc.LatinHypercube(free, rng=0).random(max(count - 1, 0))
+    begins = [start, *(np.concatenate([row, start[free:]]) for row in spread)]
+    begins = [_scaled(problem, theta) for theta in begins]
+    misfits = [np.sum(problem.residuals(theta)[0] ** 2) for theta in begins]
+    ranked = [i for i in np.argsort(misfits[1:]) + 1 if np.isfinite(misfits[i])]
+    return [begins[0], *(begins[i] for i in ranked[: _FOLLOWED - 1])]
+
+
+def _scaled(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """θ with a free scale at its best for these parameters."""
+    if not problem.data.free_scale:
+        return theta
+    predicted, _ = problem.forward.predict(theta, problem.data.conditions)
+    weight = predicted / problem.deviation**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        best = np.log((weight @ problem.data.erosion) / (weight @ predicted))
+    return np.append(theta[:-1], best) if np.isfinite(best) else theta

@@ -1,0 +1,261 @@
+"""Measured erosion over angles: tables in memory, and CSV files of a million rows.
+
+    angle [deg], volume [in^3], uncertainty [in^3]
+    20,          1.8e-4,        2e-6
+
+Cells are separated by commas, or by semicolons or tabs, and then a comma in a number is a
+decimal comma. Lines that start with # are comments.
+"""
+
+import array
+import csv
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
+from erosion.parameters import STEEPEST
+from erosion.quantities import RESULTS, Quantity
+from erosion.units import Dimension, System, check_system
+
+_QUANTITY_OF: dict[Dimension, str] = {
+    "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
+    "mass per mass": "erosion_ratio", "1": "relative_erosion",
+}  # fmt: skip
+
+
+class MeasurementError(ValueError):
+    """Data that cannot be used; the message names the file, line and column."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurements:
+    """Erosion at several angles; every array has the shape (n,).
+
+    Args:
+        angle: α [rad].
+        erosion: what was removed, per impact or per mass of erodent, as `dimension` says.
+        dimension: "volume", "volume per mass", "mass", "mass per mass"; or "1" for units of
+            its own, known up to a factor.
+        uncertainty: one standard deviation of each `erosion`, or None where unknown.
+        speed: impact speed of each [speed]; None for the case's.
+        mass: mass of each erodent [mass]; None for the case's.
+        units: the unit system of all of these.
+        source: the file's name, for titles.
+    """
+
+    angle: np.ndarray
+    erosion: np.ndarray
+    dimension: Dimension
+    uncertainty: np.ndarray | None
+    speed: np.ndarray | None
+    mass: np.ndarray | None
+    units: System
+    source: str
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    @property
+    def quantity(self) -> Quantity:
+        """Symbol and meaning of `erosion`, for labels."""
+        return RESULTS[_QUANTITY_OF[self.dimension]]
+
+    @property
+    def free_scale(self) -> bool:
+        """Whether the erosion is known up to a factor only."""
+        return self.dimension == "1"
+
+    @property
+    def per_mass(self) -> bool:
+        """Whether the erosion is that of a mass of erodent, not of one impact."""
+        return self.dimension in ("volume per mass", "mass per mass")
+
+    @property
+    def needs_density(self) -> bool:
+        """Whether the target's mass was measured, not its volume."""
+        return self.dimension in ("mass", "mass per mass")
+
+    @property
+    def conditions(self) -> dict[str, np.ndarray]:
+        """The impact's parameters that vary from row to row, by name."""
+        given = {"alpha": self.angle, "v0": self.speed, "m": self.mass}
+        return {name: values for name, values in given.items() if values is not None}
+
+    def thinned(self, most: int) -> "Measurements":
+        """At most `most` rows, drawn at random but always the same."""
+        if len(self) <= most:
+            return self
+        rows = np.sort(np.random.default_rng(0).choice(len(self), most, replace=False))
+        names = ("angle", "erosion", "uncertainty", "speed", "mass")
+        arrays = {name: values for name in names if (values := getattr(self, name)) is not None}
+        return dataclasses.replace(self, **{name: values[rows] for name, values in arrays.items()})
+
+
+def read_measurements(data: Any, units: str) -> Measurements:
+    """Measured erosion from a CSV file, or from columns in memory.
+
+    Args:
+        data: the path of a CSV file, or columns by header ({"angle [deg]": …, "volume
+            [in^3]": …}, a pandas table), or `Measurements`. The columns are `angle`; one of
+            `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
+            Each carries its unit; volume and mass loss may be per impact ([mm^3], [mg]) or
+            per mass of erodent ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
+        units: the unit system to convert to.
+
+    Raises:
+        MeasurementError: one sentence with the file, the line and the column.
+    """
+    system = check_system(units)
+    if isinstance(data, Measurements):
+        if data.units != system:
+            raise MeasurementError(f"Argument `data` must be in {system} units, as the case is, but is {data.units}.")
+        return data
+    if isinstance(data, (str, Path)):
+        return _read_file(Path(data), system)
+    if hasattr(data, "keys") and hasattr(data, "__getitem__"):
+        return _read_columns({str(key): data[key] for key in data.keys()}, system)  # noqa: SIM118 (tables iterate rows)
+    raise MeasurementError(
+        f"Argument `data` must be the path of a CSV file or columns by name, but is {type(data).__name__}."
+    )
+
+
+def _read_columns(table: dict[str, Any], system: System) -> Measurements:
+    where = "Argument `data`"
+    try:
+        header = read_header(list(table), system)
+        columns = [np.atleast_1d(np.asarray(values, float)) for values in table.values()]
+    except HeaderError as error:
+        at = "" if error.index is None else f": column {list(table)[error.index]!r}"
+        raise MeasurementError(f"{where}{at} {error}.") from error
+    except (TypeError, ValueError) as error:
+        raise MeasurementError(f"{where} must hold columns of numbers, but one cannot be read ({error}).") from error
+    shapes = {column.shape for column in columns}
+    if len(shapes) != 1 or columns[0].ndim != 1:
+        raise MeasurementError(f"{where} must hold columns of one length, but has shapes {sorted(shapes)}.")
+
+    def place(row: int, column: int) -> str:
+        return f"{where}: row {row}, column {list(table)[column]!r}"
+
+    if not columns[0].size:
+        raise MeasurementError(f"{where} has no rows.")
+    return _checked(header, columns, place, system, "data")
+
+
+def _read_file(path: Path, system: System) -> Measurements:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return _read_text(file, path, system)
+    except OSError as error:
+        raise MeasurementError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    except UnicodeDecodeError as error:
+        raise MeasurementError(f"{path}: is not a text file in UTF-8.") from error
+
+
+def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
+    numbered = ((i, text) for i, text in enumerate(file, start=1) if text.strip() and not text.startswith("#"))
+    first = next(numbered, None)
+    if first is None:
+        raise MeasurementError(f"{path}: is empty.")
+    delimiter = next((mark for mark in (";", "\t") if mark in first[1]), ",")
+    rows = _rows(itertools.chain([first], numbered), delimiter, path)
+    line, cells = next(rows)
+    try:
+        header = read_header(cells, system)
+    except HeaderError as error:
+        at = "the header" if error.index is None else f"column {error.index + 1}:"
+        raise MeasurementError(f"{path}, line {line}, {at} {error}.") from error
+    numbers, lines = _numbers(rows, cells, delimiter, path)
+    if not lines:
+        raise MeasurementError(f"{path}: has a header, but no rows of data.")
+
+    def place(row: int, column: int) -> str:
+        return _place(path, lines[row], column, cells)
+
+    return _checked(header, [np.frombuffer(one) for one in numbers], place, system, path.name)
+
+
+def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The cells of each line that is neither empty nor a comment, with the line's number."""
+    line = 0
+
+    def texts() -> Iterator[str]:
+        nonlocal line
+        for number, text in numbered:
+            line = number
+            yield text
+
+    try:
+        for cells in csv.reader(texts(), delimiter=delimiter, skipinitialspace=True, strict=True):
+            if any(cells):
+                yield line, cells
+    except csv.Error as error:
+        raise MeasurementError(f"{path}, line {line}: cannot be read ({error}).") from error
+
+
+def _numbers(
+    rows: Iterable[tuple[int, list[str]]], header: Sequence[str], delimiter: str, path: Path
+) -> tuple[list[array.array], array.array]:
+    """The columns of numbers, and the line of each row."""
+    columns, lines, width = [array.array("d") for _ in header], array.array("q"), len(header)
+    decimal_comma = delimiter != ","
+    for line, cells in rows:
+        if len(cells) != width:
+            place = f"{path}, line {line}, column {min(len(cells), width) + (len(cells) > width)}"
+            hint = "; columns of numbers with decimal commas are separated by semicolons" if len(cells) > width else ""
+            raise MeasurementError(f"{place}: there are {len(cells)} cells for {width} columns{hint}.")
+        for index, cell in enumerate(cells):
+            text = cell.replace(",", ".") if decimal_comma and "." not in cell else cell
+            try:
+                if "_" in text:  # Python would read 1_000
+                    raise ValueError
+                columns[index].append(float(text))
+            except ValueError:
+                hint = "" if decimal_comma or "," not in cell else " (with decimal commas, separate columns by ;)"
+                raise MeasurementError(
+                    f"{_place(path, line, index, header)} must be a number, but is {cell.strip()!r}{hint}."
+                ) from None
+        lines.append(line)
+    return columns, lines
+
+
+def _place(path: Path, line: int, column: int, header: Sequence[str]) -> str:
+    return f"{path}, line {line}, column {column + 1} ({header[column].strip()})"
+
+
+def _checked(
+    header: Sequence[Column],
+    columns: Sequence[np.ndarray],
+    place: Callable[[int, int], str],
+    system: System,
+    source: str,
+) -> Measurements:
+    """Columns in consistent units, every number in its range."""
+    found: dict[str, np.ndarray] = {}
+    removal = next(column for column in header if column.name in REMOVALS)
+    for index, (column, numbers) in enumerate(zip(header, columns, strict=True)):
+        values = numbers * column.factor
+        good = np.isfinite(values)
+        must = "must be a finite number"
+        if column.name == "angle":
+            good, must = (values > 0) & (values <= STEEPEST), "must be above 0° and at most 90°"
+        elif column is not removal:
+            good, must = good & (values > 0), "must be positive and finite"
+        if not np.all(good):
+            row = int(np.argmin(good))
+            raise MeasurementError(f"{place(row, index)} {must}, but is {numbers[row]:g}.")
+        found["erosion" if column is removal else column.name] = values
+    return Measurements(
+        angle=found["angle"],
+        erosion=found["erosion"],
+        dimension=removal.dimension,
+        uncertainty=found.get("uncertainty"),
+        speed=found.get("speed"),
+        mass=found.get("mass"),
+        units=system,
+        source=source,
+    )

@@ -1,0 +1,299 @@
+"""What a fit has found, how sure it is, and how likely other values are."""
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from erosion.calibration.forward import SCALE
+from erosion.calibration.identifiability import Identifiability, identify
+from erosion.calibration.least_squares import CalibrationError, Problem, Solution, descend
+from erosion.calibration.measurements import Measurements
+from erosion.model import CuttingModel
+from erosion.models import model_name
+from erosion.parameters import QUANTITIES, Parameters
+from erosion.quantities import Quantity
+from erosion.tables import Row, format_number, to_html, to_text
+from erosion.units import unit_name
+
+_SCALE = Quantity("s", "measured over computed volume", "1")
+_POOR = 1e-3  # a χ² that random errors exceed this seldom is no fit
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """How the misfit grows as one parameter is moved and all others are fitted again.
+
+    Args:
+        name: of the parameter.
+        values: ascending, shape (points,).
+        rise: Δχ² above the best fit, shape (points,); a quadratic where the fit is linear.
+    """
+
+    name: str
+    values: np.ndarray
+    rise: np.ndarray
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Where Δχ² crosses χ²₁'s quantile of `level`; infinite on a side where it never does."""
+        height = stats.chi2.ppf(_checked_level(level), 1)
+        best = int(np.argmin(self.rise))
+        ends = []
+        for side, none in ((slice(best, None, -1), -np.inf), (slice(best, None), np.inf)):
+            values, roots = self.values[side], np.sqrt(np.maximum.accumulate(self.rise[side]))
+            beyond = roots[-1] < np.sqrt(height)
+            ends.append(none if beyond else float(np.interp(np.sqrt(height), roots, values)))
+        return ends[0], ends[1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """A model fitted to measurements.
+
+    Args:
+        problem: the model, data and weights.
+        solution: the minimum.
+    """
+
+    problem: Problem
+    solution: Solution
+
+    @property
+    def model(self) -> CuttingModel:
+        """The fitted model."""
+        return self.problem.forward.model
+
+    @property
+    def data(self) -> Measurements:
+        """What it was fitted to."""
+        return self.problem.data
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters; "scale" is the last where the data has units of its own."""
+        return self.problem.forward.names
+
+    @property
+    def p(self) -> Parameters:
+        """The case with the estimates in place."""
+        return self.problem.forward.parameters(self.solution.theta)
+
+    @property
+    def estimates(self) -> dict[str, float]:
+        """The best value of each free parameter, in the case's units."""
+        return self.problem.forward.values(self.solution.theta)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """One standard deviation of each estimate; infinite where the data does not determine it."""
+        with np.errstate(invalid="ignore"):
+            errors = np.sqrt(np.diag(self.covariance))
+        return dict(zip(self.names, errors.tolist(), strict=True))
+
+    @functools.cached_property
+    def covariance(self) -> np.ndarray:
+        """Of the estimates, in the order of `names`; infinite and NaN where not determined."""
+        slopes = self.problem.forward.slopes(self.solution.theta)
+        return self._covariance * np.outer(slopes, slopes)
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Of the estimates, in the order of `names`; NaN where not determined."""
+        with np.errstate(invalid="ignore"):
+            errors = np.sqrt(np.diag(self.covariance))
+            return self.covariance / np.outer(errors, errors)
+
+    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """A confidence interval of each parameter: symmetric in θ, so always in its range."""
+        width = self._quantile(level)
+        forward, theta = self.problem.forward, self.solution.theta
+        with np.errstate(over="ignore"):
+            errors = np.sqrt(np.diag(self._covariance))
+            return {
+                name: (forward.from_theta(name, one - width * error), forward.from_theta(name, one + width * error))
+                for name, one, error in zip(self.names, theta, errors, strict=True)
+            }
+
+    @functools.cached_property
+    def fitted(self) -> np.ndarray:
+        """The erosion that the fit gives for each row, in the data's dimension."""
+        return self.problem.forward.predict(self.solution.theta, self.data.conditions)[0]
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Measured less fitted, shape (rows,)."""
+        return self.data.erosion - self.fitted
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of residuals over their standard deviation (of the robust loss, if one is chosen)."""
+        return 2 * self.solution.cost / self._variance
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Rows less the determined combinations of parameters."""
+        return len(self.data) - self.identifiability.rank
+
+    @property
+    def aicc(self) -> float:
+        """Akaike's criterion, corrected for few rows: smaller is better, among fits of the same data."""
+        rows, free = len(self.data), self.identifiability.rank
+        if self.data.uncertainty is None:
+            free += 1  # the variance was estimated too
+            with np.errstate(divide="ignore"):
+                misfit = rows * float(np.log(2 * self.solution.cost / rows))
+        else:
+            misfit = 2 * self.solution.cost
+        return misfit + 2 * free + (2 * free * (free + 1) / (rows - free - 1) if rows > free + 1 else np.inf)
+
+    @functools.cached_property
+    def leave_one_out(self) -> float:
+        """Root mean square of the errors at rows left out of the fit, in the data's dimension.
+
+        From the leverage of each row (Allen's PRESS): exact for linear models, and to first
+        order in the noise for these.
+        """
+        leverage = np.sum((self.solution.jacobian @ self.identifiability.modes) ** 2, axis=1)
+        with np.errstate(divide="ignore"):
+            alone = self.residuals / (1 - leverage)
+        return float(np.sqrt(np.mean(alone**2)))
+
+    @functools.cached_property
+    def identifiability(self) -> Identifiability:
+        """Which parameters the data can tell apart."""
+        forward, theta = self.problem.forward, self.solution.theta
+        exponent = np.where(forward.logarithmic | (theta == 0), 1.0, theta)
+        size = float(np.linalg.norm(self.fitted / self.problem.deviation))
+        return identify(self.names, self.solution.jacobian, exponent, size)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """The parameters whose estimates mean nothing by themselves."""
+        return self.identifiability.undetermined
+
+    @functools.cached_property
+    def statements(self) -> tuple[str, ...]:
+        """What the reader must know of this fit, in sentences; empty for a good one."""
+        found = list(self.identifiability.statements)
+        theta, problem = self.solution.theta, self.problem
+        for name, one, low, high in zip(self.names, theta, problem.lower, problem.upper, strict=True):
+            for side, bound in (("lower", low), ("upper", high)):
+                if abs(one - bound) < 1e-6 and name not in self.undetermined:
+                    value = problem.forward.from_theta(name, bound)
+                    found.append(f"{name} is at its {side} bound, {value:.6g}: its error means nothing.")
+        freedom = self.degrees_of_freedom
+        if self.data.uncertainty is not None and freedom > 0 and stats.chi2.sf(self.chi2, freedom) < _POOR:
+            found.append(
+                f"The model does not fit within the uncertainties: χ² is {self.chi2:.4g} "
+                f"for {freedom} degrees of freedom."
+            )
+        return tuple(found)
+
+    def curve(self, alpha: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The fitted erosion at angles α [rad], at the case's speed and mass, with its standard error.
+
+        Returns:
+            Erosion and one standard deviation of it (of the fit, without the noise of a
+            measurement), each of the shape of `alpha`.
+        """
+        angles = np.atleast_1d(np.asarray(alpha, float))
+        erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles})
+        # Directions that leave all rows as they are leave the curve as it is, too.
+        spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
+        errors = np.sqrt(spread * self._variance)
+        return erosion.reshape(np.shape(alpha)), errors.reshape(np.shape(alpha))
+
+    def profile(self, name: str, points: int = 21) -> Profile:
+        """The likelihood's profile along one parameter: all others fitted again at each value.
+
+        Raises:
+            ValueError: for a name that is not free.
+            CalibrationError: where the model fails.
+        """
+        if name not in self.names:
+            raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
+        at = self.names.index(name)
+        error = float(np.sqrt(self._covariance[at, at]))
+        reach = 3.5 * error if np.isfinite(error) else 1.0
+        problem = self.problem
+        low, high = problem.lower[at], problem.upper[at]
+        best = self.solution.theta[at]
+        offsets = np.linspace(-reach, reach, points | 1)
+        middle = len(offsets) // 2
+        costs = np.empty(len(offsets))
+        costs[middle] = self.solution.cost
+        places = np.clip(best + offsets, low, high)
+        for side in (range(middle + 1, len(offsets)), range(middle - 1, -1, -1)):
+            theta = self.solution.theta
+            for i in side:
+                theta = np.where(np.arange(len(theta)) == at, places[i], theta)
+                found = descend(problem, theta, held=at)
+                if found is None:
+                    raise CalibrationError(
+                        f"The profile of {name} failed at {problem.forward.from_theta(name, places[i]):g}."
+                    )
+                theta, costs[i] = found.theta, found.cost
+        values = np.array([problem.forward.from_theta(name, place) for place in places])
+        rise = np.maximum(2 * (costs - costs[middle]) / self._variance, 0.0)
+        different = np.append(True, np.diff(values) > 0)
+        return Profile(name, values[different], rise[different])
+
+    def rows(self, level: float = 0.95) -> list[Row]:
+        """Estimates with errors and intervals of `level` as rows of a table."""
+        rows = []
+        errors, ranges = self.standard_errors, self.intervals(level)
+        for name, value in self.estimates.items():
+            quantity = _SCALE if name == SCALE else QUANTITIES[name]
+            low, high = ranges[name]
+            said = (
+                "not determined by these data" if name in self.undetermined else f"{level:.0%}: {low:.6g} … {high:.6g}"
+            )
+            rows.append(Row(name, quantity.symbol, f"{value:.6g} ± {errors[name]:.2g}",
+                            unit_name(quantity.dimension, self.p.units), said))  # fmt: skip
+        unit = unit_name(self.data.dimension, self.p.units)
+        rows.append(Row("rms", "", format_number(np.sqrt(np.mean(self.residuals**2)), 5), unit, "of the residuals"))
+        rows.append(Row("leave_one_out", "", format_number(self.leave_one_out, 5), unit, "rms at rows left out"))
+        if self.data.uncertainty is not None:
+            rows.append(
+                Row("chi2", "χ²", format_number(self.chi2, 5), "", f"{self.degrees_of_freedom} degrees of freedom")
+            )
+        rows.append(Row("aicc", "", format_number(self.aicc, 6), "", "Akaike's criterion, for few data"))
+        return rows
+
+    @property
+    def title(self) -> str:
+        """The model and what it was fitted to."""
+        return f"{model_name(self.model)} fitted to {len(self.data):,} rows of {self.data.source}"
+
+    def __str__(self) -> str:
+        return "\n".join([to_text(self.title, self.rows()), *self.statements])
+
+    def _repr_html_(self) -> str:
+        return to_html(self.title, self.rows()) + "".join(f"<p>{one}</p>" for one in self.statements)
+
+    @property
+    def _covariance(self) -> np.ndarray:
+        """Of θ."""
+        return self.identifiability.covariance * self._variance
+
+    @functools.cached_property
+    def _variance(self) -> float:
+        """Of the weighted residuals: 1 where uncertainties are given, else estimated from them."""
+        if self.data.uncertainty is not None:
+            return 1.0
+        return 2 * self.solution.cost / self.degrees_of_freedom
+
+    def _quantile(self, level: float) -> float:
+        """Half the width of an interval in standard errors."""
+        tail = (1 + _checked_level(level)) / 2
+        if self.data.uncertainty is not None:
+            return float(stats.norm.ppf(tail))
+        return float(stats.t.ppf(tail, self.degrees_of_freedom))
+
+
+def _checked_level(level: float) -> float:
+    if not 0 < level < 1:
+        raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
+    return level

@@ -1,0 +1,147 @@
+"""`erosion optimum`: the angle at which most, or least, is removed."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.options import (
+    CaseOptions,
+    InputError,
+    JsonOption,
+    ModelOption,
+    load,
+    parameters_as_json,
+    print_json,
+    print_table,
+    start_engine,
+    user_errors,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from erosion.optimum import Optimum
+    from erosion.parameters import Parameters
+
+
+def optimum(
+    *,
+    case: CaseOptions | None = None,
+    model: ModelOption = "linearized",
+    alpha_range: Annotated[
+        tuple[str, str] | None,
+        Parameter(negative_iterable="", help='Only angles between these two: "20deg" "60deg".'),
+    ] = None,
+    objective: Annotated[str, Parameter(help='"volume", "volume per mass", "t_c" or "depth".')] = "volume",
+    least: Annotated[bool, Parameter(negative="", help="Where least is removed; give a range of angles.")] = False,
+    sensitivities: Annotated[
+        bool, Parameter(negative="", help="Also how the angle moves with each parameter (some seconds more).")
+    ] = False,
+    plot: Annotated[Path | None, Parameter(help="Also draw the curve into this file (.svg, .png, .pdf).")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Find the angle at which most is removed, certified: jumps and ends of the range compete."""
+    case = case or CaseOptions()
+    if case.alpha is not None:
+        raise InputError("Option `--alpha` has no meaning here: all angles are searched, or those of --alpha-range.")
+    p = case.parameters()
+    chosen = load(model)
+    between = None if alpha_range is None else _angles(alpha_range, p)
+    if plot is not None:
+        from erosion.plotting import require_plot_path
+
+        with user_errors():
+            require_plot_path(plot)
+    start_engine()
+    from erosion.optimum import alpha_max, alpha_min
+
+    with user_errors():
+        best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
+    if plot is not None:
+        from erosion.angle_plots import plot_optimum
+        from erosion.plotting import save_plot
+
+        with user_errors():
+            save_plot(plot_optimum(best), plot)
+    if not best.certified:
+        warn("some impacts could not be computed: a greater value may have been missed")
+    if json:
+        print_json(_as_json(model, best, with_sensitivities=sensitivities))
+        return
+    _print(model, best, with_sensitivities=sensitivities)
+    if plot is not None:
+        print(f"figure: {plot}")
+
+
+def _angles(texts: tuple[str, str], p: "Parameters") -> tuple[float, float]:
+    from erosion.units import read_quantity
+
+    try:
+        low, high = (read_quantity(text, "angle", p.units) for text in texts)
+    except ValueError as error:
+        raise InputError(f"Option `--alpha-range` {error}.") from error
+    return low, high
+
+
+def _as_json(model: str, best: "Optimum", *, with_sensitivities: bool) -> dict[str, Any]:
+    import dataclasses
+
+    names = ("alpha", "value", "volume", "kind", "side", "attained", "ended_by", "dvolume", "d2volume")
+    answer = {name: getattr(best, name) for name in names}
+    answer |= {"iterations": int(best.iterations), "certified": bool(best.certified), "attained": bool(best.attained)}
+    for name in ("candidates", "jumps", "regimes"):
+        answer[name] = [dataclasses.asdict(one) for one in getattr(best, name)]
+    if with_sensitivities:
+        answer["sensitivities"] = {name: float(rate) for name, rate in best.sensitivities.items()}
+    return {
+        "model": model,
+        "parameters": parameters_as_json(best.p),
+        "objective": best.objective,
+        "least": best.least,
+        **answer,
+    }
+
+
+def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
+    import numpy as np
+
+    from erosion.objectives import MEASURES
+    from erosion.quantities import RESULTS
+    from erosion.tables import Row, format_number
+    from erosion.units import unit_name
+
+    measure = MEASURES.get(best.objective)
+    unit = "" if measure is None else unit_name(RESULTS[measure].dimension, best.p.units)
+    print_table(f"{model}: the angle of {'least' if best.least else 'greatest'} {best.objective}", best.rows())
+    others = [
+        Row(f"at {np.rad2deg(c.alpha):.10g}°", "", format_number(c.value), unit, f"{c.kind} {c.side}".strip())
+        for c in best.candidates[1:]
+    ]
+    if others:
+        print_table("What else was compared", others)
+    jumps = [
+        Row(
+            f"at {np.rad2deg(jump.alpha):.10g}°",
+            "",
+            f"{format_number(jump.below, 7)} → {format_number(jump.above, 7)}",
+            unit,
+            f"{jump.ended_below} → {jump.ended_above}",
+        )
+        for jump in best.jumps
+    ]
+    if jumps:
+        print_table("Jumps", jumps)
+    if with_sensitivities:
+        from erosion.parameters import QUANTITIES
+
+        rows = [
+            Row(name, QUANTITIES[name].symbol, format_number(_by_size(best, name)), "rad", QUANTITIES[name].meaning)
+            for name in best.sensitivities
+        ]
+        print_table("How the angle moves when a parameter q grows: q ∂α/∂q (spin: v₀/r ∂α/∂φ̇₀)", rows)
+
+
+def _by_size(best: "Optimum", name: str) -> float:
+    p = best.p
+    size = p.v0 / p.r if name == "phidot0" else getattr(p, name)
+    return float(best.sensitivities[name] * size)

@@ -1,0 +1,29 @@
+"""A progress bar with rate and time left, on stderr where that is a terminal."""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+
+
+@contextlib.contextmanager
+def progress_bar(title: str) -> Iterator[Callable[..., None]]:
+    """Gives a function to call with what is done, what there is to do, and perhaps another title."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True, highlight=False)
+    with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=None, rate="")
+
+        def update(done: int, total: int, what: str = title) -> None:
+            speed = bar.tasks[0].speed
+            bar.update(task, description=what, completed=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
+
+        yield update

@@ -1,0 +1,131 @@
+"""`erosion stream`: a jet of particles whose parameters vary."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.options import (
+    CaseOptions,
+    InputError,
+    JsonOption,
+    print_json,
+    print_table,
+    start_engine,
+    user_errors,
+    with_file,
+)
+from erosion.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from erosion.parameters import Parameters
+    from erosion.stream_result import Stream
+
+
+def stream(
+    file: Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")] = None,
+    /,
+    *,
+    case: CaseOptions | None = None,
+    model: Annotated[str | None, Parameter(help="A model's name, or the path of a Python file.")] = None,
+    n: Annotated[str | None, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
+    seed: Annotated[int | None, Parameter(help="The same seed gives the same stream.")] = None,
+    points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None,
+    best_angle: Annotated[bool, Parameter(help="Look for the nozzle's angle that removes most.")] = True,
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"), help="Keep it in out.nc, to go on from.")] = None,
+    plot: Annotated[Path | None, Parameter(help="Also draw it into this file (.svg, .png, .pdf).")] = None,
+    json: JsonOption = False,
+) -> None:
+    """The erosion of a stream of particles: mean, errors, shares, quantiles, and its own best angle.
+
+    Any of the case's parameters may vary: --alpha "normal(20deg, 3deg)", --v0 "lognormal(110 m/s, 0.1)",
+    --phidot0 "uniform(-1e4, 1e4)", --m "weibull(50ug, 3)", --r "rosin-rammler(1mm, 3, 0.2mm)",
+    --v0 "samples(jet.csv)". A case file says the same in a table [stream], which options overrule.
+    """
+    options = with_file(case, file)
+    section = options.section("stream", ("model", "n", "seed", "points"))
+    p, laws = _case_and_laws(options, section)
+    count = _whole(section.get("n", 2**20) if n is None else n)
+    start_engine()
+    from erosion.streams import StreamInterrupted
+    from erosion.streams import stream as compute
+
+    with progress_bar("stream") as progress:
+        try:
+            found = compute(
+                model or section.get("model", "linearized"),
+                p,
+                n=count,
+                seed=section.get("seed", 0) if seed is None else seed,
+                points=points or section.get("points", "sobol"),
+                best_angle=best_angle,
+                store=out,
+                progress=lambda what, done, total: progress(done, total, what),
+                **laws,
+            )
+        except (TypeError, ValueError) as error:
+            raise InputError(str(error)) from error
+        except StreamInterrupted as interrupted:
+            if interrupted.partial is not None:
+                _show(interrupted.partial, json)
+            raise
+    if plot is not None:
+        from erosion.plotting import save_plot
+        from erosion.stream_plots import plot_stream
+
+        with user_errors():
+            save_plot(plot_stream(found), plot)
+    _show(found, json)
+
+
+def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
+    """The scalars of the case, and what its [stream] and the options let vary; options win."""
+    from erosion.distributions import read_distribution
+    from erosion.parameters import QUANTITIES
+    from erosion.units import read_quantity
+
+    p = options.without_changes().parameters()
+    laws: dict[str, Any] = {}
+    scalars: dict[str, float] = {}
+    for name, (what, text) in options.texts("stream", section).items():
+        dimension = QUANTITIES[name].dimension
+        try:
+            law = read_distribution(str(text), name, dimension, p.units)
+            if law is None:
+                scalars[name] = read_quantity(str(text), dimension, p.units)
+            else:
+                laws[name] = law
+        except ValueError as error:
+            raise InputError(f"{what} {error}.") from error
+    return p.replace(**scalars), laws
+
+
+def _whole(number: Any) -> int:
+    try:
+        value = float(number)
+    except (TypeError, ValueError):
+        value = 0.5
+    if value != value // 1 or value < 1:
+        raise InputError(f"Option `--n` must be a positive whole number such as 1e6, but is {number!r}.")
+    return int(value)
+
+
+def _show(found: "Stream", json: bool) -> None:
+    if not json:
+        print_table(found.title, found.rows())
+        return
+    summary = found.to_dataset()
+    scalars = [str(name) for name, variable in summary.data_vars.items() if not variable.dims]
+    content: dict[str, Any] = {"model": summary.attrs["model"], "particles": found.n}
+    content |= {name: float(summary[name]) for name in scalars}
+    content["quantiles"] = {f"{share:g}": volume for share, volume in found.quantiles.items()}
+    content["shares"] = {end: share.value for end, share in found.shares.items()}
+    if found.nozzle is not None:
+        content["alpha_max_interval"] = [found.nozzle.alpha.low, found.nozzle.alpha.high]
+    if found.sensitivities is not None:
+        content["sensitivities"] = {
+            name: {"first": first.value, "first_error": first.error, "total": total.value, "total_error": total.error}
+            for name, (first, total) in found.sensitivities.items()
+        }
+    content["units"] = {name: summary[name].attrs["units"] for name in scalars}
+    print_json(content)

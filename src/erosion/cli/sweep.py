@@ -1,0 +1,167 @@
+"""`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.options import (
+    CaseOptions,
+    InputError,
+    JsonOption,
+    print_json,
+    print_table,
+    start_engine,
+    user_errors,
+    with_file,
+)
+from erosion.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from erosion.parameters import Parameters
+
+
+def sweep(
+    file: Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")] = None,
+    /,
+    *,
+    out: Annotated[Path, Parameter(name=("--out", "-o"), help="out.nc (netCDF), or out.zarr for any size.")],
+    case: CaseOptions | None = None,
+    model: Annotated[list[str] | None, Parameter(help="A model's name or path; give several for a comparison.")] = None,
+    paired: Annotated[str | None, Parameter(help='Axes that go together: "alpha,v0".')] = None,
+    derivatives: Annotated[int | None, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
+    wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
+    optimum: Annotated[bool | None, Parameter(help="Also the best angle, over the other axes.")] = None,
+    chunks: Annotated[str | None, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')] = None,
+    workers: Annotated[int | None, Parameter(help="With out.zarr, work in this many processes.")] = None,
+    scheduler: Annotated[
+        str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")
+    ] = None,
+    plot: Annotated[Path | None, Parameter(help="Also draw the volume into this file (.svg, .png, .pdf).")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Compute impacts over a grid, into a labelled file; started again, go on where it stopped.
+
+    Any of the case's parameters may be an axis: --alpha "1deg:90deg:90" (first, last, count),
+    --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3". A case file says the same in a table
+    [sweep], which options overrule.
+    """
+    options = with_file(case, file)
+    section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum"))
+    if (workers is not None or scheduler is not None) and out.suffix != ".zarr":
+        raise InputError(f"Options `--workers` and `--scheduler` need an --out that ends in .zarr, but it is {out}.")
+    p, axes = _case_and_axes(options, section)
+    start_engine()
+    from erosion.grids import make_grid
+    from erosion.sweeps import sweep as compute
+
+    arguments: dict[str, Any] = {
+        "paired": tuple(paired.replace(" ", "").split(",")) if paired else tuple(section.get("paired", ())),
+        "derivatives": section.get("derivatives", 0) if derivatives is None else derivatives,
+        "wrt": wrt or section.get("wrt", "alpha"),
+        "optimum": section.get("optimum", False) if optimum is None else optimum,
+    }
+    chosen = model or section.get("model", "linearized")
+    if isinstance(chosen, list) and len(chosen) == 1:
+        chosen = chosen[0]
+    with user_errors(TypeError):
+        make_grid(chosen, p, axes, **arguments)
+        cut = _chunks(chunks)
+    with _cluster(workers, scheduler), progress_bar("sweep") as progress:
+        try:
+            found = compute(chosen, p, chunks=cut, store=out, progress=progress, **arguments, **axes)
+        except (TypeError, ValueError) as error:
+            raise InputError(str(error)) from error
+    if plot is not None:
+        from erosion.plotting import save_plot
+        from erosion.sweep_plots import plot_sweep
+
+        with user_errors():
+            save_plot(plot_sweep(found), plot)
+    summary = _summary(found)
+    if json:
+        print_json({"out": str(out), "dimensions": {str(dim): int(n) for dim, n in found.sizes.items()}, **summary})
+        return
+    _print_summary(found, out, summary)
+
+
+def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
+    """The scalars of the case, and what its [sweep] and the options make axes; options win."""
+    from erosion.axes import read_axis
+    from erosion.parameters import QUANTITIES
+
+    given = options.texts("sweep", section)
+    p = options.without_changes().parameters()
+    values: dict[str, Any] = {}
+    for name, (what, value) in given.items():
+        try:
+            values[name] = read_axis(value, QUANTITIES[name].dimension, p.units)
+        except ValueError as error:
+            raise InputError(f"{what} {error}.") from error
+    p = p.replace(**{name: value for name, value in values.items() if not value.ndim})
+    return p, {name: value for name, value in values.items() if value.ndim}
+
+
+def _chunks(text: str | None) -> dict[str, int] | None:
+    if text is None:
+        return None
+    parts = [part.partition("=") for part in text.replace(" ", "").split(",")]
+    if not all(length.isdecimal() for _, _, length in parts):
+        raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {text!r}.')
+    return {dim: int(length) for dim, _, length in parts}
+
+
+@contextlib.contextmanager
+def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
+    """The Dask cluster that the options ask for."""
+    if workers is None and scheduler is None:
+        yield
+        return
+    if workers is not None and scheduler is not None:
+        raise InputError("Give `--workers` or `--scheduler`, but not both.")
+    try:
+        from distributed import Client
+
+        from erosion.cluster import local_cluster
+    except ImportError as error:
+        raise InputError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
+    if workers is not None and workers < 1:
+        raise InputError(f"Option `--workers` must be 1 or more, but is {workers}.")
+    with contextlib.ExitStack() as stack:
+        target = scheduler if workers is None else stack.enter_context(local_cluster(workers))
+        stack.enter_context(Client(target))
+        yield
+
+
+def _summary(found: Any) -> dict[str, Any]:
+    import numpy as np
+
+    meanings = found.ended_by.attrs["flag_meanings"].split()
+    counts = np.zeros(len(meanings), int)
+    # Block by block, for what is larger than memory.
+    for block in found.ended_by.data.blocks if found.ended_by.chunks else [found.ended_by.data]:
+        counts += np.bincount(np.asarray(block).ravel(), minlength=len(meanings))
+    return {
+        "impacts": int(found.ended_by.size),
+        "ended_by": {name: int(n) for name, n in zip(meanings, counts, strict=True) if n},
+        "volume_least": float(found.volume.min()),
+        "volume_greatest": float(found.volume.max()),
+    }
+
+
+def _print_summary(found: Any, out: Path, summary: dict[str, Any]) -> None:
+    from erosion.quantities import RESULTS
+    from erosion.tables import Row, format_number
+    from erosion.units import unit_name
+
+    unit = unit_name("volume", found.attrs["unit_system"])
+    rows = [
+        Row("impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in found.sizes.items())),
+        Row("ended_by", "", ", ".join(f"{n:,} {name}" for name, n in summary["ended_by"].items()), ""),
+    ]
+    for name, meaning in (("volume_least", "least"), ("volume_greatest", "greatest")):
+        value = format_number(summary[name])
+        rows.append(Row("volume", RESULTS["volume"].symbol, value, unit, f"{meaning} {RESULTS['volume'].meaning}"))
+    print_table(f"sweep into {out}", rows)

@@ -1,0 +1,112 @@
+"""Blocks of a sweep on a Dask cluster: one process a core, each writing its own blocks.
+
+Nothing here imports JAX: a worker is pinned to its core before JAX counts how many there are.
+"""
+
+import logging
+import os
+import re
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed, default_client
+
+_AHEAD = 3
+"""Blocks that a worker has at hand, so that it never waits for the client."""
+
+
+def local_cluster(workers: int) -> LocalCluster:
+    """A Dask cluster on this machine: `workers` processes of one thread each.
+
+    Use it as a context, with a client: `with local_cluster(2) as cluster, Client(cluster): …`.
+    """
+    # Any free port: two sweeps at once must not meet.
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="localhost:0",
+        silence_logs=logging.ERROR,
+    )
+
+
+def active_client() -> Client | None:
+    """The client of the Dask cluster that is active, if one is.
+
+    Raises:
+        ValueError: where its workers have several threads.
+    """
+    try:
+        client = default_client()
+    except ValueError:
+        return None
+    for address, threads in _threads(client).items():
+        if threads != 1:
+            raise ValueError(
+                "The active Dask cluster's workers must have one thread each (threads_per_worker=1), "
+                f"but {address} has {threads}."
+            )
+    return client
+
+
+def _threads(client: Client) -> dict[str, int]:
+    """Of each worker, by its address."""
+    found: Any = client.nthreads()
+    return found
+
+
+def run_blocks(
+    client: Client, task: Callable[..., int], blocks: Iterator[tuple[Any, ...]], done: Callable[[int], None]
+) -> None:
+    """Run `task(*block)` for every block on the cluster's workers.
+
+    Args:
+        client: of the cluster.
+        task: returns how many impacts it computed; it may run again for a block whose worker died.
+        blocks: taken as the workers come to them, so that there may be millions.
+        done: told of each block's impacts.
+    """
+    client.register_plugin(OneCore())
+    running = as_completed()
+
+    def submit_next() -> None:
+        block = next(blocks, None)
+        if block is not None:
+            running.add(client.submit(task, *block, pure=False))
+
+    try:
+        for _ in range(_AHEAD * max(1, len(_threads(client)))):
+            submit_next()
+        for future in running:
+            done(future.result())
+            submit_next()
+    finally:
+        client.cancel(list(running.futures))
+
+
+class OneCore(WorkerPlugin):
+    """Pins a worker to one core before JAX is imported there.
+
+    Its arrival imports this package, which turns 64-bit mode on.
+    """
+
+    name = "erosion-one-core"
+
+    def setup(self, worker: Worker) -> None:
+        """Called by Dask in each worker that is there or comes later, before its tasks."""
+        # Ctrl-C in a terminal reaches every process of it. The client is to act on it: workers
+        # that have a nanny are ended by it, without a traceback.
+        if worker.nanny is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # Workers of one machine are told apart by the number at the end of their name; one
+        # without a name bears its address, and stays where the system puts it.
+        number = None if worker.name == worker.address else re.search(r"\d+$", str(worker.name))
+        if number is None or not hasattr(os, "sched_setaffinity"):
+            return
+        cores = sorted(os.sched_getaffinity(0))
+        core = cores[int(number[0]) % len(cores)]
+        for thread in Path("/proc/self/task").iterdir():
+            os.sched_setaffinity(int(thread.name), {core})

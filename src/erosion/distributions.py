@@ -1,0 +1,288 @@
+"""How a parameter varies from particle to particle: laws by their inverse distribution.
+
+As text, on the command line and in case files:
+
+    normal(20deg, 3deg)                 mean, standard deviation
+    lognormal(100 m/s, 0.2)             median, standard deviation of the logarithm
+    uniform(80 m/s, 120 m/s)            least, greatest
+    weibull(100 m/s, 4)                 scale, shape
+    rosin-rammler(1 mm, 3, 0.2 mm)      size of which 1/e of the mass is coarser, spread, least size
+    samples(jet.csv)                    the file's column of the parameter's name
+"""
+
+import csv
+import dataclasses
+import functools
+import hashlib
+import math
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import special
+
+from erosion.units import Dimension, System, read_quantity
+
+Number = float | int
+
+
+class Distribution(ABC):
+    """The law of one parameter; a new law is a frozen dataclass of numbers with these two methods.
+
+    The numbers are in the parameter's unit, but for those named in `shapes`, which are pure;
+    those named in `positive` must be so.
+    """
+
+    shapes: ClassVar[tuple[str, ...]] = ()
+    positive: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for name in _fields(self):
+            value = float(getattr(self, name))
+            object.__setattr__(self, name, value)
+            if not math.isfinite(value) or (name in self.positive and value <= 0):
+                wish = "positive and finite" if name in self.positive else "finite"
+                raise ValueError(f"Argument `{name}` must be {wish}, but is {value:g}.")
+
+    def __str__(self) -> str:
+        numbers = ", ".join(f"{getattr(self, name):.6g}" for name in _fields(self))
+        return f"{type(self).__name__}({numbers})"
+
+    @abstractmethod
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        """The value below which the share u lies; u in (0, 1), any shape."""
+
+    @abstractmethod
+    def cdf(self, x: float) -> float:
+        """The share below x."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Normal(Distribution):
+    """The normal law: mean, and standard deviation > 0."""
+
+    mean: Number
+    deviation: Number
+    positive: ClassVar[tuple[str, ...]] = ("deviation",)
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        return self.mean + self.deviation * special.ndtri(u)
+
+    def cdf(self, x: float) -> float:
+        return float(special.ndtr((x - self.mean) / self.deviation))
+
+
+@dataclasses.dataclass(frozen=True)
+class LogNormal(Distribution):
+    """The lognormal law: median > 0, and standard deviation of the natural logarithm > 0."""
+
+    median: Number
+    spread: Number
+    shapes: ClassVar[tuple[str, ...]] = ("spread",)
+    positive: ClassVar[tuple[str, ...]] = ("median", "spread")
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        return self.median * np.exp(self.spread * special.ndtri(u))
+
+    def cdf(self, x: float) -> float:
+        return float(special.ndtr(math.log(x / self.median) / self.spread)) if x > 0 else 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Uniform(Distribution):
+    """All values from `low` to `high` alike."""
+
+    low: Number
+    high: Number
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.low >= self.high:
+            raise ValueError(f"Argument `low` must be less than `high`, {self.high:g}, but is {self.low:g}.")
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        return self.low + (self.high - self.low) * u
+
+    def cdf(self, x: float) -> float:
+        return min(max((x - self.low) / (self.high - self.low), 0.0), 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Weibull(Distribution):
+    """Weibull's law by number: scale > 0 (1 - 1/e lie below it), and shape > 0."""
+
+    scale: Number
+    shape: Number
+    shapes: ClassVar[tuple[str, ...]] = ("shape",)
+    positive: ClassVar[tuple[str, ...]] = ("scale", "shape")
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        return self.scale * (-np.log1p(-u)) ** (1 / self.shape)
+
+    def cdf(self, x: float) -> float:
+        return -math.expm1(-((x / self.scale) ** self.shape)) if x > 0 else 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class RosinRammler(Distribution):
+    """Rosin and Rammler's law of ground solids, from what lies on sieves, for sizes by number.
+
+    The share of the **mass** that is coarser than x is exp(-(x/scale)ⁿ). A stream counts
+    particles, and a particle's mass goes with x³, so their number has the density
+    x^(n-4) exp(-(x/scale)ⁿ): far more fines than Weibull's law of the same numbers. For n ≤ 3
+    it has no finite total without a least size.
+
+    Args:
+        scale: the size of which 1/e of the mass is coarser [of the parameter], > 0.
+        spread: n > 0; 1 is broad, 4 narrow.
+        least: the finest size that is there, > 0: the last sieve's.
+
+    References:
+        P. Rosin, E. Rammler, "The laws governing the fineness of powdered coal",
+        J. Inst. Fuel 7 (1933), 29-36.
+    """
+
+    scale: Number
+    spread: Number
+    least: Number
+    shapes: ClassVar[tuple[str, ...]] = ("spread",)
+    positive: ClassVar[tuple[str, ...]] = ("scale", "spread", "least")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.least >= self._greatest:
+            raise ValueError(f"Argument `least` must be a size that some of the mass passes, but is {self.least:g}.")
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        sizes, shares = self._table
+        return np.exp(np.interp(u, shares, sizes))
+
+    def cdf(self, x: float) -> float:
+        if x <= self.least:
+            return 0.0
+        sizes, shares = self._table
+        return float(np.interp(math.log(x), sizes, shares))
+
+    @property
+    def _greatest(self) -> float:
+        # Coarser than this is 1e-16 of the mass.
+        return self.scale * (16 * math.log(10)) ** (1 / self.spread)
+
+    @functools.cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray]:
+        """Logarithms of x, and the share of the number below each, by the trapezoidal rule."""
+        # 2¹⁵ intervals over, say, 7 units of log x: relative error (7/2¹⁵)²/12 ≈ 4e-9.
+        sizes = np.linspace(math.log(self.least), math.log(self._greatest), 2**15 + 1)
+        x = np.exp(sizes - math.log(self.scale))
+        # The exponent is shifted, as x^(n-3) alone may overflow.
+        exponent = (self.spread - 3) * np.log(x) - x**self.spread
+        density = np.exp(exponent - exponent.max())
+        shares = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+        return sizes, shares / shares[-1]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Samples(Distribution):
+    """Measured values, each as likely as the others, shape (n,).
+
+    Raises:
+        ValueError: for values that are not finite, or none.
+    """
+
+    values: Any
+    source: str = "samples"
+
+    def __post_init__(self) -> None:
+        values = np.sort(np.asarray(self.values, float).reshape(-1))
+        if not values.size or not np.isfinite(values).all():
+            raise ValueError("Argument `values` must be finite numbers, one or more, but is not.")
+        object.__setattr__(self, "values", values)
+
+    def __repr__(self) -> str:
+        checksum = hashlib.sha256(self.values.tobytes()).hexdigest()[:8]
+        return f"Samples({self.source}: {len(self.values)} values, {checksum})"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        return self.values[np.minimum((u * len(self.values)).astype(int), len(self.values) - 1)]
+
+    def cdf(self, x: float) -> float:
+        return float(np.searchsorted(self.values, x, side="right") / len(self.values))
+
+
+LAWS: Mapping[str, type[Any]] = {
+    "normal": Normal,
+    "lognormal": LogNormal,
+    "uniform": Uniform,
+    "weibull": Weibull,
+    "rosin-rammler": RosinRammler,
+}
+"""The laws by the names that text uses."""
+
+_CALL = re.compile(r"\s*(?P<name>[a-z-]+)\s*\((?P<arguments>.*)\)\s*", re.DOTALL)
+
+
+def read_distribution(text: str, name: str, dimension: Dimension, system: System) -> Distribution | None:
+    """A law from text such as "normal(20deg, 3deg)"; None where the text is no such call.
+
+    Args:
+        text: as in the module's description.
+        name: the parameter, which names the column of a file of samples.
+        dimension: of the parameter.
+        system: the units of bare numbers and of the result.
+
+    Raises:
+        ValueError: with a clause that starts with "must", to follow the parameter's name.
+    """
+    call = _CALL.fullmatch(text)
+    if call is None:
+        return None
+    if call["name"] == "samples":
+        return read_samples(call["arguments"].strip(), name, dimension, system)
+    law = LAWS.get(call["name"])
+    if law is None:
+        raise ValueError(f"must be one of {', '.join((*LAWS, 'samples'))}, but is {call['name']!r}")
+    arguments = [part.strip() for part in call["arguments"].split(",")]
+    fields = _fields(law)
+    if len(arguments) != len(fields):
+        raise ValueError(f"must be {call['name']}({', '.join(fields)}), but is {text!r}")
+    values = [
+        read_quantity(argument, "1" if field in law.shapes else dimension, system)
+        for argument, field in zip(arguments, fields, strict=True)
+    ]
+    try:
+        return law(*values)
+    except ValueError as error:
+        raise ValueError(f"must be a law, but is {text.strip()!r}: {str(error).rstrip('.')}") from error
+
+
+def read_samples(path: str | Path, name: str, dimension: Dimension, system: System) -> Samples:
+    """The column of a CSV file that bears a parameter's name, with its unit if it has one: "v0 [m/s]".
+
+    Raises:
+        ValueError: with a clause that starts with "must", to follow the parameter's name.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            header, *rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)] or [[]]
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"must name a CSV file, but {path} cannot be read ({error})") from error
+    heads = [re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", head) for head in header]
+    columns = [i for i, head in enumerate(heads) if head is not None and head[1] == name]
+    if len(columns) != 1:
+        raise ValueError(f"must have one column `{name}` in {path}, whose columns are {', '.join(header) or 'none'}")
+    head = heads[columns[0]]
+    unit = (head[2] or "") if head is not None else ""
+    try:
+        return Samples([read_quantity(f"{row[columns[0]]} {unit}", dimension, system) for row in rows], str(path))
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"must have a number in each row of column `{name}` in {path} ({error})") from error
+
+
+def _fields(law: Any) -> list[str]:
+    return [field.name for field in dataclasses.fields(law)]

@@ -1,0 +1,345 @@
+"""Grids of impacts: which models, which values of which parameters, and what is kept of each.
+
+A grid can be cut into blocks, which are grids themselves: the same numbers come out whichever
+way it is cut, because the kernel computes every impact on its own.
+"""
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from erosion.cases import dump_case
+from erosion.kernel import end_names, impact
+from erosion.model import CuttingModel
+from erosion.models import load_model, model_name
+from erosion.optimum import alpha_max
+from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.provenance import digest, identity
+from erosion.quantities import RESULTS, Quantity
+from erosion.units import System, ascii_unit_name
+from erosion.version import __version__
+
+Model = CuttingModel | str | Path
+Region = tuple[slice, ...]
+"""Where a block lies in its grid: one slice for each dimension."""
+
+PAIR = "pair"
+"""The dimension along which paired axes go together."""
+
+_ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
+KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "none")
+"""Meanings of the codes 0, 1, … in `alpha_max_kind`; see `Optimum.kind`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Variable:
+    """An array of a sweep: its dimensions, what it is, and attributes beyond that."""
+
+    dims: tuple[str, ...]
+    quantity: Quantity | None
+    more: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def attributes(self, units: System) -> dict[str, Any]:
+        """Unit and names, in the words of the CF conventions."""
+        return {**({} if self.quantity is None else self.quantity.attributes(units)), **self.more}
+
+    @property
+    def empty(self) -> Any:
+        """What stands where nothing has been computed: NaN, or the code of "not-computed"."""
+        return np.int8(0) if self.quantity is None else np.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """A rectangle of impacts.
+
+    Args:
+        models: what each model is called, and the model, its name or its path.
+        compared: whether "model" is a dimension (else there is one model).
+        p: the case, all scalars; the axes replace some of its leaves.
+        axes: parameter name to its values, one-dimensional.
+        paired: names of the axes that go together along the dimension "pair".
+        ends: meanings of the codes 0, 1, … in `ended_by`; 0 is "not-computed".
+        derivatives, wrt, rtol: see `erosion.impact`.
+        optimum: whether the best angle is kept too, over the other dimensions than "alpha".
+    """
+
+    models: Mapping[str, Model]
+    compared: bool
+    p: Parameters
+    axes: Mapping[str, np.ndarray]
+    paired: tuple[str, ...]
+    ends: tuple[str, ...]
+    derivatives: int
+    wrt: str
+    rtol: float
+    optimum: bool = False
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions: "model", then the axes in their order."""
+        axes = dict.fromkeys(PAIR if name in self.paired else name for name in self.axes)
+        return (*(("model",) if self.compared else ()), *axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each dimension."""
+        lengths = {PAIR if name in self.paired else name: len(values) for name, values in self.axes.items()}
+        return tuple(len(self.models) if dim == "model" else lengths[dim] for dim in self.dims)
+
+    def __getitem__(self, region: Region) -> "Grid":
+        """The block of this region."""
+        along = dict(zip(self.dims, region, strict=True))
+        labels = list(self.models)[along.get("model", slice(None))]
+        axes = {name: v[along[PAIR if name in self.paired else name]] for name, v in self.axes.items()}
+        # Blocks along α share their optimum; the first of them has it.
+        optimum = self.optimum and along.get("alpha", slice(None)).start in (0, None)
+        models = {label: self.models[label] for label in labels}
+        return dataclasses.replace(self, models=models, axes=axes, optimum=optimum)
+
+    def parameters(self) -> Parameters:
+        """The case with its axes in place: leaves that broadcast to the shape without "model"."""
+        dims = [dim for dim in self.dims if dim != "model"]
+        leaves = {}
+        for name, values in self.axes.items():
+            shape = [1] * len(dims)
+            shape[dims.index(PAIR if name in self.paired else name)] = len(values)
+            leaves[name] = values.reshape(shape)
+        return self.p.replace(**leaves)
+
+    def variables(self) -> dict[str, "Variable"]:
+        """What is kept of each impact, and of each best angle; `ended_by` comes last."""
+        beside = tuple(dim for dim in self.dims if dim != "alpha")
+        found = {name: Variable(self.dims, RESULTS[name]) for name in ("volume", "t_c")}
+        for name in ("dvolume", "d2volume")[: self.derivatives]:
+            found[name] = Variable(self.dims, RESULTS[name], _derivative_attributes(name, self.wrt, self.p.units))
+        if self.optimum:
+            found |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
+            found["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
+        found["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
+        return found
+
+    def solve(self) -> dict[str, np.ndarray]:
+        """Compute every impact: arrays of the variables' dimensions, names as codes."""
+        parts: dict[str, list[np.ndarray]] = {name: [] for name in self.variables()}
+        for model in map(_loaded, self.models.values()):
+            p = self.parameters()
+            found = impact(model, p, derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
+            for name in ("volume", "t_c", "dvolume", "d2volume"):
+                if name in parts:
+                    parts[name].append(np.asarray(getattr(found, name)))
+            parts["ended_by"].append(_codes(found.ended_by, self.ends))
+            if self.optimum:
+                best = alpha_max(model, self._beside_alpha(p))
+                parts["alpha_max"].append(np.asarray(best.alpha))
+                parts["volume_max"].append(np.asarray(best.volume))
+                parts["alpha_max_kind"].append(_codes(best.kind, KINDS))
+        lengths = dict(zip(self.dims, self.shape, strict=True))
+        return {
+            name: np.stack(parts[name]).reshape([lengths[dim] for dim in variable.dims])
+            for name, variable in self.variables().items()
+        }
+
+    def _beside_alpha(self, p: Parameters) -> Parameters:
+        """The parameters without the dimension "alpha"."""
+        dims = [dim for dim in self.dims if dim != "model"]
+        if "alpha" not in dims:
+            return p
+        leaves = {name: getattr(p, name) for name in self.axes if name != "alpha"}
+        axis = dims.index("alpha")
+        return p.replace(alpha=self.p.alpha, **{name: np.squeeze(leaf, axis) for name, leaf in leaves.items()})
+
+    def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
+        """Arrays of the grid's shape as a Dataset with coordinates, units and provenance."""
+        dataset = xr.Dataset(coords=self._coordinates(), attrs=self._provenance())
+        for name, variable in self.variables().items():
+            dataset[name] = (variable.dims, values[name], variable.attributes(self.p.units))
+        return dataset
+
+    def identity(self) -> dict[str, str]:
+        """What makes this sweep this one."""
+        return identity(
+            {label: _loaded(model) for label, model in self.models.items()},
+            self.p,
+            axes=f"{self.dims} " + " ".join(f"{name} {digest(v.tobytes())}" for name, v in self.axes.items()),
+            derivatives=f"{self.derivatives} by {self.wrt}",
+            optimum=str(self.optimum),
+            tolerance=repr(self.rtol),
+        )
+
+    def _coordinates(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        if self.compared:
+            # Python strings: numpy's fixed-length ones have no specification in Zarr.
+            found["model"] = ("model", np.array(list(self.models), dtype=object), {"long_name": "model"})
+        for name, values in self.axes.items():
+            dim = PAIR if name in self.paired else name
+            found[name] = (dim, values, QUANTITIES[name].attributes(self.p.units))
+        return found
+
+    def _provenance(self) -> dict[str, Any]:
+        only = {} if self.compared else {"model": next(iter(self.models))}
+        derivatives = {"derivatives_with_respect_to": self.wrt} if self.derivatives else {}
+        return {
+            "Conventions": "CF-1.11",
+            "title": "Solid particle erosion: a sweep",
+            "source": f"erosion {__version__}",
+            **only,
+            **derivatives,
+            "unit_system": self.p.units,
+            "case": dump_case(self.p),
+        }
+
+
+def make_grid(
+    model: Model | Sequence[Model],
+    p: Parameters,
+    axes: Mapping[str, Any],
+    *,
+    paired: Sequence[str] = (),
+    derivatives: int = 0,
+    wrt: str = "alpha",
+    rtol: float = 1e-9,
+    optimum: bool = False,
+) -> Grid:
+    """A grid, with everything checked that can be known before computing.
+
+    Raises:
+        ValueError, TypeError: one sentence naming the argument.
+    """
+    compared = not isinstance(model, (str, Path, CuttingModel))
+    models = _labelled_models([model] if isinstance(model, (str, Path, CuttingModel)) else list(model))
+    for name in QUANTITIES:
+        if np.ndim(getattr(p, name)):
+            raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array; give it as an axis.")
+    arrays = {name: _axis(name, values) for name, values in axes.items()}
+    if not arrays and not compared:
+        raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
+    lengths = {len(arrays[name]) for name in paired if name in arrays}
+    if len(set(paired)) != len(paired) or any(name not in arrays for name in paired) or len(paired) == 1:
+        raise ValueError(f"Argument `paired` must name two or more of the axes, but is {list(paired)}.")
+    if len(lengths) > 1:
+        raise ValueError(f"Argument `paired` must name axes of one length, but they have {sorted(lengths)}.")
+    if derivatives not in (0, 1, 2):
+        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+    if wrt not in QUANTITIES:
+        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(QUANTITIES)}), but is {wrt!r}.")
+    if not 0 < rtol < 1:
+        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
+    events = [name for one in models.values() for name in end_names(_loaded(one))]
+    ends = tuple(dict.fromkeys((*_ENDS, *events)))
+    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, float(rtol), optimum)
+    validate(grid.parameters())
+    return grid
+
+
+def block_shape(grid: Grid, chunks: Mapping[str, int] | None, least: int, usual: int) -> tuple[int, ...]:
+    """The shape of blocks: the last dimensions whole, as far as `usual` impacts go.
+
+    Args:
+        grid: what is cut.
+        chunks: by dimension, lengths that the user wants; the others stay whole. None: choose.
+        least: impacts that a block must have, where the grid has them.
+        usual: impacts that a block should have.
+
+    Raises:
+        ValueError: for an unknown dimension, a length that is no positive number, or blocks
+            that are too small.
+    """
+    # Each model is a program of its own, so blocks never hold two.
+    whole = {dim: 1 if dim == "model" else n for dim, n in zip(grid.dims, grid.shape, strict=True)}
+    if chunks is None:
+        room, lengths = usual, {}
+        for dim in reversed(grid.dims):
+            pieces = math.ceil(whole[dim] / max(room, 1))
+            lengths[dim] = math.ceil(whole[dim] / pieces)
+            room //= lengths[dim]
+        return tuple(lengths[dim] for dim in grid.dims)
+    for dim, length in chunks.items():
+        if dim not in whole:
+            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(whole)}), but has {dim!r}.")
+        if not isinstance(length, int) or isinstance(length, bool) or length < 1:
+            raise ValueError(f"Argument `chunks` must give positive whole numbers, but has {dim}={length!r}.")
+    shape = tuple(min(chunks.get(dim, whole[dim]), whole[dim]) for dim in grid.dims)
+    if math.prod(shape) < min(least, math.prod(whole.values())):
+        raise ValueError(
+            f"Argument `chunks` must make blocks of at least {least:,} impacts, but makes blocks of "
+            f"{math.prod(shape):,}."
+        )
+    return shape
+
+
+def regions(shape: Sequence[int], block: Sequence[int]) -> Iterator[Region]:
+    """The regions of all blocks, in the order of memory."""
+    cuts = [
+        [slice(begin, min(begin + step, n)) for begin in range(0, n, step)]
+        for n, step in zip(shape, block, strict=True)
+    ]
+    return itertools.product(*cuts)
+
+
+def _labelled_models(models: list[Model]) -> dict[str, Model]:
+    labels = [model_name(model) if isinstance(model, CuttingModel) else str(model) for model in models]
+    if not models:
+        raise ValueError("Argument `model` must be a model or several, but is an empty list.")
+    if len(set(labels)) != len(labels):
+        raise ValueError(f"Argument `model` must hold models of different names, but has {', '.join(labels)}.")
+    # Another process, with another working directory, must find a model's file.
+    sources = [Path(str(model)).resolve() if str(model).endswith(".py") else model for model in models]
+    return dict(zip(labels, sources, strict=True))
+
+
+def _loaded(model: Model) -> CuttingModel:
+    """The model, the same object each time: JAX compiles once for each class it sees."""
+    if isinstance(model, CuttingModel):
+        return model
+    file = Path(model)
+    return _load_once(model, file.read_bytes() if file.suffix == ".py" and file.is_file() else b"")
+
+
+@functools.cache
+def _load_once(model: str | Path, content: bytes) -> CuttingModel:
+    return load_model(model)
+
+
+def _axis(name: str, values: Any) -> np.ndarray:
+    if name not in QUANTITIES:
+        raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(QUANTITIES)}.")
+    array = np.asarray(values)
+    if array.ndim != 1 or not array.size or array.dtype.kind not in "iuf":
+        raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {values!r}.")
+    return np.ascontiguousarray(array, np.float64)
+
+
+def _codes(names: Any, meanings: Sequence[str]) -> np.ndarray:
+    codes = np.zeros(np.shape(names), np.int8)
+    for code, name in enumerate(meanings):
+        codes[np.asarray(names) == name] = code
+    return codes
+
+
+def _flags(what: str, meanings: Sequence[str]) -> dict[str, Any]:
+    """Codes 0, 1, … and their meanings, in the words of the CF conventions."""
+    values = np.arange(len(meanings), dtype=np.int8)
+    return {"long_name": what, "flag_values": values, "flag_meanings": " ".join(meanings)}
+
+
+def _derivative_attributes(name: str, wrt: str, units: System) -> dict[str, str]:
+    if wrt == "alpha":
+        return {}
+    by, power = QUANTITIES[wrt], "" if name == "dvolume" else "²"
+    unit = ascii_unit_name(by.dimension, units)
+    volume = ascii_unit_name("volume", units)
+    below = "" if unit == "1" else f"/({unit})" + ("^2" if power else "")
+    return {
+        "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if power else ""),
+        "symbol": f"d{power}V/d{by.symbol}{power}",
+        "units": volume + below,
+    }

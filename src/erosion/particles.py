@@ -1,0 +1,102 @@
+"""Particles of a stream: points of the unit cube to the parameters of impacts."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from erosion.distributions import Distribution
+from erosion.parameters import QUANTITIES, Parameters
+
+_SIGNED = ("alpha", "phidot0")  # the others are positive
+
+
+@dataclasses.dataclass(frozen=True)
+class Particles:
+    """The case and how its parameters vary; `draw` makes particles, `impacts` aims them.
+
+    A size has consequences: where `r` varies, particles are scaled copies of the case's, so
+    that b goes with r and m with r³, unless these have laws of their own.
+
+    Angles need no cut-off: a particle that flies at more than 90° comes from the other side,
+    the mirror image of one at 180° - α with the opposite spin; one at less than 0° (or more
+    than 180°) flies away from the surface and misses it.
+
+    Args:
+        p: the case, all scalars.
+        laws: parameter name to its `Distribution`, one or more.
+    """
+
+    p: Parameters
+    laws: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if not self.laws:
+            raise ValueError("Arguments must include a distribution, such as v0=Normal(4400, 400); there is none.")
+        for name, law in self.laws.items():
+            if name not in QUANTITIES:
+                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(QUANTITIES)}.")
+            if not isinstance(law, Distribution):
+                raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
+            if self._least_share(name) > 0.01:
+                raise ValueError(
+                    f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
+                )
+
+    def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """The parameters that vary.
+
+        Args:
+            points: in (0, 1), shape (…, number of laws).
+
+        Returns:
+            By name, shape (…); the laws of positive parameters are restricted to x > 0.
+        """
+        values = {}
+        for i, (name, law) in enumerate(self.laws.items()):
+            share = self._least_share(name)
+            values[name] = law.ppf(share + (1 - share) * points[..., i])
+        if "r" in values:
+            growth = values["r"] / float(self.p.r)
+            values.setdefault("b", float(self.p.b) * growth)
+            values.setdefault("m", float(self.p.m) * growth**3)
+        return values
+
+    @property
+    def nozzle(self) -> float:
+        """The nozzle's angle [rad]: the median of the angles, or the case's."""
+        return float(self.laws["alpha"].ppf(np.array([0.5]))[0]) if "alpha" in self.laws else float(self.p.alpha)
+
+    @property
+    def typical(self) -> Parameters:
+        """One particle without any spread: each law at its median."""
+        middle = self.draw(np.full((1, len(self.laws)), 0.5))
+        return jax.tree.map(lambda leaf: np.reshape(leaf, ()), self.impacts(middle)[0])
+
+    def impacts(
+        self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None
+    ) -> tuple[Parameters, np.ndarray]:
+        """The particles as impacts, and which of them hit the surface.
+
+        Args:
+            values: from `draw`.
+            nozzle: turn the nozzle to this angle, or to several that broadcast against the
+                particles [rad]; the deviations from it stay.
+
+        Returns:
+            Parameters in range, and a mask of the same shape. What misses bears an angle of 90°.
+        """
+        shape = np.broadcast_shapes(*(value.shape for value in values.values()))
+        alpha = np.broadcast_to(values.get("alpha", np.asarray(self.p.alpha)), shape)
+        if nozzle is not None:
+            alpha = nozzle + (alpha - self.nozzle)
+        hits = (alpha > 0) & (alpha < np.pi)
+        mirrored = alpha > np.pi / 2
+        folded = np.where(hits, np.where(mirrored, np.pi - alpha, alpha), np.pi / 2)
+        spin = values.get("phidot0", np.asarray(self.p.phidot0))
+        return self.p.replace(**{**values, "alpha": folded, "phidot0": np.where(mirrored, -spin, spin)}), hits
+
+    def _least_share(self, name: str) -> float:
+        return 0.0 if name in _SIGNED else self.laws[name].cdf(0.0)

@@ -1,0 +1,82 @@
+"""What makes a stored result this one: version, case, model; and the refusal of another's file."""
+
+import contextlib
+import dataclasses
+import hashlib
+import importlib.metadata
+import inspect
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+
+from erosion.cases import dump_case
+from erosion.model import CuttingModel
+from erosion.parameters import Parameters
+from erosion.version import __version__
+
+IDENTITY = "identity"
+"""The attribute that holds a stored result's identity, as JSON."""
+
+
+class StoreError(ValueError):
+    """A file or folder that is not this result's."""
+
+
+def identity(models: Mapping[str, CuttingModel], p: Parameters, **more: str) -> dict[str, str]:
+    """In words, what a result depends on: two results of the same identity have the same bits."""
+    return {
+        "version": f"erosion {__version__}, jaxlib {importlib.metadata.version('jaxlib')}",
+        "case": dump_case(p),
+        "models": "\n".join(f"{label}: {_fingerprint(model)}" for label, model in models.items()),
+        **more,
+    }
+
+
+def require_same(path: Path, found: Any, wanted: Mapping[str, str]) -> None:
+    """Refuse a store whose identity is not the wanted one, and name what differs.
+
+    Raises:
+        StoreError: in one sentence.
+    """
+    there = None
+    with contextlib.suppress(json.JSONDecodeError, TypeError):
+        there = json.loads(found)
+    if not isinstance(there, dict):
+        raise StoreError(f"{path}: is there already and holds something else; it is left as it is.")
+    differing = [name for name in wanted if there.get(name) != wanted[name]]
+    if differing:
+        raise StoreError(
+            f"{path}: is there already and holds another result (of another {' and '.join(differing)}); "
+            "it is left as it is."
+        )
+
+
+def digest(content: bytes) -> str:
+    """Sixteen hexadecimal digits that differ where the bytes do."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _fingerprint(model: CuttingModel) -> str:
+    """A model's parts and numbers in words, and a digest of the files that are not this package's."""
+    described = eqx.tree_pformat(model, short_arrays=False)
+    files = sorted(_foreign_files(model))
+    return f"{described} {digest(b''.join(Path(file).read_bytes() for file in files))}" if files else described
+
+
+def _foreign_files(part: Any) -> set[str]:
+    found: set[str] = set()
+    if not isinstance(part, eqx.Module):
+        return found
+    for base in type(part).__mro__:
+        if not issubclass(base, eqx.Module) or base.__module__.startswith(("erosion.", "equinox.")):
+            continue
+        try:
+            found.add(inspect.getfile(base))
+        except (OSError, TypeError) as error:
+            raise ValueError(
+                f"Argument `model` must come from a file where a store is given, but {base.__name__} does not."
+            ) from error
+    return found.union(*(_foreign_files(getattr(part, field.name)) for field in dataclasses.fields(part)))

@@ -1,0 +1,182 @@
+"""Where the blocks of a sweep are kept, so that an interrupted one goes on where it stopped.
+
+A store knows which blocks are missing: those whose `ended_by` is still "not-computed", the
+code 0. In a block's place `ended_by` is written last, and a file is renamed into its place
+when it is whole, so a block counts only when all of it is there.
+"""
+
+import json
+import os
+import shutil
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from erosion.grids import Grid, Region, regions
+from erosion.netcdf import check_folder, read_netcdf, write_netcdf
+from erosion.provenance import IDENTITY, StoreError, require_same
+
+
+class Store(ABC):
+    """A place for the blocks of one sweep."""
+
+    @abstractmethod
+    def missing(self) -> list[Region]:
+        """The blocks that are still to be computed."""
+
+    @abstractmethod
+    def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
+        """Put a block in its place."""
+
+    @abstractmethod
+    def save(self) -> None:
+        """Make what has been written last beyond this process."""
+
+    @abstractmethod
+    def dataset(self) -> xr.Dataset:
+        """What is there, labelled."""
+
+
+class MemoryStore(Store):
+    """Arrays in memory; with a path, also a netCDF file that `save` writes.
+
+    Raises:
+        StoreError: for a file that exists and holds something else.
+    """
+
+    def __init__(self, grid: Grid, block: Sequence[int], path: Path | None = None) -> None:
+        self._grid, self._block, self._path = grid, block, path
+        if path is not None and path.exists():
+            self._dataset = read_netcdf(path, grid.identity())
+            return
+        if path is not None:
+            check_folder(path)
+        lengths = dict(zip(grid.dims, grid.shape, strict=True))
+        self._dataset = grid.labelled(
+            {
+                name: np.full([lengths[dim] for dim in variable.dims], variable.empty)
+                for name, variable in grid.variables().items()
+            }
+        )
+
+    def missing(self) -> list[Region]:
+        codes = self._dataset["ended_by"].values
+        return [region for region in regions(self._grid.shape, self._block) if not codes[region].all()]
+
+    def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
+        along = dict(zip(self._grid.dims, region, strict=True))
+        for name, block in values.items():
+            array = self._dataset[name]
+            array.values[tuple(along[str(dim)] for dim in array.dims)] = block
+
+    def save(self) -> None:
+        if self._path is not None:
+            write_netcdf(self._dataset, self._path, self._grid.identity())
+
+    def dataset(self) -> xr.Dataset:
+        return self._dataset
+
+
+class ZarrStore(Store):
+    """A Zarr folder (format 3), one chunk of each array a block; any process may write.
+
+    Raises:
+        StoreError: for a folder that exists and holds something else.
+    """
+
+    def __init__(self, grid: Grid, block: Sequence[int], path: Path) -> None:
+        _require_zarr()
+        self._grid, self._block, self._path = grid, block, path
+        identity = grid.identity() | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
+        if path.exists():
+            require_same(path, _zarr_identity(path), identity)
+        else:
+            self._create(identity)
+
+    def missing(self) -> list[Region]:
+        codes = _arrays(self._path)["ended_by"]
+        return [region for region in regions(self._grid.shape, self._block) if not np.all(codes[region])]
+
+    def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
+        write_block(self._path, dict(zip(self._grid.dims, region, strict=True)), values)
+
+    def save(self) -> None:
+        """Every block is on the disk already."""
+
+    def dataset(self) -> xr.Dataset:
+        return xr.open_zarr(self._path, consolidated=False)
+
+    def _create(self, identity: Mapping[str, str]) -> None:
+        import dask.array
+
+        check_folder(self._path)
+        lengths = {dim: (n, cut) for dim, n, cut in zip(self._grid.dims, self._grid.shape, self._block, strict=True)}
+        lazy, encoding = {}, {}
+        for name, variable in self._grid.variables().items():
+            shape, chunks = zip(*(lengths[dim] for dim in variable.dims), strict=True) if variable.dims else ((), ())
+            lazy[name] = dask.array.full(shape, variable.empty, chunks=chunks)
+            encoding[name] = {"fill_value": variable.empty}
+        template = self._grid.labelled(lazy)
+        template.attrs[IDENTITY] = json.dumps(identity)
+        draft = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
+        try:
+            # Coordinates and metadata alone: no block is computed.
+            template.to_zarr(draft, mode="w-", compute=False, encoding=encoding, consolidated=False, zarr_format=3)
+            draft.rename(self._path)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+
+
+def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
+    """Write a block into a Zarr store, in the values' order; the same bits may come twice.
+
+    Args:
+        path: of the store.
+        along: where the block lies, by dimension.
+        values: its arrays by name, `ended_by` last.
+    """
+    arrays = _arrays(path)
+    for name, block in values.items():
+        array = arrays[name]
+        array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
+
+
+def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:
+    """The store that the path's suffix names: .zarr, .nc, or memory where there is no path.
+
+    Raises:
+        ValueError: for another suffix.
+        StoreError: where something else is there.
+    """
+    if path is None or path.suffix == ".nc":
+        return MemoryStore(grid, block, path)
+    if path.suffix == ".zarr":
+        return ZarrStore(grid, block, path)
+    raise ValueError(f"Argument `store` must end in .nc or .zarr, but is {path}.")
+
+
+def _arrays(path: Path) -> Any:
+    import zarr
+
+    return dict(zarr.open_group(path, mode="r+").arrays())
+
+
+def _zarr_identity(path: Path) -> str | None:
+    import zarr
+
+    try:
+        return str(zarr.open_group(path, mode="r").attrs.get(IDENTITY))
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path}: is there already and is no Zarr group; it is left as it is.") from error
+
+
+def _require_zarr() -> None:
+    try:
+        import dask.array  # noqa: F401
+        import zarr  # noqa: F401
+    except ImportError as error:
+        raise StoreError('Zarr stores need the extra `dask`: pip install "erosion[dask]".') from error

@@ -1,0 +1,73 @@
+"""Streams -> matplotlib Axes: how much each particle removes, and over the nozzle's angle."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from erosion.nozzle import NozzleAngle
+from erosion.plotting import DIM, INK, PALETTE, house_style, new_figure, readable_scale
+from erosion.quantities import RESULTS
+from erosion.stream_result import Stream
+from erosion.units import System, unit_name
+
+
+@house_style()
+def plot_stream(stream: Stream) -> Figure:
+    """The histogram of the volumes, and the curve over the nozzle's angle where it was computed."""
+    panels = 1 if stream.nozzle is None else 2
+    fig = new_figure(5.8, 3.6 * panels)
+    axes = np.ravel(fig.subplots(panels, 1))
+    plot_stream_histogram(axes[0], stream)
+    if stream.nozzle is not None:
+        plot_nozzle_angle(axes[1], stream.nozzle, stream.particles.p.units)
+    return fig
+
+
+@house_style()
+def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
+    """Share of the particles by the volume that they remove; those that remove nothing in words."""
+    edges, shares = stream.tally.histogram()
+    units = stream.particles.p.units
+    ax.stairs(shares, edges, fill=True, color=PALETTE["orange"], alpha=0.55)
+    ax.stairs(shares, edges, color=PALETTE["vermillion"])
+    mean = stream.mean_volume.value
+    ax.axvline(mean, color=PALETTE["blue"], label="mean")
+    ax.axvline(stream.quantiles[0.5], color=PALETTE["green"], linestyle="--", label="median")
+    ax.set_xscale("log")
+    ax.set_xlabel(f"{RESULTS['volume'].symbol}  {RESULTS['volume'].meaning}  [{unit_name('volume', units)}]")
+    ax.set_ylabel("share of the particles")
+    ax.yaxis.set_major_formatter(PercentFormatter(1.0))
+    ax.set_ylim(bottom=0)
+    nothing = stream.tally.bins[0] / stream.tally.bins.sum()
+    title = f"{100 * nothing:.2g} % of the particles remove nothing" if nothing else "every particle removes something"
+    ax.set_title(title, fontsize=10)
+    ax.legend(loc="best")
+    return ax
+
+
+@house_style()
+def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
+    """Mean volume over the nozzle's angle with its 95 % band, and a single particle's beside it."""
+    scale = readable_scale("volume", units, float(max(nozzle.curve.max(), nozzle.single_curve.max())))
+    degrees, mean = np.rad2deg(nozzle.angles), nozzle.curve / scale.size
+    half = 1.96 * nozzle.curve_error / scale.size
+    alone = f"one typical particle, greatest at {np.rad2deg(nozzle.single_alpha):.2f}°"
+    ax.plot(np.rad2deg(nozzle.single_angles), nozzle.single_curve / scale.size, color=DIM, linestyle="--", label=alone)
+    ax.fill_between(degrees, mean - half, mean + half, color=PALETTE["sky"], alpha=0.6, linewidth=0, label="95 % band")
+    ax.plot(degrees, mean, color=PALETTE["blue"], label="mean of the stream")
+    best = nozzle.alpha
+    ax.axvspan(*np.rad2deg([best.low, best.high]), color=PALETTE["orange"], alpha=0.35, linewidth=0)
+    label = f"greatest at {np.rad2deg(best.value):.2f}° ± {np.rad2deg(best.high - best.value):.2f}°"
+    ax.plot([np.rad2deg(best.value)], [nozzle.volume.value / scale.size], "*", color=PALETTE["orange"],
+            markersize=13, markeredgecolor=INK, markeredgewidth=0.7, zorder=5, label=label)  # fmt: skip
+    ax.set_xlim(0, 90)
+    ax.set_ylim(bottom=0)
+    ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
+    ax.set_xlabel("angle of the nozzle")
+    ax.set_ylabel(f"{RESULTS['volume'].symbol}  of a particle  [{scale.unit}]")
+    figure: Any = ax.figure
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return ax

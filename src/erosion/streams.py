@@ -1,0 +1,183 @@
+"""Streams of particles: distributions of the parameters to the erosion of a whole jet.
+
+Particles are drawn, computed, tallied and forgotten block by block, so that memory does not
+grow with their number. Independent scramblings of the same sequence give the standard errors.
+"""
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from erosion.kernel import end_names, impact
+from erosion.model import CuttingModel
+from erosion.models import load_model
+from erosion.netcdf import check_folder, read_netcdf, write_netcdf
+from erosion.nozzle import best_nozzle_angle
+from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.particles import Particles
+from erosion.precision import require_float64
+from erosion.provenance import identity
+from erosion.replicates import Estimate, Points
+from erosion.stream_result import Stream
+from erosion.tallies import Tally
+
+MISS = "miss"
+"""What becomes of a particle that flies away from the surface."""
+
+REPLICATES = 16
+_BLOCK = 2**14  # particles of a replicate in one round
+_SENSITIVITY_POINTS = 2**11  # of a replicate; each takes as many impacts times (laws + 2)
+
+
+class StreamInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a stream; `partial` is the stream of what had been computed, or None."""
+
+    def __init__(self, message: str, partial: Stream | None) -> None:
+        super().__init__(message)
+        self.partial = partial
+
+
+def stream(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    n: int = 2**20,
+    seed: int = 0,
+    points: str = "sobol",
+    best_angle: bool = True,
+    sensitivities: bool = True,
+    rtol: float = 1e-9,
+    store: str | Path | None = None,
+    progress: Callable[[str, int, int], object] | None = None,
+    **distributions: Any,
+) -> Stream:
+    """The erosion of a stream of particles whose parameters vary.
+
+        from erosion.distributions import LogNormal, Normal
+        erosion.stream("rotating", p, alpha=Normal(0.35, 0.05), v0=LogNormal(4400, 0.1))
+
+    Args:
+        model: a model, its name or its path.
+        p: the case, all scalars: what has no distribution, and for a distribution of `r` the
+            particle that is scaled (see `Particles`).
+        n: particles, rounded up to a multiple of the 16 replicates; powers of 2 are best.
+        seed: of the points; the same seed gives the same stream.
+        points: "sobol" (scrambled, with errors that fall nearly as 1/n) or "random".
+        best_angle: also look for the angle of the nozzle that removes most (2 million impacts).
+        sensitivities: also tell which law the variance comes from (30 000 impacts for each law).
+        rtol: see `impact`.
+        store: a netCDF file, written at the end or when interrupted. The same call goes on from
+            it, also to a greater n.
+        progress: called with what is being done, how much of it is, and how much there is.
+        **distributions: parameter name to its law, see `erosion.distributions`.
+
+    Returns:
+        Mean and total volume, erosion per mass, how the particles end, quantiles, Sobol's
+        sensitivity indices, and the best angle, with standard errors.
+
+    Raises:
+        ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`)
+            that holds something else, which is left as it is.
+        StreamInterrupted: after Ctrl-C.
+    """
+    require_float64()
+    model = load_model(model)
+    particles = Particles(p, distributions)
+    _check(p, n, points, store)
+    path = None if store is None else Path(store)
+    ends = (MISS, *end_names(model))
+    laws = ", ".join(f"{name} {law!r}" for name, law in distributions.items())
+    known = (
+        {} if path is None else identity({"stream": model}, p, distributions=laws, points=f"{points} {seed}, {rtol}")
+    )
+    tally = None
+    if path is not None and path.exists():
+        tally = Tally.from_dataset(read_netcdf(path, known))
+    elif path is not None:
+        check_folder(path)
+    whole = -(-n // REPLICATES)
+    report = progress or (lambda what, done, total: None)
+
+    def save(partial: Stream) -> None:
+        if path is not None:
+            write_netcdf(partial.to_dataset(), path, known)
+
+    drawn = 0 if tally is None else tally.drawn
+    supply = Points(points, len(distributions), seed, REPLICATES, skip=drawn)
+    try:
+        while drawn < whole:
+            # Sobol points come in powers of 2; of the last block some may be left.
+            block = supply.take(_BLOCK)[:, : whole - drawn]
+            part = _tally(model, particles, block, ends, rtol)
+            tally = part if tally is None else tally + part
+            drawn = tally.drawn
+            report("stream", drawn * REPLICATES, whole * REPLICATES)
+        assert tally is not None
+        indices = _sensitivities(model, particles, seed, rtol) if sensitivities else None
+        nozzle = None
+        if best_angle:
+            turned = functools.partial(report, "angles")
+            nozzle = best_nozzle_angle(model, particles, points, seed, rtol=rtol, progress=turned)
+    except KeyboardInterrupt:
+        partial = None if tally is None else Stream(model, particles, tally, ends)
+        where = "give a store to go on from there another time"
+        if partial is not None and path is not None:
+            save(partial)
+            where = f"{path} holds them; the same command goes on from there"
+        count = drawn * REPLICATES
+        raise StreamInterrupted(
+            f"interrupted after {count:,} of {whole * REPLICATES:,} particles; {where}", partial
+        ) from None
+    found = Stream(model, particles, tally, ends, nozzle, indices)
+    save(found)
+    return found
+
+
+def _check(p: Parameters, n: int, points: str, store: str | Path | None) -> None:
+    validate(p)
+    for name in QUANTITIES:
+        if np.ndim(getattr(p, name)):
+            raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array.")
+    if not isinstance(n, int) or n < 1:
+        raise ValueError(f"Argument `n` must be a positive whole number, but is {n!r}.")
+    if points not in ("sobol", "random"):
+        raise ValueError(f'Argument `points` must be "sobol" or "random", but is {points!r}.')
+    if store is not None and Path(store).suffix != ".nc":
+        raise ValueError(f"Argument `store` must end in .nc, but is {store}.")
+
+
+def _tally(model: CuttingModel, particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol: float) -> Tally:
+    """Of one block of points, shape (replicates, n, laws)."""
+    p, hits = particles.impacts(particles.draw(points))
+    found = impact(model, p, rtol=rtol)
+    mass = np.broadcast_to(np.asarray(p.m), hits.shape)
+    ended_by = np.where(hits, found.ended_by, MISS)
+    return Tally.of(np.where(hits, found.volume, 0.0), mass, ended_by, ends, float(particles.typical.volume_scale))
+
+
+def _sensitivities(
+    model: CuttingModel, particles: Particles, seed: int, rtol: float
+) -> dict[str, tuple[Estimate, Estimate]] | None:
+    """Sobol's indices, each from independent replicates (Saltelli et al., 2010)."""
+    if len(particles.laws) == 1:
+        return None
+
+    def volume(points: np.ndarray) -> np.ndarray:
+        p, hits = particles.impacts(particles.draw(points.T))
+        return np.where(hits, np.nan_to_num(impact(model, p, rtol=rtol).volume), 0.0)
+
+    uniform = [stats.uniform(2.0**-31, 1 - 2.0**-30)] * len(particles.laws)
+    # Other points than the stream's, so that their errors have nothing to do with each other.
+    seeds = np.random.SeedSequence([seed, 1]).spawn(REPLICATES)
+    found = [
+        stats.sobol_indices(func=volume, n=_SENSITIVITY_POINTS, dists=uniform, rng=np.random.default_rng(one))
+        for one in seeds
+    ]
+    first, total = (np.array([getattr(one, name) for one in found]) for name in ("first_order", "total_order"))
+    if not np.isfinite(total).all():
+        return None
+    return {name: (Estimate.of(first[:, i]), Estimate.of(total[:, i])) for i, name in enumerate(particles.laws)}

@@ -1,0 +1,96 @@
+"""`erosion calibrate` as a user types it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from erosion.cli import _status
+from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters import TABLE_1
+
+GUESS = ["--k", "3", "--psi", "0.06", "--starts", "2"]
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    degrees = np.linspace(5.0, 88.0, 50)
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(50)
+    path = tmp_path_factory.mktemp("data") / "sand.csv"
+    lines = [f"{angle},{one:.6e},6e-6" for angle, one in zip(degrees, noisy, strict=True)]
+    path.write_text("angle [deg], volume [in^3], uncertainty [in^3]\n" + "\n".join(lines))
+    return path
+
+
+def test_a_fit_as_json_with_files(table, tmp_path, capsys):
+    files = [tmp_path / name for name in ("fit.svg", "particleErosion", "table.csv")]
+    options = ["--plot", str(files[0]), "--openfoam", str(files[1]), "--fluent", str(files[2]), "--profile", "k"]
+    assert _status(["calibrate", str(table), "--free", "k,psi", "--json", *options, *GUESS]) == 0
+    captured = capsys.readouterr()
+    found = json.loads(captured.out)
+    assert captured.err == ""
+    assert found["model"] == "linearized"
+    assert found["estimates"]["k"] == pytest.approx(2, abs=0.15)
+    low, high = found["intervals"]["k"]
+    assert low < found["estimates"]["k"] < high
+    assert found["profile"]["interval"] == pytest.approx([low, high], rel=0.02)
+    assert found["parameters"]["k"] == found["estimates"]["k"]
+    assert found["parameters"]["r"] == 0.04
+    assert found["erosion_unit"] == "in³"
+    assert files[0].read_text().startswith("<?xml")
+    assert "type        particleErosion;" in files[1].read_text()
+    assert "angle [deg],f [-]" in files[2].read_text()
+
+
+def test_what_is_not_determined_is_a_warning(table, capsys):
+    assert _status(["calibrate", str(table), "--free", "psi,sigma", *GUESS]) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith("warning: psi and sigma cannot be told apart: only psi·sigma is determined.")
+    assert "not determined" in captured.out
+    assert _status(["calibrate", str(table), "--free", "psi,sigma", "--json", *GUESS]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["undetermined"] == ["psi", "sigma"]
+    assert found["standard_errors"] == {"psi": None, "sigma": None}  # JSON has no infinity
+
+
+def test_several_models_are_ranked(table, capsys):
+    arguments = ["calibrate", str(table), "--models", "linearized,tan-alpha", "--free", "psi", *GUESS]
+    assert _status([*arguments, "--json"]) == 0
+    captured = capsys.readouterr()
+    assert [one["model"] for one in json.loads(captured.out)["ranking"]] == ["linearized", "tan-alpha"]
+    assert _status(arguments) == 0
+    out = capsys.readouterr().out
+    assert "ΔAICc" in out
+    assert out.index("linearized") < out.index("tan-alpha")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere.csv"], "nowhere.csv: cannot be read (No such file or directory)."),
+        (["{table}", "--free", "nu"], "Argument `free` must name parameters"),
+        (["{table}", "--free", ","], "Argument `free` must name one or several"),
+        (["{table}", "--model", "spinning"], "There is no model 'spinning'"),
+        (["{table}", "--models", "linearized,spinning"], "There is no model 'spinning'"),
+        (["{table}", "--loss", "square"], "Argument `loss` must be one of"),
+        (["{table}", "--level", "95"], "Option `--level` must be in (0, 1), but is 95."),
+        (["{table}", "--density", "3 kg"], "Argument `density`"),
+        (["{bad}"], "bad.csv, line 3, column 1 (angle [deg]) must be above 0° and at most 90°, but is 95."),
+        ([], "parameter DATA requires an argument"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(table, tmp_path, capsys, arguments, message):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("angle [deg], erosion [-]\n20,1\n95,2\n")
+    words = [word.format(table=table, bad=bad) for word in arguments]
+    assert _status(["calibrate", *words]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_a_figure_that_cannot_be_written_is_exit_2(table, capsys):
+    assert _status(["calibrate", str(table), "--plot", "fit.doc", *GUESS]) == 2
+    assert "must end in .svg, .png or .pdf" in capsys.readouterr().err

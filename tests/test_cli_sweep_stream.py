@@ -1,0 +1,141 @@
+"""`erosion sweep` and `erosion stream`: options, case files, refusals and Ctrl-C."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.cli import _status
+
+CASE = (Path(__file__).parent.parent / "cases/table-1.toml").read_text()
+
+
+@pytest.fixture
+def case(tmp_path) -> str:
+    path = tmp_path / "case.toml"
+    path.write_text(
+        CASE
+        + '\n[sweep]\nalpha = "10deg : 40deg : 4"\nv0 = [2200, "4400 in/s"]\n'
+        + '\n[stream]\nn = 1024\nv0 = "lognormal(4400 in/s, 0.1)"\nalpha = "normal(20deg, 2deg)"\n'
+    )
+    return str(path)
+
+
+def test_a_case_file_may_hold_a_sweep(case, tmp_path, capsys):
+    out = tmp_path / "out.nc"
+    assert _status(["sweep", case, "-o", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["dimensions"] == {"alpha": 4, "v0": 2}
+    assert found["ended_by"] == {"rebound": 8}
+    stored = xr.load_dataset(out, engine="h5netcdf")
+    assert float(stored.volume.isel(alpha=1, v0=1)) == pytest.approx(1.816436352531e-4, rel=1e-8)
+    assert found["volume_greatest"] == float(stored.volume.max())
+    # The same case serves the other verbs.
+    assert erosion.load_case(case).v0 == 4400
+
+
+def test_options_overrule_the_case_file(case, tmp_path, capsys):
+    out = tmp_path / "out.nc"
+    arguments = [
+        "sweep",
+        "--case",
+        case,
+        "--v0",
+        "100 m/s",
+        "--k",
+        "1, 2",
+        "--alpha",
+        "20deg, 30deg",
+        "--paired",
+        "alpha,k",
+    ]
+    assert _status([*arguments, "-o", str(out), "--plot", str(tmp_path / "curve.svg")]) == 2
+    assert "to be drawn" in capsys.readouterr().err
+    stored = xr.load_dataset(out, engine="h5netcdf")
+    assert dict(stored.sizes) == {"pair": 2}
+    assert "v0 = 3937.0078740157483" in stored.attrs["case"]
+
+
+def test_a_sweep_is_drawn_and_told_as_a_table(case, tmp_path, capsys):
+    plot = tmp_path / "sweep.svg"
+    assert _status(["sweep", case, "-o", str(tmp_path / "out.zarr"), "--plot", str(plot)]) == 0
+    assert "8 rebound" in capsys.readouterr().out
+    assert plot.read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["sweep", "CASE"], "out"),
+        (["sweep", "CASE", "-o", "out.csv"], "must end in .nc or .zarr"),
+        (["sweep", "CASE", "--case", "CASE", "-o", "out.nc"], "must be given once"),
+        (["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:9deg"], 'Option `--alpha` must be "first : last : count"'),
+        (["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:99deg:5"], "`alpha` must be in (0, π/2]"),
+        (["sweep", "CASE", "-o", "out.nc", "--chunks", "alpha:3"], "Option `--chunks` must be such as"),
+        (["sweep", "CASE", "-o", "out.nc", "--chunks", "alpha=3"], "`chunks` must come with a `store`"),
+        (["sweep", "CASE", "-o", "out.nc", "--workers", "2"], "need an --out that ends in .zarr"),
+        (["sweep", "CASE", "-o", "out.zarr", "--workers", "0"], "`--workers` must be 1 or more"),
+        (["sweep", "CASE", "-o", "out.zarr", "--workers", "2", "--scheduler", "tcp://x"], "but not both"),
+        (["sweep", "CASE", "-o", "out.nc", "--model", "spinning"], "There is no model"),
+        (["sweep", "-o", "out.nc"], "must include an axis"),
+        (["stream"], "must include a distribution"),
+        (["stream", "CASE", "--v0", "cauchy(1, 2)"], "Option `--v0` must be one of normal"),
+        (["stream", "CASE", "--n", "1.5"], "`--n` must be a positive whole number"),
+        (["stream", "CASE", "-o", "out.csv"], "must end in .nc"),
+        (["stream", "CASE", "--points", "halton"], "`points` must be"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(case, capsys, arguments, message):
+    assert _status([case if part == "CASE" else part for part in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("verb", ["sweep", "stream"])
+def test_unknown_fields_of_a_section_are_named(tmp_path, capsys, verb):
+    path = tmp_path / "case.toml"
+    path.write_text(CASE + f"\n[{verb}]\nspeed = 3\n")
+    assert _status([verb, str(path), "-o", str(tmp_path / "out.nc")]) == 2
+    assert f"field `speed` of [{verb}] is unknown" in capsys.readouterr().err
+
+
+def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
+    plot = tmp_path / "stream.svg"
+    arguments = ["stream", case, "--no-best-angle", "-o", str(tmp_path / "jet.nc"), "--plot", str(plot), "--json"]
+    assert _status(arguments) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["particles"] == 1024
+    assert found["units"]["erosion"] == "in^3/slinch"
+    assert found["mean_volume"] == pytest.approx(1.83e-4, rel=0.01)
+    assert set(found["sensitivities"]) == {"v0", "alpha"}
+    assert plot.read_text().startswith("<?xml")
+    assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == found["mean_volume"]
+
+
+def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monkeypatch):
+    from erosion import sweeps
+
+    solve = sweeps.Grid.solve
+    calls: list[Any] = []
+
+    def interrupted(grid: Any) -> Any:
+        calls.append(grid)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return solve(grid)
+
+    monkeypatch.setattr(sweeps.Grid, "solve", interrupted)
+    monkeypatch.setattr(sweeps, "_MEMORY_BLOCK", 4)
+    out = tmp_path / "out.nc"
+    assert _status(["sweep", case, "-o", str(out)]) == 130
+    said = capsys.readouterr().err
+    assert said == f"erosion: interrupted: {out} holds 4 of 8 impacts; the same command goes on from there\n"
+    assert int(np.isnan(xr.load_dataset(out, engine="h5netcdf").volume).sum()) == 4
+    assert _status(["sweep", case, "-o", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ended_by"] == {"rebound": 8}

@@ -1,0 +1,108 @@
+"""Sweeps on a real Dask cluster of two processes, and the death of workers and clients."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.sweeps import sweep
+from tests.test_sweeps import assert_same_bits
+
+distributed = pytest.importorskip("distributed")
+
+P = erosion.TABLE_1
+AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 400)), "v0": np.linspace(2200.0, 4400.0, 300)}
+CHUNKS = {"alpha": 50}  # 8 blocks of 15 000 impacts
+
+
+@pytest.fixture(scope="module")
+def whole() -> xr.Dataset:
+    return sweep("linearized", P, **AXES)
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator:
+    from erosion.cluster import local_cluster
+
+    with local_cluster(2) as cluster, distributed.Client(cluster) as client:
+        yield client
+
+
+def state_of_worker() -> tuple[int, bool, str]:
+    import jax
+
+    return len(os.sched_getaffinity(0)), bool(jax.config.jax_enable_x64), jax.numpy.ones(1).dtype.name  # pyright: ignore
+
+
+def test_a_cluster_computes_the_same_bits(client, whole, tmp_path):
+    found = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, **AXES)
+    assert found.volume.chunksizes["alpha"] == (50,) * 8
+    assert_same_bits(found.compute(), whole)
+    # One core each, and float64.
+    states = client.run(state_of_worker)
+    assert list(states.values()) == [(1, True, "float64")] * 2
+    if len(os.sched_getaffinity(0)) > 1:
+        cores = client.run(os.sched_getaffinity, 0)
+        assert len(set.union(*cores.values())) == 2
+
+
+def test_the_death_of_a_worker_is_no_matter(client, whole, tmp_path):
+    pids = client.run(os.getpid)
+    killed = []
+
+    def kill_one(done: int, total: int) -> None:
+        if done and not killed:
+            killed.append(next(iter(pids.values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    found = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, progress=kill_one, **AXES)
+    assert killed
+    assert_same_bits(found.compute(), whole)
+
+
+def test_workers_of_several_threads_are_refused(tmp_path):
+    from distributed import Client, LocalCluster
+
+    from erosion.cluster import active_client
+
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address="localhost:0") as cluster,
+        Client(cluster),
+        pytest.raises(ValueError, match="must have one thread each"),
+    ):
+        active_client()
+
+
+def test_a_killed_client_is_resumed(whole, tmp_path):
+    """SIGKILL of the process itself; the same sweep then goes on and ends with the same bits."""
+    path = tmp_path / "out.zarr"
+    code = f"""
+import numpy as np, erosion
+erosion.sweep("linearized", erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS!r},
+              alpha=np.deg2rad(np.linspace(1, 90, 400)), v0=np.linspace(2200.0, 4400.0, 300),
+              progress=lambda done, total: print(done, flush=True))
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        for line in child.stdout:
+            if int(line) >= 30_000:
+                break
+        child.kill()
+    assert child.returncode == -signal.SIGKILL
+    seen = []
+    found = sweep("linearized", P, store=path, chunks=CHUNKS, progress=lambda done, total: seen.append(done), **AXES)
+    assert 30_000 <= seen[0] < found.volume.size or len(seen) == 1
+    assert seen[-1] == found.volume.size
+    assert_same_bits(found.compute(), whole)
+
+
+def test_importing_the_cluster_leaves_jax_alone():
+    code = "import sys, erosion.cluster; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0

@@ -1,0 +1,93 @@
+"""Angle functions of the literature: peaks and values at 90° as published."""
+
+import jax
+import numpy as np
+import pytest
+
+from erosion import TABLE_1
+from erosion.correlations import (
+    CORRELATIONS,
+    Correlation,
+    arabnejad_cutting,
+    dnv_2015,
+    dnv_polynomial,
+    ecrc,
+    finnie,
+    finnie_volume,
+    oka,
+)
+from erosion.models.closed_forms import FinnieCut
+
+RIGHT = np.pi / 2
+
+
+@pytest.mark.parametrize(
+    ("name", "angle", "peak", "at_90"),
+    [
+        ("dnv", 34.71, 0.99791, 0.6),
+        ("dnv-polynomial", 36.43, 1.00186, 0.56851),
+        ("ecrc", 50.48, 1.32461, 0.94135),
+        ("oka", 33.86, None, 1.0),
+        ("arabnejad", 19.33, None, 0.0),
+        # ½ arctan P and (√(1 + P²) - 1)/P with P = K/3.
+        ("finnie-cfd", 16.845, (np.sqrt(13 / 9) - 1) * 1.5, 0.0),
+    ],
+)
+def test_peak_and_value_at_normal_impact(name, angle, peak, at_90):
+    found = CORRELATIONS[name]
+    # Angles are published to 0.01°; the one of the polynomial, 36.425°, was rounded up.
+    assert np.rad2deg(found.alpha_max) == pytest.approx(angle, abs=0.0055)
+    assert float(found(RIGHT)) == pytest.approx(at_90, abs=6e-6)
+    if peak is not None:
+        assert found.peak == pytest.approx(peak, abs=6e-6)
+    assert float(found.normalised(found.alpha_max)) == 1.0
+    assert abs(float(jax.grad(found.function)(found.alpha_max))) < 1e-12
+
+
+@pytest.mark.parametrize(("hardness", "angle"), [(1.05, 27.65), (1.8, 33.86), (3.43, 43.02)])
+def test_okas_peak_moves_with_hardness(hardness, angle):
+    at = Correlation("oka", "", lambda alpha: oka(alpha, hardness), "-", (0.0, RIGHT), "", "")
+    assert np.rad2deg(at.alpha_max) == pytest.approx(angle, abs=0.0055)
+    assert float(at(RIGHT)) == 1.0
+
+
+def test_two_misprints_of_the_polynomial_show_at_90_degrees():
+    misprinted = (9.370, 42.295, 110.804, 175.804, 170.137, 98.298, 31.211, 4.170)
+    assert float(dnv_polynomial(RIGHT, misprinted)) == pytest.approx(1.838, abs=5e-4)
+
+
+def test_finnie_is_the_model_and_openfoams_formula():
+    angles = np.deg2rad(np.linspace(1, 89, 45))
+    p = TABLE_1.replace(alpha=angles)
+    volume = finnie_volume(angles, p.v0, p.m, p.sigma, p.psi, force_ratio=2.0)
+    np.testing.assert_allclose(volume, FinnieCut().volume(p), rtol=1e-12)
+    assert float(finnie(np.arctan(1 / 3), 2.0)) == pytest.approx(0.3)  # (K/6) cos²α where the branches meet
+    assert float(finnie_volume(0.3, 2.0, 3.0, 5.0)) == pytest.approx(3 * 4 / (5 * 2 * 2) * float(finnie(0.3)))
+
+
+def test_arabnejads_branches_meet():
+    at = np.arctan(0.4)
+    below, above = float(arabnejad_cutting(at - 1e-9)), float(arabnejad_cutting(at + 1e-9))
+    assert below == pytest.approx(above, abs=1e-8)
+
+
+@pytest.mark.parametrize("function", [finnie, dnv_2015, dnv_polynomial, ecrc, oka, arabnejad_cutting])
+def test_vectorized_and_differentiable(function):
+    angles = np.linspace(0.05, 1.5, 30)
+    assert np.asarray(function(angles)).shape == (30,)
+    slopes = np.asarray(jax.vmap(jax.grad(function))(angles))
+    step = 1e-6
+    differences = (np.asarray(function(angles + step)) - np.asarray(function(angles - step))) / (2 * step)
+    # Central differences of 1e-6: rounding leaves 1e-9 or so.
+    np.testing.assert_allclose(slopes, differences, atol=2e-8)
+
+
+def test_each_names_its_source_units_and_range():
+    for name, one in CORRELATIONS.items():
+        assert one.name == name
+        assert one.units == "-"
+        assert one.source
+        assert one.valid_for
+        assert one.valid == (0.0, RIGHT)
+        assert one.valid[0] < one.alpha_max < one.valid[1]
+        assert float(one(0.0)) == 0.0

@@ -1,0 +1,254 @@
+"""Sweeps: the labels, the same bits however a grid is cut and kept, and what happens when it is interrupted."""
+
+import json
+import math
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.grids import block_shape, make_grid, regions
+from erosion.provenance import StoreError
+from erosion.sweeps import SweepInterrupted, sweep
+
+P = erosion.TABLE_1
+# 24 000 impacts: two blocks of the least size.
+AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 120)), "v0": np.linspace(2200.0, 4400.0, 200)}
+CHUNKS = {"alpha": 60}
+
+
+@pytest.fixture(scope="module")
+def whole() -> xr.Dataset:
+    return sweep("linearized", P, **AXES)
+
+
+def assert_same_bits(one: xr.Dataset, other: xr.Dataset) -> None:
+    assert set(one.variables) == set(other.variables)
+    for name in one.variables:
+        assert one[name].values.tobytes() == other[name].values.tobytes(), name
+
+
+def stop_after(blocks: int):
+    """A progress callback as Ctrl-C after some blocks."""
+    calls = iter(range(blocks + 1))
+
+    def progress(done: int, total: int) -> None:
+        if next(calls) == blocks:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_a_sweep_is_the_kernel_with_labels(whole):
+    p = P.replace(alpha=AXES["alpha"][:, None], v0=AXES["v0"])
+    found = erosion.impact("linearized", p)
+    np.testing.assert_array_equal(whole.volume, found.volume)
+    np.testing.assert_array_equal(whole.t_c, found.t_c)
+    meanings = np.array(whole.ended_by.attrs["flag_meanings"].split())
+    np.testing.assert_array_equal(meanings[whole.ended_by.values], found.ended_by)
+    assert whole.ended_by.dtype == np.int8
+    np.testing.assert_array_equal(whole.ended_by.attrs["flag_values"], range(len(meanings)))
+    assert whole.volume.dims == ("alpha", "v0")
+    assert whole.volume.attrs == {"long_name": "removed volume", "symbol": "V", "units": "in^3"}
+    assert whole.v0.attrs["units"] == "in/s"
+    assert whole.attrs["model"] == "linearized"
+    assert "sigma = 200000.0" in whole.attrs["case"]
+
+
+def test_the_case_in_the_attributes_is_the_case(whole, tmp_path):
+    file = tmp_path / "case.toml"
+    file.write_text(whole.attrs["case"])
+    assert erosion.load_case(file) == P
+
+
+def test_models_are_an_axis_and_axes_may_go_in_pairs():
+    k, angles = [1.0, 2.0, 3.0], np.deg2rad([10.0, 20, 30])
+    found = sweep(["linearized", "tan-alpha"], P, alpha=angles, k=k, v0=[2200.0, 4400.0], paired=("alpha", "k"))
+    assert dict(found.sizes) == {"model": 2, "pair": 3, "v0": 2}
+    assert found.k.dims == ("pair",)
+    one = erosion.impact("linearized", P.replace(alpha=angles[2], k=3.0))
+    assert float(found.volume.sel(model="linearized", v0=4400.0)[2]) == one.volume
+    # No rotation: the volume goes with v₀².
+    np.testing.assert_allclose(found.volume.isel(v0=1), 4 * found.volume.isel(v0=0), rtol=1e-8)
+
+
+def test_derivatives_carry_their_units():
+    found = sweep("linearized", P, alpha=[0.2, 0.3], derivatives=2, wrt="v0")
+    assert found.dvolume.attrs["units"] == "in^3/(in/s)"
+    assert found.d2volume.attrs["units"] == "in^3/(in/s)^2"
+    # V ∝ v₀²; the kernel's tolerance is 1e-9.
+    np.testing.assert_allclose(found.dvolume, 2 * found.volume / P.v0, rtol=1e-7)
+
+
+def test_the_optimum_lies_beside_the_angles(tmp_path):
+    axes: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 6000)), "k": [1.0, 2.0]}
+    found = sweep("linearized", P, optimum=True, **axes)
+    assert found.alpha_max.dims == ("k",)
+    # The closed form: α_max = ½ arctan k.
+    np.testing.assert_allclose(found.alpha_max, np.arctan(axes["k"]) / 2, rtol=1e-9)
+    np.testing.assert_allclose(found.volume_max, found.volume.max("alpha"), rtol=1e-6)
+    assert found.alpha_max_kind.attrs["flag_meanings"].split()[int(found.alpha_max_kind[0])] == "interior"
+    path = tmp_path / "out.zarr"
+    stored = sweep("linearized", P, optimum=True, store=path, chunks={"alpha": 5000}, **axes)
+    assert_same_bits(stored.compute(), found)
+
+
+def test_netcdf_holds_the_same_and_is_read_back(whole, tmp_path):
+    path = tmp_path / "out.nc"
+    assert_same_bits(sweep("linearized", P, store=path, **AXES), whole)
+    assert_same_bits(xr.load_dataset(path, engine="h5netcdf"), whole)
+    before = path.read_bytes()
+    assert_same_bits(sweep("linearized", P, store=path, **AXES), whole)
+    assert path.read_bytes() == before
+
+
+def test_zarr_holds_the_same_in_any_blocks(whole, tmp_path):
+    for chunks in (CHUNKS, {"alpha": 70, "v0": 150}, None):
+        path = tmp_path / f"{chunks}.zarr"
+        found = sweep("linearized", P, store=path, chunks=chunks, **AXES)
+        assert found.volume.chunks is not None
+        assert_same_bits(found.compute(), whole)
+
+
+@pytest.mark.parametrize("suffix", ["nc", "zarr"])
+def test_an_interrupted_sweep_is_readable_and_goes_on(whole, tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"out.{suffix}"
+    arguments: dict[str, Any] = {"store": path, **AXES, **({"chunks": CHUNKS} if suffix == "zarr" else {})}
+    # In memory too, blocks of half the grid.
+    monkeypatch.setattr("erosion.sweeps._MEMORY_BLOCK", 12_000)
+    with pytest.raises(SweepInterrupted, match=r"holds 12,000 of 24,000 impacts; the same command goes on"):
+        sweep("linearized", P, progress=stop_after(1), **arguments)
+    partial = xr.load_dataset(path) if suffix == "nc" else xr.open_zarr(path, consolidated=False)
+    assert int((partial.ended_by == 0).sum()) == 12_000
+    assert int(np.isnan(partial.volume).sum()) == 12_000
+    seen = []
+    found = sweep("linearized", P, progress=lambda done, total: seen.append((done, total)), **arguments)
+    assert seen == [(12_000, 24_000), (24_000, 24_000)]
+    assert_same_bits(found.compute(), whole)
+
+
+def test_half_a_block_is_computed_again(whole, tmp_path):
+    path = tmp_path / "out.zarr"
+    sweep("linearized", P, store=path, chunks=CHUNKS, **AXES)
+    # As after a kill between the variables of a block: `ended_by` comes last.
+    (path / "ended_by" / "c" / "1" / "0").unlink()
+    (path / "t_c" / "c" / "1" / "0").unlink()
+    assert_same_bits(sweep("linearized", P, store=path, chunks=CHUNKS, **AXES).compute(), whole)
+
+
+@pytest.mark.parametrize("suffix", ["nc", "zarr"])
+def test_a_store_of_something_else_is_refused_and_left(tmp_path, suffix):
+    path = tmp_path / f"out.{suffix}"
+    small: dict[str, Any] = {"alpha": [0.2, 0.3]}
+    sweep("linearized", P, store=path, **small)
+    before = {file: file.read_bytes() for file in [path, *path.rglob("*")] if file.is_file()}
+    for changed, message in [
+        ({"alpha": [0.2, 0.4]}, "another axes"),
+        ({"derivatives": 1}, "another derivatives"),
+        ({"rtol": 1e-8}, "another tolerance"),
+    ]:
+        with pytest.raises(StoreError, match=f"{message}.*left as it is"):
+            sweep("linearized", P, store=path, **{**small, **changed})
+    with pytest.raises(StoreError, match="another case"):
+        sweep("linearized", P.replace(k=3.0), store=path, **small)
+    with pytest.raises(StoreError, match="another models"):
+        sweep("finnie", P, store=path, **small)
+    assert before == {file: file.read_bytes() for file in [path, *path.rglob("*")] if file.is_file()}
+
+
+def test_another_version_and_foreign_files_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "out.nc"
+    sweep("linearized", P, store=path, alpha=[0.2])
+    with monkeypatch.context() as patch:
+        patch.setattr("erosion.provenance.__version__", "9.9")
+        with pytest.raises(StoreError, match="another version"):
+            sweep("linearized", P, store=path, alpha=[0.2])
+    path.write_text("notes")
+    with pytest.raises(StoreError, match="no netCDF file"):
+        sweep("linearized", P, store=path, alpha=[0.2])
+    (tmp_path / "out.zarr").mkdir()
+    with pytest.raises(StoreError, match="is there already"):
+        sweep("linearized", P, store=tmp_path / "out.zarr", alpha=[0.2])
+
+
+def test_a_plug_in_is_known_by_its_file(tmp_path):
+    plug_in = tmp_path / "lip.py"
+    shutil.copy(Path(__file__).parent.parent / "models/saturating_lip.py", plug_in)
+    grid = make_grid(str(plug_in), P, {"alpha": [0.2]})
+    before = grid.identity()
+    plug_in.write_text(plug_in.read_text() + "\n# changed\n")
+    assert make_grid(str(plug_in), P, {"alpha": [0.2]}).identity()["models"] != before["models"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({}, ValueError, "must include an axis"),
+        ({"speed": [1]}, TypeError, "`speed` is not a parameter"),
+        ({"alpha": 0.3}, ValueError, "`alpha` must be a one-dimensional list"),
+        ({"alpha": [[0.3]]}, ValueError, "one-dimensional"),
+        ({"alpha": []}, ValueError, "one-dimensional"),
+        ({"alpha": [0.3, 2.0]}, ValueError, "`alpha` must be in"),
+        ({"alpha": [0.3, np.nan]}, ValueError, "`alpha` must be in"),
+        ({"alpha": [0.3], "paired": ("alpha",)}, ValueError, "`paired` must name two or more"),
+        ({"alpha": [0.3], "k": [1, 2], "paired": ("alpha", "k")}, ValueError, r"of one length, but they have \[1, 2\]"),
+        ({"alpha": [0.3], "derivatives": 3}, ValueError, "`derivatives` must be"),
+        ({"alpha": [0.3], "wrt": "speed"}, ValueError, "`wrt` must name"),
+        ({"alpha": [0.3], "rtol": 0.0}, ValueError, "`rtol` must be"),
+        ({"alpha": [0.3], "chunks": {"alpha": 1}}, ValueError, "`chunks` must come with a `store`"),
+        ({"alpha": [0.3], "store": "out.csv"}, ValueError, r"must end in .nc or .zarr"),
+        ({"alpha": [0.3], "store": "/nowhere/out.nc"}, ValueError, "its folder does not exist"),
+    ],
+)
+def test_bad_arguments_are_one_sentence(arguments, error, message):
+    with pytest.raises(error, match=message):
+        sweep("linearized", P, **arguments)
+
+
+def test_models_must_differ_and_the_case_be_scalar():
+    with pytest.raises(ValueError, match="different names"):
+        sweep(["finnie", "finnie"], P, alpha=[0.3])
+    with pytest.raises(ValueError, match="an empty list"):
+        sweep([], P, alpha=[0.3])
+    with pytest.raises(ValueError, match="`alpha` is an array"):
+        sweep("finnie", P.replace(alpha=[0.1, 0.2]), k=[1.0])
+
+
+@pytest.mark.parametrize("usual", [1, 7, 1000, 10**6])
+@pytest.mark.parametrize("lengths", [(1,), (100,), (3, 50), (10, 20, 30)])
+def test_blocks_cover_the_grid_once(usual, lengths):
+    axes = {name: np.linspace(0.1, 1, n) for name, n in zip(("alpha", "k", "v0"), lengths, strict=False)}
+    grid = make_grid("linearized", P, axes)
+    block = block_shape(grid, None, 1, usual)
+    assert math.prod(block) <= max(usual, 1)
+    assert math.prod(block) >= min(usual, math.prod(lengths)) / 4
+    covered = np.zeros(lengths, int)
+    for region in regions(grid.shape, block):
+        covered[region] += 1
+        assert grid[region].shape == covered[region].shape
+    assert (covered == 1).all()
+
+
+def test_chunks_must_be_of_use():
+    grid = make_grid("linearized", P, {"alpha": np.linspace(0.1, 1, 300), "k": np.linspace(1, 3, 100)})
+    assert block_shape(grid, {"alpha": 100}, 10_000, 0) == (100, 100)
+    for chunks, message in [
+        ({"alpha": 99}, "at least 10,000 impacts, but makes blocks of 9,900"),
+        ({"beta": 1}, r"name dimensions \(alpha, k\)"),
+        ({"alpha": 0}, "positive whole numbers"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            block_shape(grid, chunks, 10_000, 0)
+
+
+def test_identities_are_words(tmp_path):
+    path = tmp_path / "out.nc"
+    found = sweep("linearized", P, store=path, alpha=[0.2])
+    found = xr.load_dataset(path, engine="h5netcdf")
+    assert set(json.loads(found.attrs["identity"])) == {
+        "version", "case", "models", "axes", "derivatives", "optimum", "tolerance",
+    }  # fmt: skip
