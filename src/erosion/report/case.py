@@ -177,7 +177,7 @@ class Case:
         return self._once("families", model)
 
     def sensitivity(self, model: str, name: str) -> float:
-        """q dα_max/dq [rad]: the change of α_max by a change of q of its own size."""
+        """The change of α_max by a change of q of its own size, q dα_max/dq [rad]."""
         return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
 
     @functools.cached_property

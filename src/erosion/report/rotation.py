@@ -16,7 +16,7 @@ from erosion.report.varied import family_figure, family_numbers
 
 MODEL = "rotating"
 _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
-_ON_LINE = 61
+_ON_LINE = 41
 
 
 def numbers_again(case: Case) -> dict[str, Any]:
@@ -98,8 +98,8 @@ def derivation_again(case: Case) -> Markup:
         formula(r"V=\frac{mv_0^2}{\sigma\psi}\cdot f\left(\alpha,k,\Omega,s,\beta\right),\qquad"
                 r"\Omega=\frac{r\omega}{v_0}=\frac{r}{v_0}\sqrt{\frac{k\sigma b\psi}{m}},\qquad"
                 r"s=\frac{r\dot{\varphi}_0}{v_0}"),
-        paragraph("Every parameter that enters ", math(r"\Omega"), " now moves the best angle: the speed, the size, the "
-                  "mass, the flow stress, the width and ", math(r"\psi"), ". The answers to questions 5, 6 and 7 turn "
+        paragraph("Every parameter that enters ", math(r"\Omega"), " now moves the best angle: the speed, the size, "
+                  "the mass, the flow stress, the width and ", math(r"\psi"), ". The answers to questions 5, 6 and 7 turn "
                   "from no to yes. In this case ", math(rf"\Omega={number(_own_reach(case), 4)}"), ", and the best "
                   "angles are:"),
         _ranges(case),

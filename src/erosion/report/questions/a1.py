@@ -92,9 +92,9 @@ def _sentence(case: Case, numbers: dict[str, Any]) -> Markup:
     if not simple["volume_max"] or not full["volume_max"]:
         return Markup("With this spin the tip moves backward at contact at every angle: <strong>nothing is cut</strong>"
                       ".")  # fmt: skip
-    return Markup("<strong>Yes, the best angle changes</strong>: from {} to {}, or {} where both components of the force "
-                  "turn the body; {} times as much is removed there, and now speed, erodent, material and above all the "
-                  "spin move it.").format(
+    return Markup("<strong>Yes, the best angle changes</strong>: from {} to {}, or {} where both components of the "
+                  "force turn the body; {} times as much is removed there, and now speed, erodent, material and above "
+                  "all the spin move it.").format(
         degrees(float(before.alpha)), degrees(simple["alpha_max"]), degrees(full["alpha_max"]), number(less, 3)
     )  # fmt: skip
 
@@ -167,11 +167,11 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
 
 def _jumps(case: Case, numbers: dict[str, Any]) -> Markup:
     scale = readable_scale("volume", case.units, max(numbers[model]["volume_max"] for model in TORQUES))
-    said = []
-    for model, label in TORQUES.items():
-        for jump in case.optimum(model).jumps:
-            said.append((label, degrees(jump.alpha, 9), number(jump.below / scale.size, 5), jump.ended_below,
-                         number(jump.above / scale.size, 5), jump.ended_above))  # fmt: skip
+    said = [
+        (label, degrees(jump.alpha, 9), number(jump.below / scale.size, 5), jump.ended_below,
+         number(jump.above / scale.size, 5), jump.ended_above)
+        for model, label in TORQUES.items() for jump in case.optimum(model).jumps
+    ]  # fmt: skip
     if not said:
         return paragraph("In this case ", math(r"V(\alpha)"), " has no jump.")
     head = ("", "jump at", f"V below [{scale.unit}]", "ends by", f"V above [{scale.unit}]", "ends by")
@@ -206,8 +206,8 @@ def _spin_text(case: Case) -> Markup:
                   math("s>0"), ") cuts longer; one that lags (", math("s<0"), ") cuts less, and where ",
                   math(r"\cos\alpha+s\le0"), " it cuts nothing. Of the spins in the figure, "
                   f"{simple.jumps} of {simple.s.size} have their greatest volume at a jump with the torque ",
-                  math("rF_x"), f", and {full.jumps} with that of both components: looking for a zero of the derivative "
-                  "would miss them."),
+                  math("rF_x"), f", and {full.jumps} with that of both components: looking for a zero of the "
+                  "derivative would miss them."),
         table("The angle of greatest removal over the spin",
               ("s", *(cell for label in TORQUES.values() for cell in (f"α_max, {label}", "maximum, end"))), rows),
     )  # fmt: skip

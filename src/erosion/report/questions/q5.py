@@ -27,8 +27,8 @@ def answer(case: Case) -> Answer:
     return Answer(
         key="q5",
         title="Does the speed change the best angle?",
-        sentence=Markup("<strong>No</strong>: at every speed most is removed at {}, the same to within {}; how much is removed "
-                        "grows with the square of the speed.").format(
+        sentence=Markup("<strong>No</strong>: at every speed most is removed at {}, the same to within {}; how much "
+                        "is removed grows with the square of the speed.").format(
             degrees(float(family.alpha[0])), said_angle(family.spread)
         ),
         figures=(

@@ -77,8 +77,8 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
         formula(r"\alpha_\text{max}=\frac{1}{2}\arctan k,\qquad"
                 r"k\frac{\partial\alpha_\text{max}}{\partial k}=\frac{1}{2}\cdot\frac{k}{1+k^2},\qquad"
                 r"V_\text{max}=\frac{V^{*}}{k^2}\left(\sqrt{1+k^2}-1\right)"),
-        paragraph("It is below 45° for every ", math("k"), ", and goes to 0 with it. The computed angles lie on the law "
-                  "to ", degrees(k["largest_difference_from_law"], 1), ":"),
+        paragraph("It is below 45° for every ", math("k"), ", and goes to 0 with it. The computed angles lie on the "
+                  "law to ", degrees(k["largest_difference_from_law"], 1), ":"),
         family_table(case, families["k"], "The greatest volume for several k"),
         paragraph("In this case ", math(r"k\,\partial\alpha_\text{max}/\partial k"), " is ",
                   degrees(case.sensitivity(_MODEL, "k"), 8), " by second derivatives of the solver and ",

@@ -21,8 +21,8 @@ def answer(case: Case) -> Answer:
     return Answer(
         key="slips",
         title="Where the source slips",
-        sentence=Markup("The printed equations contradict themselves in six places. <strong>Taken to the letter</strong> "
-                        "they give a volume of {} at {}{}, for the erodent is first pushed forward.").format(
+        sentence=Markup("The printed equations contradict themselves in six places. <strong>Taken to the "
+                        "letter</strong> they give a volume of {} at {}{}, for the erodent is first pushed forward.").format(
             quantity(printed["volume"], "volume", case.units), degrees(case.alpha), falls
         ),
         figures=(_figure(case),),
@@ -111,8 +111,9 @@ def _readings(case: Case, numbers: dict[str, Any]) -> Markup:
     for model, label in _MODELS.items():
         found = numbers[model]
         best = "α → 0" if found["kind"] == "boundary" and not found["alpha_max"] else degrees(found["alpha_max"])
-        rows.append((label, number(found["volume"] / scale.size, 7), quantity(found["t_c"], "time", case.units, like=found["t_c"]),
-                     found["ended_by"], best if found["kind"] != "none" else "–", number(found["volume_max"] / scale.size, 6)))  # fmt: skip
+        time = quantity(found["t_c"], "time", case.units, like=found["t_c"])
+        volume, greatest = (number(found[key] / scale.size, 7) for key in ("volume", "volume_max"))
+        rows.append((label, volume, time, found["ended_by"], best if found["kind"] != "none" else "–", greatest))
     head = (
         "reading",
         f"V at {degrees(case.alpha)} [{scale.unit}]",
