@@ -99,9 +99,9 @@ def derivation_again(case: Case) -> Markup:
                 r"\Omega=\frac{r\omega}{v_0}=\frac{r}{v_0}\sqrt{\frac{k\sigma b\psi}{m}},\qquad"
                 r"s=\frac{r\dot{\varphi}_0}{v_0}"),
         paragraph("Every parameter that enters ", math(r"\Omega"), " now moves the best angle: the speed, the size, "
-                  "the mass, the flow stress, the width and ", math(r"\psi"), ". The answers to questions 5, 6 and 7 turn "
-                  "from no to yes. In this case ", math(rf"\Omega={number(_own_reach(case), 4)}"), ", and the best "
-                  "angles are:"),
+                  "the mass, the flow stress, the width and ", math(r"\psi"), ". The answers to questions 5, 6 and 7 "
+                  "turn from no to yes. In this case ", math(rf"\Omega={number(_own_reach(case), 4)}"),
+                  ", and the best angles are:"),
         _ranges(case),
         _sensitivities(case),
         paragraph("Without spin, speed, size, mass, flow stress, width and ", math(r"\psi"), " enter by ",

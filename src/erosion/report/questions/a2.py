@@ -82,7 +82,8 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
         formula(r"x=\ell\cos\alpha,\quad y=\ell\sin\alpha:\qquad m\ddot{\ell}=-c\tan\alpha\cdot\ell"
                 r"\quad\Rightarrow\quad \ell=\frac{v_0}{\omega}\sin\omega t,\qquad \omega^2=\frac{c\tan\alpha}{m}"),
         paragraph("Both velocities vanish together at ", math(r"\omega t=\pi/2"), ", deep in the target: the cut "
-                  "always ends by a stop. All the energy of the forward motion is used, and by the answer to question 3"),
+                  "always ends by a stop. All the energy of the forward motion is used, and by the answer to "
+                  "question 3"),
         formula(r"V=\frac{m}{2\sigma\psi}\dot{x}(0)^2=\frac{V^{*}}{2}\cos^2\alpha,\qquad "
                 r"\frac{dV}{d\alpha}=-\frac{V^{*}}{2}\sin2\alpha<0"),
         paragraph("The derivative vanishes nowhere inside ", math(r"(0,\pi/2)"), ". The shallower the impact, the more "

@@ -108,4 +108,4 @@ def _table(case: Case, numbers: dict[str, Any]) -> Markup:
 
 
 def _angle(alpha: float, kind: str) -> str:
-    return "–" if kind == "none" else "→ 0°" if kind == "boundary" and alpha == 0 else degrees(alpha, 10)
+    return "–" if kind == "none" else "→ 0°" if kind == "boundary" and alpha == 0 else degrees(alpha, 8)

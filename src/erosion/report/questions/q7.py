@@ -50,8 +50,8 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
         family_table(case, family, "The greatest volume for several metals"),
         paragraph(f"From the hardest to the softest the volume goes from {least} to {greatest}, while ",
                   math(r"\sigma V_\text{max}"), " stays the same to within ",
-                  said_part(numbers["departure_from_inverse"]), ", and the angles to within ", said_angle(numbers["spread"]),
-                  ". The sensitivity ",
+                  said_part(numbers["departure_from_inverse"]), ", and the angles to within ",
+                  said_angle(numbers["spread"]), ". The sensitivity ",
                   math(r"\sigma\,\partial\alpha_\text{max}/\partial\sigma"), " is ",
                   said_rate(numbers["sensitivity"]), "."),
     )  # fmt: skip

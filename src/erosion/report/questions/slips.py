@@ -22,7 +22,8 @@ def answer(case: Case) -> Answer:
         key="slips",
         title="Where the source slips",
         sentence=Markup("The printed equations contradict themselves in six places. <strong>Taken to the "
-                        "letter</strong> they give a volume of {} at {}{}, for the erodent is first pushed forward.").format(
+                        "letter</strong> they give a volume of {} at {}{}, for the erodent is first pushed "
+                        "forward.").format(
             quantity(printed["volume"], "volume", case.units), degrees(case.alpha), falls
         ),
         figures=(_figure(case),),
