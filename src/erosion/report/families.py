@@ -58,7 +58,7 @@ class Family:
         """Between the greatest and the least α_max [rad]."""
         return float(np.ptp(self.alpha))
 
-    def departure(self, power: float) -> float:
+    def departure(self, power: int) -> float:
         """By how much V_max departs from V_max ∝ value^`power`, relative."""
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())

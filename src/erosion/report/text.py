@@ -150,6 +150,11 @@ def _unbroken(match: re.Match[str]) -> str:
     return match[0].replace(" ", _NO_BREAK)
 
 
+def wordy_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
+    """A table of words: they break into lines and are aligned to the left."""
+    return Markup('<div class="wordy">{}</div>').format(table(caption, head, rows))
+
+
 def join(*parts: str) -> Markup:
     """Blocks of HTML, one after another."""
     return Markup("\n").join(escape(part) for part in parts)

@@ -9,7 +9,7 @@ from erosion.angle_plots import plot_optima
 from erosion.models.registry import BUILT_IN
 from erosion.plotting import readable_scale
 from erosion.report.case import Answer, Case, Illustration
-from erosion.report.text import degrees, join, number, paragraph, table
+from erosion.report.text import degrees, join, number, paragraph, table, wordy_table
 
 NEEDS = tuple((what, model) for model in BUILT_IN for what in ("optimum", "hits"))
 
@@ -86,7 +86,7 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
     return join(
         paragraph("A model is a choice of where the tip is, of the ratio ", "K", " of the force's components, and of "
                   "the torque:"),
-        table("Models", ("model", "what it assumes", "equations"),
+        wordy_table("Models", ("model", "what it assumes", "equations"),
               [(info.name, info.summary, info.equations) for info in BUILT_IN.values()]),
         table("All models in this case", head, rows),
     )  # fmt: skip

@@ -7,7 +7,19 @@ from markupsafe import Markup
 from erosion.family_plots import plot_family
 from erosion.plotting import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
-from erosion.report.text import degrees, formula, join, math, note, number, paragraph, quantity, quantity_tex, table
+from erosion.report.text import (
+    degrees,
+    formula,
+    join,
+    math,
+    note,
+    number,
+    paragraph,
+    quantity,
+    quantity_tex,
+    table,
+    wordy_table,
+)
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
 NEEDS = tuple((what, model) for model in _MODELS for what in ("optimum", "hits"))
@@ -101,9 +113,7 @@ def _slips() -> Markup:
         ("volume", Markup("{} of the centre of mass").format(math(r"\int y\,dx")),
          "with rotation the path of the tip cuts", Markup("{}").format(math(r"\int d\,dx_\text{tip}"))),
     )  # fmt: skip
-    return Markup('<div class="wordy">{}</div>').format(
-        table("Six slips", ("where", "the source says", "the trouble", "what is built"), cells)
-    )
+    return wordy_table("Six slips", ("where", "the source says", "the trouble", "what is built"), cells)
 
 
 def _readings(case: Case, numbers: dict[str, Any]) -> Markup:
