@@ -1,5 +1,6 @@
 """The report: right numbers for any case, one whole page that needs nothing else, safe files."""
 
+import csv
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -28,18 +29,28 @@ CASES = {
 }
 
 
+LINEARIZED = [key for key in QUESTIONS if key.startswith("q")]
+
+
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The folder of each case's report."""
+    """The folder of each case's report on the questions of the linearized model."""
     folders = {}
     for name, p in CASES.items():
-        folders[name] = write_report(p, tmp_path_factory.mktemp("report") / "new", case_name=name).parent
+        folder = tmp_path_factory.mktemp("report") / "new"
+        folders[name] = write_report(p, folder, case_name=name, only=LINEARIZED).parent
     return folders
 
 
 @pytest.fixture(scope="module")
-def page(reports: dict[str, Path]) -> str:
-    return (reports["Table 1"] / "index.html").read_text(encoding="utf-8")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of Table 1's whole report."""
+    return write_report(TABLE_1, tmp_path_factory.mktemp("report"), case_name="Table 1").parent
+
+
+@pytest.fixture(scope="module")
+def page(whole: Path) -> str:
+    return (whole / "index.html").read_text(encoding="utf-8")
 
 
 def numbers(folder: Path) -> dict[str, Any]:
@@ -117,14 +128,89 @@ def test_a_stop_is_told_as_a_stop(reports: dict[str, Path]) -> None:
 
 
 @pytest.mark.parametrize("name", ["Table 1", "SI"])
-def test_page_is_well_formed_and_its_ids_are_unique(reports: dict[str, Path], name: str) -> None:
-    text = (reports[name] / "index.html").read_text(encoding="utf-8")
+def test_families_follow_the_laws_of_the_linearized_model(reports: dict[str, Path], name: str) -> None:
+    p, record = CASES[name], numbers(reports[name])["answers"]
+    families = {"v0": record["q5"], "m": record["q6"]["m"], "r": record["q6"]["r"], "sigma": record["q7"],
+                "psi": record["q8"]["psi"], "k": record["q8"]["k"]}  # fmt: skip
+    scale = float(p.volume_scale)
+    for quantity_, power in (("v0", 2), ("m", 1), ("r", 0), ("sigma", -1), ("psi", -1)):
+        family = families[quantity_]
+        assert len(family["values"]) >= 5
+        # PHYSICS.md, section 4; V″ turns the 1e-12 of V′ into an angle.
+        np.testing.assert_allclose(family["alpha_max"], np.arctan(p.k) / 2, rtol=0, atol=1e-10)
+        expected = scale * (np.array(family["values"]) / float(getattr(p, quantity_))) ** power * (np.sqrt(5) - 1) / 4
+        np.testing.assert_allclose(family["volume_max"], expected, rtol=1e-10)
+        assert family["sensitivity"] == pytest.approx(0, abs=1e-10)
+    ratios = np.array(families["k"]["values"])
+    np.testing.assert_allclose(families["k"]["alpha_max"], np.arctan(ratios) / 2, rtol=0, atol=1e-10)
+    # k dα_max/dk = ½ k/(1 + k²) = 0.2 for k = 2.
+    assert families["k"]["sensitivity"] == pytest.approx(0.2, abs=1e-9)
+
+
+def test_rotation_answers_with_the_settled_figures(whole: Path) -> None:
+    answers = numbers(whole)["answers"]
+    # PHYSICS.md, sections 6 and 7, as printed there.
+    a1 = answers["a1"]
+    assert np.rad2deg(a1["rotating"]["alpha_max"]) == pytest.approx(25.571827308, abs=1e-8)
+    assert np.rad2deg(a1["rotating-full-torque"]["alpha_max"]) == pytest.approx(23.884236296, abs=1e-8)
+    assert np.rad2deg(a1["rotating"]["jumps"]) == pytest.approx([42.92255530], abs=2e-8)
+    spins = a1["rotating"]["over_spin"]
+    settled = ((-0.5, 47.14), (-0.25, 46.81), (-0.2, 48.2356), (-0.1, 29.98), (0.1, 22.27), (0.25, 20.39), (0.5, 29.51))
+    for s, degrees_ in settled:
+        i = spins["s"].index(s)
+        assert np.rad2deg(spins["alpha_max"][i]) == pytest.approx(degrees_, abs=0.006)
+        assert spins["kind"][i] == ("jump" if s == -0.2 else "interior")
+    assert np.rad2deg(a1["turn"]["at_case"]) == pytest.approx(-69.7, abs=0.05)
+    # V depends on Ω = rω/v₀ alone: the sensitivities are as its exponents.
+    again = a1["again"]
+    rates = [again[name]["sensitivity"] for name in ("v0", "r", "m", "sigma", "psi")]
+    assert rates == pytest.approx(np.array([-1, 1, -0.5, 0.5, 0.5]) * rates[1], rel=1e-6)
+    at_one = again["k"]["values"].index(1.0)
+    assert again["k"]["kind"][at_one] == "jump"
+    assert np.rad2deg(again["k"]["alpha_max"][at_one]) == pytest.approx(39.99624582, abs=2e-7)
+
+
+def test_other_force_ratios_and_the_printed_equations(whole: Path) -> None:
+    answers = numbers(whole)["answers"]
+    # PHYSICS.md, sections 2, 4 and 6.
+    assert answers["a2"]["kind"] == "boundary"
+    assert not answers["a2"]["attained"]
+    assert answers["a2"]["supremum"] == pytest.approx(3.45455e-4, rel=1e-6)
+    assert answers["a2"]["largest_difference"] < 1e-11
+    assert answers["a2"]["volume_at_case"] == pytest.approx(3.050444415488e-4, rel=1e-11)
+    for pair in answers["a3"]["pairs"].values():
+        assert pair["largest_difference"] < 1e-11
+        assert pair["alpha_max"] == pytest.approx(pair["alpha_max_of_tan_alpha"], abs=1e-9)
+    printed = answers["slips"]["as-printed"]
+    assert printed["volume"] == pytest.approx(4.9551209838e-4, rel=1e-10)
+    assert printed["t_c"] == pytest.approx(7.46068867e-5, rel=1e-8)
+    assert printed["only_falls"]
+    assert {name: np.rad2deg(found["alpha_max"]) for name, found in answers["models"].items()} == pytest.approx(
+        {"linearized": 31.717474411, "tan-alpha": 0, "velocity-aligned": 0, "finnie": 16.845033763,
+         "rotating": 25.571827308, "rotating-full-torque": 23.884236296, "rotating-tan-alpha": 28.600916123,
+         "rotating-velocity-aligned": 28.600916123, "rotating-tan-alpha-full-torque": 23.404489,
+         "rotating-velocity-aligned-full-torque": 23.404489, "as-printed": 0}, abs=1e-6)  # fmt: skip
+
+
+def test_csv_holds_the_numbers_of_the_json(whole: Path) -> None:
+    with (whole / "numbers.csv").open(encoding="utf-8", newline="") as file:
+        rows = dict(list(csv.reader(file))[1:])
+    answers = numbers(whole)["answers"]
+    assert float(rows["answers.q5.alpha_max.2"]) == answers["q5"]["alpha_max"][2]
+    assert float(rows["answers.a1.rotating.alpha_max"]) == answers["a1"]["rotating"]["alpha_max"]
+    assert rows["answers.models.tan-alpha.kind"] == "boundary"
+
+
+@pytest.mark.parametrize("name", ["Table 1", "SI"])
+def test_page_is_well_formed_and_its_ids_are_unique(whole: Path, reports: dict[str, Path], name: str) -> None:
+    folder = whole if name == "Table 1" else reports[name]
+    text = (folder / "index.html").read_text(encoding="utf-8")
     root = ET.fromstring(text.removeprefix("<!DOCTYPE html>"))
     ids = [element.get("id") for element in root.iter() if element.get("id")]
     assert len(ids) == len(set(ids))
     links = {(element.get("href") or "")[1:] for element in root.iter("{http://www.w3.org/1999/xhtml}a")}
     assert links <= set(ids)
-    assert len(list(root.iter("{http://www.w3.org/2000/svg}svg"))) == 5
+    assert len(list(root.iter("{http://www.w3.org/2000/svg}svg"))) == (21 if name == "Table 1" else 11)
     assert len(list(root.iter("{http://www.w3.org/1998/Math/MathML}math"))) > 40
     for element in root.iter("{http://www.w3.org/1998/Math/MathML}mi"):
         assert element.text != "&"
@@ -153,24 +239,28 @@ def test_figures_follow_the_theme(page: str) -> None:
 
 
 def test_same_case_same_bytes(reports: dict[str, Path], tmp_path: Path) -> None:
-    write_report(TABLE_1, tmp_path, case_name="Table 1")
+    write_report(TABLE_1, tmp_path, case_name="Table 1", only=LINEARIZED)
     first, second = (
         {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         for folder in (reports["Table 1"], tmp_path)
     )
     assert first == second
     names = sorted(str(path) for path in first)
-    assert names[:2] == ["figures/figure-7-histories.png", "figures/figure-7-histories.svg"]
-    assert names[-2:] == ["index.html", "numbers.json"]
-    assert len(names) == 12
+    assert names[:2] == ["figures/best-angle-over-k.png", "figures/best-angle-over-k.svg"]
+    assert names[-3:] == ["index.html", "numbers.csv", "numbers.json"]
+    assert len(names) == 2 * 11 + 3
 
 
 def test_only_answers_what_is_asked_in_the_pages_order(tmp_path: Path) -> None:
-    said: list[str] = []
-    page = write_report(TABLE_1, tmp_path, only=["q4", "q3"], progress=said.append)
+    said: list[tuple[str, int, int]] = []
+
+    def progress(line: str, done: int, parts: int) -> None:
+        said.append((line, done, parts))
+
+    page = write_report(TABLE_1, tmp_path, only=["q4", "q3"], progress=progress)
     assert list(numbers(tmp_path)["answers"]) == ["q3", "q4"]
     assert re.findall(r'<section id="(q\d)"', page.read_text(encoding="utf-8")) == ["q3", "q4"]
-    assert said == ["Question 3", "Question 4", "Figures and page"]
+    assert said == [("Question 3", 0, 2), ("Question 4", 1, 2), ("The page", 2, 2)]
 
 
 @pytest.mark.parametrize("only", [["q4", "q99"], [], "q4"])
@@ -209,7 +299,7 @@ def test_nothing_half_written_is_left(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_normal_impact_cuts_nothing_and_says_so(tmp_path: Path) -> None:
-    page = write_report(TABLE_1.replace(alpha=np.pi / 2), tmp_path).read_text(encoding="utf-8")
+    page = write_report(TABLE_1.replace(alpha=np.pi / 2), tmp_path, only=LINEARIZED).read_text(encoding="utf-8")
     assert "the cut stops before it begins" in page
     assert "With the numbers of this case" not in page
     answers = numbers(tmp_path)["answers"]
@@ -229,7 +319,7 @@ def test_a_case_name_is_text_not_html(tmp_path: Path) -> None:
 
 def test_every_question_answers_under_its_own_key() -> None:
     for key in ("q2", "q3"):
-        assert QUESTIONS[key](Case(TABLE_1, "Table 1")).key == key
+        assert QUESTIONS[key].answer(Case(TABLE_1, "Table 1")).key == key
 
 
 def closed_jet(p: Parameters) -> Jet:

@@ -197,7 +197,7 @@ def plot_path(ax: Axes, trajectory: Trajectory) -> Axes:
     ax.set_ylim(1.22 * deepest, -0.12 * deepest)
     ax.set_xlabel(f"x of the tip, {_HISTORIES[0][2].meaning}  [{along.unit}]")
     ax.set_ylabel(f"depth of the tip  [{down.unit}]")
-    _legend_below(ax, columns=4)
+    legend_below(ax, columns=4)
     return ax
 
 
@@ -254,8 +254,8 @@ def plot_end_times(
     _mark(ax, case, time, "o", PALETTE["purple"], "this case, {}")
     ax.set_ylim(bottom=0, top=1.12 * float(np.nanmax(t_c)) / time.size)
     ax.set_ylabel(f"{typeset(RESULTS['t_c'].symbol)}  {RESULTS['t_c'].meaning}  [{time.unit}]")
-    _angle_axis(ax)
-    _legend_below(ax, columns=2)
+    angle_axis(ax)
+    legend_below(ax, columns=2)
     return ax
 
 
@@ -277,7 +277,7 @@ def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
                label=f"midpoint rule, {bars} bars")  # fmt: skip
     ax.set_xlabel(f"t  time since contact  [{time.unit}]")
     ax.set_ylabel(f"$dV/dt$  [{volume.unit}/{time.unit}]")
-    _legend_below(ax, columns=2)
+    legend_below(ax, columns=2)
     return ax
 
 
@@ -316,8 +316,8 @@ def plot_volume(
     _mark(ax, best, scale, "*", PALETTE["orange"], "greatest at {}")
     ax.set_ylim(bottom=0, top=1.1 * _largest(volume) / scale.size or None)
     ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
-    _angle_axis(ax)
-    _legend_below(ax, columns=2)
+    angle_axis(ax)
+    legend_below(ax, columns=2)
     return ax
 
 
@@ -385,13 +385,15 @@ def _mark(ax: Axes, point: tuple[float, float] | None, scale: Scale, marker: str
             markeredgewidth=0.7, zorder=5, clip_on=False, label=label.format(f"{angle:.4g}°"))  # fmt: skip
 
 
-def _angle_axis(ax: Axes) -> None:
+def angle_axis(ax: Axes) -> None:
+    """α from 0° to 90° along x."""
     quantity = QUANTITIES["alpha"]
     ax.set_xlim(0, 90)
     ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
     ax.set_xlabel(f"{quantity.symbol}  {quantity.meaning}")
 
 
-def _legend_below(ax: Axes, columns: int) -> None:
+def legend_below(ax: Axes, columns: int) -> None:
+    """The axes' legend, outside at the foot of the figure."""
     figure: Any = ax.figure
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)

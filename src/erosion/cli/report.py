@@ -12,19 +12,31 @@ def report(
     *,
     case: CaseOptions | None = None,
     out: Annotated[Path, Parameter(help="Folder for the page, its figures and numbers.")] = Path("report"),
-    only: Annotated[str | None, Parameter(help='Only these questions: "q1,q4".')] = None,
+    only: Annotated[str | None, Parameter(help='Only these questions: "q4,a1".')] = None,
 ) -> None:
     """Answer the scenario's questions for a case, on one self-contained page."""
     options = case or CaseOptions()
     p = options.parameters()
     start_engine()
     from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from erosion.report import write_report
 
     name = "Table 1" if options.case is None else options.case.stem
     questions = None if only is None else [part.strip() for part in only.split(",") if part.strip()]
-    console = Console(stderr=True, highlight=False)
-    with user_errors(), console.status("report") as status:
-        page = write_report(p, out, case_name=name, only=questions, progress=status.update)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with user_errors(), Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as shown:
+        task = shown.add_task("report", total=None)
+
+        def tell(line: str, done: int, parts: int) -> None:
+            shown.update(task, description=f"{line:<21}", completed=done, total=parts)
+
+        page = write_report(p, out, case_name=name, only=questions, progress=tell)
     print(page.resolve())

@@ -2,6 +2,8 @@
 
 import functools
 import warnings
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -9,11 +11,22 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from erosion.family_plots import Curve, broken_at
+from erosion.kernel import Impact, impact
 from erosion.model import ClosedForm
 from erosion.models import Linearized
+from erosion.optimum import Optimum, alpha_max
 from erosion.parameters import Parameters
+from erosion.report.families import Families, families_of
+from erosion.report.spins import Spins, over_spins
 from erosion.trajectory import Trajectory, TurnWarning, simulate
 from erosion.units import System
+
+_RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
+Need = tuple[str, str]
+"""What a question needs, and of which model: ("optimum", "rotating")."""
+
+_ASIDE = {"slips": "On the source", "models": "In closing"}
 
 
 class Illustration(NamedTuple):
@@ -54,7 +67,9 @@ class Answer:
 
 
 def question(key: str) -> str:
-    """What the scenario calls it: "q4" is Question 4, "a2" is Additional question 2."""
+    """What the scenario calls it: "q4" is Question 4, "a2" is Additional question 2; or what it is on."""
+    if key in _ASIDE:
+        return _ASIDE[key]
     return f"{'Additional question' if key[0] == 'a' else 'Question'} {key[1:]}"
 
 
@@ -63,6 +78,7 @@ class Case:
     """One set of parameters, with what several questions need computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
+    Where models are asked of by name, results come from the kernel, whatever is known exactly.
     """
 
     p: Parameters
@@ -118,6 +134,59 @@ class Case:
         return str(self.closed.ended_by(self.p))
 
     @functools.cached_property
+    def _known(self) -> dict[tuple[str, str], Future[Any]]:
+        """What was computed, or is being computed, by what it is and the model's name."""
+        return {}
+
+    def prepare(self, pool: Executor, needs: Iterable[Need]) -> None:
+        """Compute in the background what questions will need; what another need is made from comes before it.
+
+        Compiling and integrating leave the interpreter free, so that the other core has work.
+        """
+        for what, model in dict.fromkeys(needs):
+            self._known[what, model] = pool.submit(_COMPUTE[what], self, model)
+
+    def _once(self, what: str, model: str) -> Any:
+        if (what, model) not in self._known:
+            computed = _COMPUTE[what](self, model)
+            self._known[what, model] = Future()
+            self._known[what, model].set_result(computed)
+        return self._known[what, model].result()
+
+    def optimum(self, model: str) -> Optimum:
+        """A model's angle of greatest removal in this case."""
+        return self._once("optimum", model)
+
+    def hits(self, model: str) -> Impact:
+        """A model's impacts at the `looks`, and after them at the case's own angle."""
+        return self._once("hits", model)
+
+    def curve(self, model: str, label: str | None = None) -> Curve:
+        """A model's V(α), interrupted at its jumps, with its maximum."""
+        optimum = self.optimum(model)
+        angles, volume = broken_at(optimum.jumps, self.looks, self.hits(model).volume[:-1])
+        best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
+        return Curve(label or model, angles, volume, best, bool(optimum.attained))
+
+    def spins(self, model: str) -> Spins:
+        """A model's angles of greatest removal over the spin."""
+        return self._once("spins", model)
+
+    def families(self, model: str) -> Families:
+        """A model asked with other speeds, erodents, materials and modelling parameters."""
+        return self._once("families", model)
+
+    def sensitivity(self, model: str, name: str) -> float:
+        """The change of α_max by a change of q of its own size, q dα_max/dq [rad]."""
+        return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
+
+    @functools.cached_property
+    def looks(self) -> np.ndarray:
+        """α in (0, 90°] [rad] for curves of the kernel: fewer than `angles`, for they are computed one by one."""
+        near_zero, even = [0.02, 0.1, 0.25], np.linspace(0, 90, 181)[1:-1]
+        return np.deg2rad([*near_zero, *even, 90 - 1e-7])
+
+    @functools.cached_property
     def cusp(self) -> float:
         """arctan(k/2) [rad]: cuts rebound up to this angle and stop above it."""
         return float(np.arctan(self.p.k / 2))
@@ -134,3 +203,18 @@ class Case:
     def over_angles(self) -> Parameters:
         """The case at every one of `angles`."""
         return self.p.replace(alpha=self.angles)
+
+
+def _hits(case: Case, model: str) -> Impact:
+    # The derivatives are not used; their program is the one that `alpha_max` needs anyway.
+    p = case.p.replace(alpha=np.append(case.looks, case.alpha))
+    return impact(model, p, derivatives=2, rtol=_RTOL)
+
+
+_COMPUTE: Mapping[str, Callable[[Case, str], Any]] = {
+    "optimum": lambda case, model: alpha_max(model, case.p),
+    "sensitivities": lambda case, model: case.optimum(model).sensitivities,
+    "hits": _hits,
+    "spins": lambda case, model: over_spins(model, case.p),
+    "families": lambda case, model: families_of(model, case.p, case.looks),
+}

@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
 from markupsafe import Markup, escape
-from matplotlib.figure import Figure
 
-from erosion.plotting import DIM, FAINT, INK, PALETTE, render
+from erosion.plotting import DIM, FAINT, INK, PALETTE
 
 THEMES: Mapping[str, Mapping[str, str]] = {
     "light": {**PALETTE, "ink": INK, "faint": FAINT, "dim": DIM, "paper": "#ffffff", "page": "#f4f5f7",
@@ -20,16 +20,15 @@ THEMES: Mapping[str, Mapping[str, str]] = {
 _VARIABLES = {THEMES["light"][name]: name for name in (*PALETTE, "ink", "faint", "dim")}
 
 
-def inline_svg(fig: Figure, name: str, description: str) -> Markup:
-    """The figure as `<svg>`: it fills its box, follows the page's colours, and keeps its ids to itself.
+def inline_svg(path: Path, description: str) -> Markup:
+    """A saved figure as `<svg>`: it fills its box, follows the page's colours, and keeps its ids to itself.
 
     Args:
-        fig: what to draw.
-        name: unique on the page; ids begin with it.
+        path: of the SVG file; ids begin with its name, unique on the page.
         description: what it shows, for those who cannot see it.
     """
-    text = render(fig, "svg", transparent=True).decode()
-    text = text[text.index("<svg") :].strip()
+    name, text = path.stem, path.read_text(encoding="utf-8")
+    text = text[text.index("<svg") :].strip().replace("fill: #ffffff", "fill: none")
     for color, variable in _VARIABLES.items():
         text = re.sub(color, f"var(--{variable})", text, flags=re.IGNORECASE)
     text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)

@@ -1,11 +1,16 @@
 """The page and its files: answers -> index.html, figures, numbers.json."""
 
+import csv
+import io
 import math
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import jinja2
+from markupsafe import Markup
 
 from erosion.files import write_whole
 from erosion.parameters import QUANTITIES, Parameters, require_scalars, validate
@@ -23,6 +28,8 @@ _SYSTEMS: Mapping[System, str] = types.MappingProxyType(
      "si": "SI"}
 )  # fmt: skip
 
+_THREADS = 2  # that compute ahead; more would wait for the interpreter
+
 
 def write_report(
     p: Parameters,
@@ -30,12 +37,12 @@ def write_report(
     *,
     case_name: str = "Table 1",
     only: Sequence[str] | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> Path:
     """Answer the scenario's questions for a case as one self-contained page.
 
     Writes `out`/index.html, every figure as `out`/figures/*.svg and *.png, and every number
-    as `out`/numbers.json. The same parameters give the same bytes. A file is there
+    as `out`/numbers.json and numbers.csv. The same parameters give the same bytes. A file is there
     completely or not at all, and the page is written last.
 
     Args:
@@ -43,7 +50,7 @@ def write_report(
         out: a folder; it is made if need be.
         case_name: what to call the case on the page.
         only: keys of the questions to answer, by default all; the page keeps its own order.
-        progress: called with a line of text before each part.
+        progress: called before each part with a line of text, how many parts are done, and of how many.
 
     Returns:
         The path of the page.
@@ -58,24 +65,32 @@ def write_report(
     out = Path(out)
     try:
         (out / "figures").mkdir(parents=True, exist_ok=True)
-        return _write(Case(p, case_name), keys, out, progress or (lambda line: None))
+        return _write(Case(p, case_name), keys, out, progress or (lambda line, done, parts: None))
     except OSError as error:
         reason = error.strerror or str(error)
         raise type(error)(f"{out}: the report cannot be written there ({reason}).") from error
 
 
-def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str], None]) -> Path:
+def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, int, int], None]) -> Path:
     answers = []
-    for key in keys:
-        progress(question(key))
-        answers.append(QUESTIONS[key](case))
-    progress("Figures and page")
-    for answer in answers:
-        for illustration in answer.figures:
-            save_figure(illustration.figure, out / "figures" / illustration.name)
-    write_whole(out / "numbers.json", _numbers(case, answers).encode())
+    drawings: dict[str, Markup] = {}
+    pool = ThreadPoolExecutor(_THREADS)
+    try:
+        case.prepare(pool, (need for key in keys for need in QUESTIONS[key].needs))
+        for done, key in enumerate(keys):
+            progress(question(key), done, len(keys))
+            answers.append(QUESTIONS[key].answer(case))
+            for illustration in answers[-1].figures:
+                svg, _ = save_figure(illustration.figure, out / "figures" / illustration.name)
+                drawings[illustration.name] = inline_svg(svg, illustration.description)
+    finally:
+        pool.shutdown(cancel_futures=True)
+    progress("The page", len(keys), len(keys))
+    record = _record(case, answers)
+    write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
+    write_whole(out / "numbers.csv", _csv(record).encode())
     page = out / "index.html"
-    write_whole(page, _page(case, answers).encode())
+    write_whole(page, _page(case, answers, drawings).encode())
     return page
 
 
@@ -89,7 +104,7 @@ def _chosen(only: Sequence[str] | None) -> list[str]:
     return [key for key in QUESTIONS if key in only]
 
 
-def _page(case: Case, answers: Sequence[Answer]) -> str:
+def _page(case: Case, answers: Sequence[Answer], drawings: Mapping[str, Markup]) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("erosion.report", "."),
         autoescape=True,
@@ -105,7 +120,7 @@ def _page(case: Case, answers: Sequence[Answer]) -> str:
         answers=answers,
         question=question,
         themes=THEMES,
-        inline_svg=inline_svg,
+        drawings=drawings,
         version=__version__,
     )
 
@@ -121,12 +136,31 @@ def _parameter_rows(p: Parameters) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def _numbers(case: Case, answers: Sequence[Answer]) -> str:
-    record = {
+def _record(case: Case, answers: Sequence[Answer]) -> dict[str, Any]:
+    return {
         "erosion": __version__,
         "case": case.name,
         "units": case.units,
         "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
         "answers": {answer.key: answer.numbers for answer in answers},
     }
-    return to_json(record) + "\n"
+
+
+def _csv(record: Mapping[str, Any]) -> str:
+    """A line for each number, with the path to it: "answers.q5.alpha_max.0", 0.5535…."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("name", "value"))
+    writer.writerows(_lines("", record))
+    return text.getvalue()
+
+
+def _lines(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from _lines(f"{path}.{name}".lstrip("."), item)
+    elif isinstance(value, (list, tuple)):
+        for i, item in enumerate(value):
+            yield from _lines(f"{path}.{i}", item)
+    else:
+        yield path, "" if value is None else value

@@ -15,6 +15,7 @@ _MINUS = "\N{MINUS SIGN}"
 _FUNCTION = r"(?:\\(?:sin|cos|tan|cot|arcsin|arccos|arctan)(?![a-zA-Z])(?:\^(?:\{[^{}]*\}|\w))?|\\mathrm\{arcosh\})"
 _BEFORE_FUNCTION = re.compile(rf"(?<!\\cdot)(?<!\\propto)(?<=[\w}})])\s*(?={_FUNCTION})")
 _AFTER_FUNCTION = re.compile(rf"({_FUNCTION})\s*(?!\s*(?:\(|\\left|\^))")
+_UNIT = re.compile(r"\[.*?\]")
 
 
 def _parts(value: float, digits: int, strip: bool) -> tuple[str, int | None]:
@@ -132,7 +133,7 @@ def note(*parts: str) -> Markup:
 
 def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
     """A table with numbers aligned to the right; the first column names the row."""
-    top = Markup("").join(Markup("<th scope='col'>{}</th>").format(cell) for cell in head)
+    top = Markup("").join(Markup("<th scope='col'>{}</th>").format(_UNIT.sub(_unbroken, cell)) for cell in head)
     body = Markup("").join(
         Markup("<tr><th scope='row'>{}</th>{}</tr>").format(
             row[0], Markup("").join(Markup("<td>{}</td>").format(cell) for cell in row[1:])
@@ -143,6 +144,15 @@ def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> M
         '<div class="table" tabindex="0"><table><caption>{}</caption><thead><tr>{}</tr></thead>'
         "<tbody>{}</tbody></table></div>"
     ).format(caption, top, body)
+
+
+def _unbroken(match: re.Match[str]) -> str:
+    return match[0].replace(" ", _NO_BREAK)
+
+
+def wordy_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
+    """A table of words: they break into lines and are aligned to the left."""
+    return Markup('<div class="wordy">{}</div>').format(table(caption, head, rows))
 
 
 def join(*parts: str) -> Markup:

@@ -2,10 +2,33 @@
 
 import types
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from erosion.report.case import Answer, Case
-from erosion.report.questions import q1, q2, q3, q4
+from erosion.report.case import Answer, Case, Need
+from erosion.report.questions import a1, a2, a3, models, q1, q2, q3, q4, q5, q6, q7, q8, slips
 
-QUESTIONS: Mapping[str, Callable[[Case], Answer]] = types.MappingProxyType(
-    {"q1": q1.answer, "q2": q2.answer, "q3": q3.answer, "q4": q4.answer}
+
+class Question(NamedTuple):
+    """How a question is answered, and what it needs that can be computed before."""
+
+    answer: Callable[[Case], Answer]
+    needs: tuple[Need, ...] = ()
+
+
+QUESTIONS: Mapping[str, Question] = types.MappingProxyType(
+    {
+        "q1": Question(q1.answer),
+        "q2": Question(q2.answer),
+        "q3": Question(q3.answer),
+        "q4": Question(q4.answer),
+        "q5": Question(q5.answer, q5.NEEDS),
+        "q6": Question(q6.answer, q6.NEEDS),
+        "q7": Question(q7.answer, q7.NEEDS),
+        "q8": Question(q8.answer, q8.NEEDS),
+        "a1": Question(a1.answer, a1.NEEDS),
+        "a2": Question(a2.answer, a2.NEEDS),
+        "a3": Question(a3.answer, a3.NEEDS),
+        "slips": Question(slips.answer, slips.NEEDS),
+        "models": Question(models.answer, models.NEEDS),
+    }
 )

@@ -1,0 +1,150 @@
+"""One parameter at several values, the others as they are: questions 5 to 8, of any model."""
+
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from erosion.family_plots import Curve, broken_at
+from erosion.kernel import impact
+from erosion.maxima import Jump
+from erosion.optimum import alpha_max
+from erosion.parameters import MATERIALS, QUANTITIES, Parameters
+from erosion.report.text import number
+from erosion.units import System, conversion_factor, unit_name
+
+_RTOL = 1e-12
+_SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(
+    {"inch-pound": (2000.0, 3500.0, 5000.0, 6500.0, 8000.0), "si": (50.0, 90.0, 125.0, 165.0, 200.0)}
+)
+_FACTORS = {0.25: "¼ ", 0.5: "½ ", 1.0: "", 2.0: "2 ", 4.0: "4 "}
+_CONTACTS = (0.01, 0.1, 0.5, 2.0, 4.9)  # of (0, 5), as the source recommends
+_RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # likewise (0.1, 10)
+
+
+@dataclass(frozen=True)
+class Family:
+    """A model's answers for the values of one parameter; arrays have shape (values,) first.
+
+    Args:
+        name: of the parameter.
+        values: ascending, in the case's units.
+        labels: of the values.
+        shown: which of them are drawn as curves.
+        angles: shape (angles,) [rad].
+        volumes: V, shape (values, angles).
+        alpha, volume: of the maximum.
+        kind, ended_by: of the maximum, as in `Optimum`.
+        jumps: of each V(α).
+        reach: Ω = r ω/v₀.
+    """
+
+    name: str
+    values: np.ndarray
+    labels: tuple[str, ...]
+    shown: np.ndarray
+    angles: np.ndarray
+    volumes: np.ndarray
+    alpha: np.ndarray
+    volume: np.ndarray
+    kind: np.ndarray
+    ended_by: np.ndarray
+    jumps: tuple[tuple[Jump, ...], ...]
+    reach: np.ndarray
+
+    @property
+    def spread(self) -> float:
+        """Between the greatest and the least α_max [rad]."""
+        return float(np.ptp(self.alpha))
+
+    def departure(self, power: int) -> float:
+        """By how much V_max departs from V_max ∝ value^`power`, relative."""
+        scaled = self.volume / self.values**power
+        return float(np.ptp(scaled) / scaled.mean())
+
+    def curves(self) -> list[Curve]:
+        """V(α) of the values shown."""
+        return [
+            Curve(
+                self.labels[i],
+                *broken_at(self.jumps[i], self.angles, self.volumes[i]),
+                (float(self.alpha[i]), float(self.volume[i])),
+            )
+            for i in np.flatnonzero(self.shown)
+        ]
+
+
+Families = Mapping[str, Family]
+"""By the name of the parameter that varies: v0, r, m, sigma, psi, k."""
+
+
+def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
+    """All families of a model about one case, in one batch."""
+    varied = {name: values(p) for name, values in _VALUES.items()}
+    rows = [(name, value) for name, some in varied.items() for value in some]
+    columns = {q: np.full(len(rows), float(getattr(p, q))) for q in QUANTITIES}
+    for i, (name, value) in enumerate(rows):
+        columns[name][i] = value
+    cases = p.replace(**columns)
+    best = alpha_max(model, cases)
+    grid = p.replace(**{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
+    hits = impact(model, grid, derivatives=2, rtol=_RTOL)
+    reach = np.asarray(cases.r * cases.rate / cases.v0)
+    families, begin = {}, 0
+    for name, values in varied.items():
+        those = slice(begin, begin + len(values))
+        begin += len(values)
+        order = np.argsort(list(values))
+        families[name] = Family(
+            name=name,
+            values=np.array(list(values))[order],
+            labels=tuple(list(values.values())[i] for i in order),
+            shown=_shown(name, p, np.array(list(values))[order]),
+            angles=angles,
+            volumes=hits.volume[those][order],
+            alpha=best.alpha[those][order],
+            volume=best.volume[those][order],
+            kind=best.kind[those][order],
+            ended_by=best.ended_by[those][order],
+            jumps=tuple(best.jumps[those][i] for i in order),
+            reach=reach[those][order],
+        )
+    return families
+
+
+def _shown(name: str, p: Parameters, values: np.ndarray) -> np.ndarray:
+    """All, but of the many force ratios only every third and the case's own."""
+    return np.isin(values, [*_RATIOS[::3], float(p.k)]) if name == "k" else np.ones(values.size, bool)
+
+
+def _with_unit(name: str, p: Parameters, values: tuple[float, ...]) -> dict[float, str]:
+    quantity = QUANTITIES[name]
+    unit = unit_name(quantity.dimension, p.units)
+    own = float(getattr(p, name))
+    return {
+        value: f"{quantity.symbol} = {number(value, 4, strip=True)}" + (f" {unit}" if unit else "")
+        for value in {*values, own}
+    }
+
+
+def _multiples(name: str, p: Parameters) -> dict[float, str]:
+    own = float(getattr(p, name))
+    return {factor * own: f"{written}{QUANTITIES[name].symbol}" for factor, written in _FACTORS.items()}
+
+
+def _metals(p: Parameters) -> dict[float, str]:
+    to_own = conversion_factor("stress", "inch-pound", p.units)
+    return {float(p.sigma): "this case"} | {sigma * to_own: metal for metal, sigma in MATERIALS.items()}
+
+
+_VALUES: Mapping[str, Callable[[Parameters], dict[float, str]]] = types.MappingProxyType(
+    {
+        "v0": lambda p: _with_unit("v0", p, _SPEEDS[p.units]),
+        "r": lambda p: _multiples("r", p),
+        "m": lambda p: _multiples("m", p),
+        "sigma": _metals,
+        "psi": lambda p: _with_unit("psi", p, _CONTACTS),
+        "k": lambda p: _with_unit("k", p, _RATIOS),
+    }
+)
