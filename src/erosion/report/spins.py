@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from erosion.family_plots import BestAngles
 from erosion.optimum import Optimum, alpha_max
 from erosion.parameters import Parameters
+from erosion.plotting.families import BestAngles
 
 TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both components"}
 """What the models of a body that turns are called, by their names."""

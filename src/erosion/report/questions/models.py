@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.angle_plots import plot_optima
 from erosion.models.registry import BUILT_IN
-from erosion.plotting import readable_scale
+from erosion.plotting.angles import plot_optima
+from erosion.plotting.style import readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, join, number, paragraph, table, wordy_table
 

@@ -14,7 +14,7 @@ from erosion.models import model_name
 from erosion.objectives import MEASURES
 from erosion.optimum import ASIDE, SHALLOWEST, Optimum
 from erosion.parameters import QUANTITIES
-from erosion.plotting import DIM, ENDS, INK, PALETTE, STYLES, house_style, new_axes, readable_scale, typeset
+from erosion.plotting.style import DIM, ENDS, INK, PALETTE, STYLES, house_style, new_axes, readable_scale, typeset
 from erosion.quantities import RESULTS
 
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from erosion.parameters import QUANTITIES
-from erosion.plotting import ENDS, INK, STYLES, house_style, new_axes, new_figure, readable_scale, typeset
+from erosion.plotting.style import ENDS, INK, STYLES, house_style, new_axes, new_figure, readable_scale, typeset
 from erosion.quantities import RESULTS
 from erosion.units import System
 
