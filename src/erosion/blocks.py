@@ -101,6 +101,17 @@ def _empty(count: int, order: int) -> Solution:
     )
 
 
+# A function of its own to JAX, which traces it once for the shapes of its results and the loop.
+@functools.partial(jax.jit, static_argnames=("order", "names"), inline=True)
+def _block(
+    model: CuttingModel, lanes: list[Any], along: list[Any], rtol: Any, order: int, names: tuple[str, ...]
+) -> Solution:
+    """One block; arrays are (block,)."""
+    # The physics does not depend on the unit system: one program serves all.
+    p = Parameters(**dict(zip(QUANTITIES, lanes, strict=True)))
+    return solve(model, p, order, names or tuple(along), rtol)
+
+
 def _chunk(
     model: CuttingModel,
     lanes: list[Any],
@@ -112,18 +123,13 @@ def _chunk(
 ) -> Solution:
     """The first `blocks` blocks of a chunk, one after another; lanes are (blocks, block)."""
 
-    def run(given: Any) -> Solution:
-        values, directions, rtol = given
-        # The physics does not depend on the unit system: one program serves all.
-        p = Parameters(**dict(zip(QUANTITIES, values, strict=True)))
-        return solve(model, p, order, names or tuple(directions), rtol)
+    def run(i: Any) -> Solution:
+        return _block(model, *jax.tree.map(lambda leaf: leaf[i], (lanes, along, rtol)), order, names)
 
     def block(i: Any, done: Solution) -> Solution:
-        out = run(jax.tree.map(lambda leaf: leaf[i], given))
-        return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 0), done, out)
+        return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 0), done, run(i))
 
-    given = (lanes, along, rtol)
-    shapes = jax.eval_shape(run, jax.tree.map(lambda leaf: leaf[0], given))
+    shapes = jax.eval_shape(run, 0)
     empty = jax.tree.map(lambda leaf: jnp.zeros((rtol.shape[0], *leaf.shape), leaf.dtype), shapes)
     return lax.fori_loop(0, blocks, block, empty)
 
