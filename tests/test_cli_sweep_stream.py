@@ -74,10 +74,13 @@ def test_a_sweep_is_drawn_and_told_as_a_table(case, tmp_path, capsys):
         (["sweep", "CASE", "-o", "out.csv"], "must end in .nc or .zarr"),
         (["sweep", "CASE", "--case", "CASE", "-o", "out.nc"], "must be given once"),
         (["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:9deg"], 'Option `--alpha` must be "first : last : count"'),
-        (["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:99deg:5"], "`alpha` must be in (0, π/2]"),
-        (["sweep", "CASE", "-o", "out.nc", "--chunks", "alpha:3"], "Option `--chunks` must be such as"),
-        (["sweep", "CASE", "-o", "out.nc", "--chunks", "alpha=3"], "`chunks` must come with a `store`"),
-        (["sweep", "CASE", "-o", "out.nc", "--workers", "2"], "need an --out that ends in .zarr"),
+        (
+            ["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:99deg:5"],
+            "`--alpha` must be in (0, π/2] rad, but is 1.72788 at index 4",
+        ),
+        (["sweep", "CASE", "-o", "out.zarr", "--chunks", "alpha:3"], "Option `--chunks` must be such as"),
+        (["sweep", "CASE", "-o", "out.nc", "--chunks", "alpha=3"], "need `--out` to end in .zarr"),
+        (["sweep", "CASE", "-o", "out.nc", "--workers", "2"], "need `--out` to end in .zarr"),
         (["sweep", "CASE", "-o", "out.zarr", "--workers", "0"], "`--workers` must be 1 or more"),
         (["sweep", "CASE", "-o", "out.zarr", "--workers", "2", "--scheduler", "tcp://x"], "but not both"),
         (["sweep", "CASE", "-o", "out.nc", "--model", "spinning"], "There is no model"),
@@ -86,7 +89,7 @@ def test_a_sweep_is_drawn_and_told_as_a_table(case, tmp_path, capsys):
         (["stream", "CASE", "--v0", "cauchy(1, 2)"], "Option `--v0` must be one of normal"),
         (["stream", "CASE", "--n", "1.5"], "`--n` must be a positive whole number"),
         (["stream", "CASE", "-o", "out.csv"], "must end in .nc"),
-        (["stream", "CASE", "--points", "halton"], "`points` must be"),
+        (["stream", "CASE", "--points", "halton"], "`--points` must be"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(case, capsys, arguments, message):

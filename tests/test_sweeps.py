@@ -11,7 +11,8 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.grids import block_shape, make_grid, regions
+from erosion.grids import make_grid
+from erosion.partition import block_shape, regions
 from erosion.provenance import StoreError
 from erosion.sweeps import SweepInterrupted, sweep
 
@@ -223,7 +224,7 @@ def test_models_must_differ_and_the_case_be_scalar():
 def test_blocks_cover_the_grid_once(usual, lengths):
     axes = {name: np.linspace(0.1, 1, n) for name, n in zip(("alpha", "k", "v0"), lengths, strict=False)}
     grid = make_grid("linearized", P, axes)
-    block = block_shape(grid, None, 1, usual)
+    block = block_shape(grid.lengths, None, 1, usual)
     assert math.prod(block) <= max(usual, 1)
     assert math.prod(block) >= min(usual, math.prod(lengths)) / 4
     covered = np.zeros(lengths, int)
@@ -235,14 +236,14 @@ def test_blocks_cover_the_grid_once(usual, lengths):
 
 def test_chunks_must_be_of_use():
     grid = make_grid("linearized", P, {"alpha": np.linspace(0.1, 1, 300), "k": np.linspace(1, 3, 100)})
-    assert block_shape(grid, {"alpha": 100}, 10_000, 0) == (100, 100)
+    assert block_shape(grid.lengths, {"alpha": 100}, 10_000, 0) == (100, 100)
     for chunks, message in [
         ({"alpha": 99}, "at least 10,000 impacts, but makes blocks of 9,900"),
         ({"beta": 1}, r"name dimensions \(alpha, k\)"),
         ({"alpha": 0}, "positive whole numbers"),
     ]:
         with pytest.raises(ValueError, match=message):
-            block_shape(grid, chunks, 10_000, 0)
+            block_shape(grid.lengths, chunks, 10_000, 0)
 
 
 def test_identities_are_words(tmp_path):

@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from erosion.stream_result import Stream as Stream
     from erosion.streams import StreamInterrupted as StreamInterrupted
     from erosion.streams import stream as stream
+    from erosion.studies import compare as compare
+    from erosion.studies import regimes as regimes
     from erosion.sweeps import SweepInterrupted as SweepInterrupted
     from erosion.sweeps import sweep as sweep
     from erosion.trajectory import SimulationError as SimulationError
@@ -83,6 +85,7 @@ _HOMES = {
     "provenance": ("StoreError",),
     "stream_result": ("Stream",),
     "streams": ("StreamInterrupted", "stream"),
+    "studies": ("compare", "regimes"),
     "sweeps": ("SweepInterrupted", "sweep"),
     "trajectory": ("SimulationError", "Trajectory", "TurnWarning", "simulate"),
     "trigonometry": ("sincos",),

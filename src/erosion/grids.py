@@ -6,9 +6,7 @@ way it is cut, because the kernel computes every impact on its own.
 
 import dataclasses
 import functools
-import itertools
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +19,18 @@ from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.optimum import alpha_max
 from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.partition import Region
 from erosion.provenance import digest, identity
 from erosion.quantities import RESULTS, Quantity
-from erosion.units import System, ascii_unit_name
+from erosion.units import System, ascii_unit, derivative_unit
 from erosion.version import __version__
 
 Model = CuttingModel | str | Path
-Region = tuple[slice, ...]
-"""Where a block lies in its grid: one slice for each dimension."""
-
 PAIR = "pair"
 """The dimension along which paired axes go together."""
 
 _ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
-KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "none")
+KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none")
 """Meanings of the codes 0, 1, … in `alpha_max_kind`; see `Optimum.kind`."""
 
 
@@ -94,6 +90,11 @@ class Grid:
         lengths = {PAIR if name in self.paired else name: len(values) for name, values in self.axes.items()}
         return tuple(len(self.models) if dim == "model" else lengths[dim] for dim in self.dims)
 
+    @property
+    def lengths(self) -> dict[str, int]:
+        """The shape, by dimension."""
+        return dict(zip(self.dims, self.shape, strict=True))
+
     def __getitem__(self, region: Region) -> "Grid":
         """The block of this region."""
         along = dict(zip(self.dims, region, strict=True))
@@ -123,6 +124,7 @@ class Grid:
         if self.optimum:
             found |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
             found["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
+            found["alpha_max_ended_by"] = Variable(beside, None, _flags("how the cut ends at that angle", self.ends))
         found["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
         return found
 
@@ -141,9 +143,9 @@ class Grid:
                 parts["alpha_max"].append(np.asarray(best.alpha))
                 parts["volume_max"].append(np.asarray(best.volume))
                 parts["alpha_max_kind"].append(_codes(best.kind, KINDS))
-        lengths = dict(zip(self.dims, self.shape, strict=True))
+                parts["alpha_max_ended_by"].append(_codes(best.ended_by, self.ends))
         return {
-            name: np.stack(parts[name]).reshape([lengths[dim] for dim in variable.dims])
+            name: np.stack(parts[name]).reshape([self.lengths[dim] for dim in variable.dims])
             for name, variable in self.variables().items()
         }
 
@@ -236,53 +238,9 @@ def make_grid(
     events = [name for one in models.values() for name in end_names(_loaded(one))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
     grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, float(rtol), optimum)
-    validate(grid.parameters())
+    for name, values in arrays.items():
+        validate(p.replace(**{name: values}))
     return grid
-
-
-def block_shape(grid: Grid, chunks: Mapping[str, int] | None, least: int, usual: int) -> tuple[int, ...]:
-    """The shape of blocks: the last dimensions whole, as far as `usual` impacts go.
-
-    Args:
-        grid: what is cut.
-        chunks: by dimension, lengths that the user wants; the others stay whole. None: choose.
-        least: impacts that a block must have, where the grid has them.
-        usual: impacts that a block should have.
-
-    Raises:
-        ValueError: for an unknown dimension, a length that is no positive number, or blocks
-            that are too small.
-    """
-    # Each model is a program of its own, so blocks never hold two.
-    whole = {dim: 1 if dim == "model" else n for dim, n in zip(grid.dims, grid.shape, strict=True)}
-    if chunks is None:
-        room, lengths = usual, {}
-        for dim in reversed(grid.dims):
-            pieces = math.ceil(whole[dim] / max(room, 1))
-            lengths[dim] = math.ceil(whole[dim] / pieces)
-            room //= lengths[dim]
-        return tuple(lengths[dim] for dim in grid.dims)
-    for dim, length in chunks.items():
-        if dim not in whole:
-            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(whole)}), but has {dim!r}.")
-        if not isinstance(length, int) or isinstance(length, bool) or length < 1:
-            raise ValueError(f"Argument `chunks` must give positive whole numbers, but has {dim}={length!r}.")
-    shape = tuple(min(chunks.get(dim, whole[dim]), whole[dim]) for dim in grid.dims)
-    if math.prod(shape) < min(least, math.prod(whole.values())):
-        raise ValueError(
-            f"Argument `chunks` must make blocks of at least {least:,} impacts, but makes blocks of "
-            f"{math.prod(shape):,}."
-        )
-    return shape
-
-
-def regions(shape: Sequence[int], block: Sequence[int]) -> Iterator[Region]:
-    """The regions of all blocks, in the order of memory."""
-    cuts = [
-        [slice(begin, min(begin + step, n)) for begin in range(0, n, step)]
-        for n, step in zip(shape, block, strict=True)
-    ]
-    return itertools.product(*cuts)
 
 
 def _labelled_models(models: list[Model]) -> dict[str, Model]:
@@ -334,12 +292,10 @@ def _flags(what: str, meanings: Sequence[str]) -> dict[str, Any]:
 def _derivative_attributes(name: str, wrt: str, units: System) -> dict[str, str]:
     if wrt == "alpha":
         return {}
-    by, power = QUANTITIES[wrt], "" if name == "dvolume" else "²"
-    unit = ascii_unit_name(by.dimension, units)
-    volume = ascii_unit_name("volume", units)
-    below = "" if unit == "1" else f"/({unit})" + ("^2" if power else "")
+    by, order = QUANTITIES[wrt], 1 if name == "dvolume" else 2
+    power = "" if order == 1 else "²"
     return {
-        "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if power else ""),
+        "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if order == 2 else ""),
         "symbol": f"d{power}V/d{by.symbol}{power}",
-        "units": volume + below,
+        "units": ascii_unit(derivative_unit("volume", (by.dimension,) * order, units)),
     }

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from erosion.tables import Row, format_number
-from erosion.units import Dimension, System, ascii_unit_name, derivative_unit, unit_name
+from erosion.units import Dimension, System, ascii_unit, derivative_unit, unit_name
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,8 @@ class Quantity:
 
     def attributes(self, units: System) -> dict[str, str]:
         """The same as attributes of a labelled array, in the words of the CF conventions."""
-        return {"long_name": self.meaning, "symbol": self.symbol, "units": ascii_unit_name(self.dimension, units)}
+        unit = ascii_unit(unit_name(self.dimension, units))
+        return {"long_name": self.meaning, "symbol": self.symbol, "units": unit}
 
 
 RESULTS = {

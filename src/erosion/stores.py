@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.grids import Grid, Region, regions
+from erosion.grids import Grid
 from erosion.netcdf import check_folder, read_netcdf, write_netcdf
+from erosion.partition import Region, regions
 from erosion.provenance import IDENTITY, StoreError, require_same
 
 
@@ -55,10 +56,9 @@ class MemoryStore(Store):
             return
         if path is not None:
             check_folder(path)
-        lengths = dict(zip(grid.dims, grid.shape, strict=True))
         self._dataset = grid.labelled(
             {
-                name: np.full([lengths[dim] for dim in variable.dims], variable.empty)
+                name: np.full([grid.lengths[dim] for dim in variable.dims], variable.empty)
                 for name, variable in grid.variables().items()
             }
         )

@@ -12,8 +12,9 @@ from typing import Any
 
 import xarray as xr
 
-from erosion.grids import Grid, Model, Region, block_shape, make_grid
+from erosion.grids import Grid, Model, make_grid
 from erosion.parameters import Parameters
+from erosion.partition import Region, block_shape
 from erosion.precision import require_float64
 from erosion.stores import Store, ZarrStore, open_store, write_block
 
@@ -51,8 +52,8 @@ def sweep(
         derivatives: 0, 1 or 2 derivatives of the volume by `wrt`.
         wrt: one parameter.
         rtol: relative tolerance, see `impact`.
-        optimum: also keep alpha_max, volume_max and alpha_max_kind, over the other axes than
-            alpha; see `erosion.alpha_max`.
+        optimum: also keep alpha_max, volume_max, alpha_max_kind and alpha_max_ended_by, over
+            the other axes than alpha; see `erosion.alpha_max`.
         paired: names of two or more axes of one length that go together, along "pair".
         chunks: with a Zarr store, lengths of its blocks by dimension (those left out are not
             cut); without it, blocks of about 10⁵ impacts.
@@ -79,7 +80,7 @@ def sweep(
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, paired=paired, derivatives=derivatives, wrt=wrt, rtol=rtol, optimum=optimum)
     usual = _MEMORY_BLOCK if path is None or path.suffix != ".zarr" else _STORED_BLOCK
-    block = block_shape(grid, chunks, _LEAST_BLOCK, usual)
+    block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
     place = open_store(grid, block, path)
     todo = place.missing()
     whole = math.prod(grid.shape)

@@ -4,7 +4,7 @@ import html
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,19 +59,19 @@ def to_text(title: str, rows: Sequence[Row], headings: Sequence[str] = HEADINGS)
     return "\n".join(line.rstrip() for line in buffer.getvalue().rstrip().splitlines())
 
 
-def to_rich(title: str, rows: Sequence[Row], headings: Sequence[str] = HEADINGS) -> Any:
-    """The same as a rich table, for the terminal."""
+def to_rich(
+    title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS, numbers: Collection[int] = (2,)
+) -> Any:
+    """The same as a rich table, for the terminal; the columns `numbers` are flush right."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
-    name, symbol, value, unit, meaning = headings
-    table.add_column(name)
-    table.add_column(symbol, no_wrap=True)
-    table.add_column(value, justify="right", no_wrap=True)
-    table.add_column(unit, no_wrap=True)
-    table.add_column(meaning, style="dim")
+    for i, heading in enumerate(headings):
+        last = i == len(headings) - 1
+        side = "right" if i in numbers else "left"
+        table.add_column(heading, justify=side, no_wrap=i > 0 and not last, style="dim" if last else "")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     return table

@@ -67,16 +67,16 @@ def unit_name(dimension: Dimension, system: System) -> str:
     return name
 
 
+def ascii_unit(name: str) -> str:
+    """A unit's name as programs read it (UDUNITS, pint): "in^3", "slinch", "1" for a pure number."""
+    return name.replace("²", "^2").replace("³", "^3") or "1"
+
+
 def derivative_unit(of: Dimension, by: Sequence[Dimension], system: System) -> str:
     """The unit of a derivative, of first or higher order: "in³/rad", "in³/(in/s)²"."""
     powers = Counter(unit for dimension in by if (unit := unit_name(dimension, system)))
     below = [(f"({unit})" if "/" in unit or unit[-1] in "²³" else unit, power) for unit, power in powers.items()]
     return "/".join([unit_name(of, system), *(unit + {1: "", 2: "²"}[power] for unit, power in below)])
-
-
-def ascii_unit_name(dimension: Dimension, system: System) -> str:
-    """The unit as programs read it (UDUNITS, pint): "in^3", "slinch", "1" for a pure number."""
-    return re.sub(r"\binch\b", "in", _PINT_UNITS[system][dimension]).replace("**", "^") or "1"
 
 
 @functools.cache

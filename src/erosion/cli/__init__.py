@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import cyclopts
 
 from erosion.cli.calibrate import calibrate
+from erosion.cli.compare import compare
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
@@ -29,7 +30,7 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, sweep, stream, calibrate, report, models):
+for verb in (run, optimum, compare, sweep, stream, calibrate, report, models):
     app.command(verb)
 
 

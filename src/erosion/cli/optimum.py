@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from erosion.parameters import Parameters
 
 
+_AT = ("angle", "", "value", "unit", "kind")
+
+
 def optimum(
     *,
     case: CaseOptions | None = None,
@@ -114,14 +117,14 @@ def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
     unit = "" if measure is None else unit_name(RESULTS[measure].dimension, best.p.units)
     print_table(f"{model}: the angle of {'least' if best.least else 'greatest'} {best.objective}", best.rows())
     others = [
-        Row(f"at {np.rad2deg(c.alpha):.10g}°", "", format_number(c.value), unit, f"{c.kind} {c.side}".strip())
+        Row(f"{np.rad2deg(c.alpha):.10g}°", "", format_number(c.value), unit, f"{c.kind} {c.side}".strip())
         for c in best.candidates[1:]
     ]
     if others:
-        print_table("What else was compared", others)
+        print_table("What else was compared", others, _AT)
     jumps = [
         Row(
-            f"at {np.rad2deg(jump.alpha):.10g}°",
+            f"{np.rad2deg(jump.alpha):.10g}°",
             "",
             f"{format_number(jump.below, 7)} → {format_number(jump.above, 7)}",
             unit,
@@ -130,15 +133,16 @@ def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
         for jump in best.jumps
     ]
     if jumps:
-        print_table("Jumps", jumps)
+        print_table("Jumps", jumps, _AT)
     if with_sensitivities:
         from erosion.parameters import QUANTITIES
 
+        # For the spin, which may be 0, v₀/r stands for its size.
         rows = [
             Row(name, QUANTITIES[name].symbol, format_number(_by_size(best, name)), "rad", QUANTITIES[name].meaning)
             for name in best.sensitivities
         ]
-        print_table("How the angle moves when a parameter q grows: q ∂α/∂q (spin: v₀/r ∂α/∂φ̇₀)", rows)
+        print_table("How the angle moves", rows, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))
 
 
 def _by_size(best: "Optimum", name: str) -> float:

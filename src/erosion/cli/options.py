@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,6 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from erosion.model import CuttingModel
     from erosion.parameters import Parameters
-    from erosion.tables import Row
 
 
 class InputError(ValueError):
@@ -76,8 +75,8 @@ class CaseOptions:
         return p
 
     def without_changes(self) -> "CaseOptions":
-        """The case file alone."""
-        return CaseOptions(case=self.case, units=self.units)
+        """The case file and what holds for all of it."""
+        return CaseOptions(case=self.case, units=self.units, material=self.material)
 
     def section(self, verb: str, fields: Sequence[str]) -> dict[str, Any]:
         """The table of a verb in the case file: parameters, and `fields` of the verb's own.
@@ -170,13 +169,18 @@ def print_json(content: Mapping[str, Any]) -> None:
     print(to_json(content))
 
 
-def print_table(title: str, rows: "Sequence[Row]", headings: "Sequence[str] | None" = None) -> None:
-    """A table on stdout, in colour where it is a terminal."""
+def print_table(
+    title: str,
+    rows: "Sequence[Sequence[str]]",
+    headings: "Sequence[str] | None" = None,
+    numbers: "Collection[int]" = (2,),
+) -> None:
+    """A table on stdout, in colour where it is a terminal; the columns `numbers` are flush right."""
     from rich.console import Console
 
     from erosion.tables import HEADINGS, to_rich
 
-    Console(highlight=False).print(to_rich(title, rows, headings or HEADINGS))
+    Console(highlight=False).print(to_rich(title, rows, headings or HEADINGS, numbers))
 
 
 def warn(message: str) -> None:

@@ -42,6 +42,8 @@ def stream(
     --phidot0 "uniform(-1e4, 1e4)", --m "weibull(50ug, 3)", --r "rosin-rammler(1mm, 3, 0.2mm)",
     --v0 "samples(jet.csv)". A case file says the same in a table [stream], which options overrule.
     """
+    if out is not None and out.suffix != ".nc":
+        raise InputError(f"Option `--out` must end in .nc, but is {out}.")
     options = with_file(case, file)
     section = options.section("stream", ("model", "n", "seed", "points"))
     p, laws = _case_and_laws(options, section)
@@ -50,7 +52,7 @@ def stream(
     from erosion.streams import StreamInterrupted
     from erosion.streams import stream as compute
 
-    with progress_bar("stream") as progress:
+    with progress_bar("stream") as progress, user_errors(TypeError):
         try:
             found = compute(
                 model or section.get("model", "linearized"),
@@ -63,8 +65,6 @@ def stream(
                 progress=lambda what, done, total: progress(done, total, what),
                 **laws,
             )
-        except (TypeError, ValueError) as error:
-            raise InputError(str(error)) from error
         except StreamInterrupted as interrupted:
             if interrupted.partial is not None:
                 _show(interrupted.partial, json)

@@ -50,8 +50,10 @@ def sweep(
     """
     options = with_file(case, file)
     section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum"))
-    if (workers is not None or scheduler is not None) and out.suffix != ".zarr":
-        raise InputError(f"Options `--workers` and `--scheduler` need an --out that ends in .zarr, but it is {out}.")
+    if out.suffix not in (".nc", ".zarr"):
+        raise InputError(f"Option `--out` must end in .nc or .zarr, but is {out}.")
+    if out.suffix != ".zarr" and not (workers is scheduler is chunks is None):
+        raise InputError(f"Options `--chunks`, `--workers` and `--scheduler` need `--out` to end in .zarr, not {out}.")
     p, axes = _case_and_axes(options, section)
     start_engine()
     from erosion.grids import make_grid
@@ -69,11 +71,8 @@ def sweep(
     with user_errors(TypeError):
         make_grid(chosen, p, axes, **arguments)
         cut = _chunks(chunks)
-    with _cluster(workers, scheduler), progress_bar("sweep") as progress:
-        try:
-            found = compute(chosen, p, chunks=cut, store=out, progress=progress, **arguments, **axes)
-        except (TypeError, ValueError) as error:
-            raise InputError(str(error)) from error
+    with _cluster(workers, scheduler), progress_bar("sweep") as progress, user_errors(TypeError):
+        found = compute(chosen, p, chunks=cut, store=out, progress=progress, **arguments, **axes)
     if plot is not None:
         from erosion.plotting import save_plot
         from erosion.sweep_plots import plot_sweep

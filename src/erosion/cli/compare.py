@@ -1,0 +1,112 @@
+"""`erosion compare`: several models over the angle of attack."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.options import (
+    CaseOptions,
+    InputError,
+    JsonOption,
+    load,
+    parameters_as_json,
+    print_json,
+    print_table,
+    start_engine,
+    user_errors,
+)
+
+
+def compare(
+    *,
+    case: CaseOptions | None = None,
+    models: Annotated[
+        list[str] | None,
+        Parameter(consume_multiple=True, negative="", help="Names or paths of files; all built-in models without it."),
+    ] = None,
+    plot: Annotated[Path | None, Parameter(help="Also draw V(α) of all into this file (.svg, .png, .pdf).")] = None,
+    output: Annotated[Path | None, Parameter(name=["-o", "--output"], help="Also keep the curves (.nc).")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Set models side by side: V at the case's angle, and where each removes most."""
+    p = (case or CaseOptions()).parameters()
+    if plot is not None:
+        from erosion.plotting import require_plot_path
+
+        with user_errors():
+            require_plot_path(plot)
+    if output is not None and output.suffix != ".nc":
+        raise InputError(f"Option `--output` must name a file that ends in .nc, but is {output}.")
+    from erosion.models import available_models
+
+    names = models or list(available_models())
+    for name in names:
+        load(name)
+    start_engine()
+    import numpy as np
+
+    from erosion.quantities import RESULTS
+    from erosion.studies import compare as compare_models
+    from erosion.tables import format_number
+    from erosion.units import unit_name
+
+    # The case's own angle goes along as one more angle.
+    angles = np.union1d(np.linspace(0, np.pi / 2, 361)[1:], p.alpha)
+    with user_errors():
+        found = compare_models(names, p, alpha=angles)
+    at = found.sel(alpha=float(p.alpha))
+    lines = [
+        {
+            "model": name,
+            "volume": float(one.volume),
+            "ended_by": _meaning(one.ended_by),
+            "alpha_max": float(one.alpha_max),
+            "volume_max": float(one.volume_max),
+            "kind": _meaning(one.alpha_max_kind),
+            "alpha_max_ended_by": _meaning(one.alpha_max_ended_by),
+        }
+        for name, one in ((str(name), at.sel(model=name)) for name in at.model.values)
+    ]
+    if output is not None:
+        with user_errors():
+            found.to_netcdf(output, engine="h5netcdf")
+    if plot is not None:
+        from erosion.plotting import save_plot
+        from erosion.study_plots import plot_comparison
+
+        with user_errors():
+            save_plot(plot_comparison(found), plot)
+    if json:
+        print_json({"parameters": parameters_as_json(p), "models": lines})
+        return
+    unit = unit_name(RESULTS["volume"].dimension, p.units)
+    rows = [
+        (
+            line["model"],
+            format_number(line["volume"], 7),
+            line["ended_by"],
+            _angle(line["alpha_max"]),
+            format_number(line["volume_max"], 7),
+            line["kind"],
+            line["alpha_max_ended_by"],
+        )
+        for line in lines
+    ]
+    headings = ("model", f"V [{unit}]", "ends by", "α_max", f"V_max [{unit}]", "kind", "ends by")
+    print_table(f"Models at α = {np.rad2deg(float(p.alpha)):.6g}° and at their best", rows, headings, (1, 3, 4))
+    for path, what in ((plot, "figure"), (output, "curves")):
+        if path is not None:
+            print(f"{what}: {path}")
+
+
+def _angle(alpha: float) -> str:
+    import math
+
+    if math.isnan(alpha):
+        return "none"
+    return "→ 0°" if alpha == 0 else f"{math.degrees(alpha):.6f}°"
+
+
+def _meaning(code: Any) -> str:
+    return code.attrs["flag_meanings"].split()[int(code)]

@@ -1,0 +1,55 @@
+"""How a grid is cut into blocks, each of which is computed and kept as one piece."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+Region = tuple[slice, ...]
+"""Where a block lies in its grid: one slice for each dimension."""
+
+
+def block_shape(
+    lengths: Mapping[str, int], chunks: Mapping[str, int] | None, least: int, usual: int
+) -> tuple[int, ...]:
+    """The shape of blocks: the last dimensions whole, as far as `usual` impacts go.
+
+    Args:
+        lengths: of the dimensions of what is cut.
+        chunks: by dimension, lengths that the user wants; the others stay whole. None: choose.
+        least: impacts that a block must have, where the grid has them.
+        usual: impacts that a block should have.
+
+    Raises:
+        ValueError: for an unknown dimension, a length that is no positive number, or blocks
+            that are too small.
+    """
+    # Each model is a program of its own, so blocks never hold two.
+    whole = {dim: 1 if dim == "model" else n for dim, n in lengths.items()}
+    if chunks is None:
+        room, block = usual, {}
+        for dim in reversed(list(whole)):
+            pieces = math.ceil(whole[dim] / max(room, 1))
+            block[dim] = math.ceil(whole[dim] / pieces)
+            room //= block[dim]
+        return tuple(block[dim] for dim in whole)
+    for dim, length in chunks.items():
+        if dim not in whole:
+            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(whole)}), but has {dim!r}.")
+        if not isinstance(length, int) or isinstance(length, bool) or length < 1:
+            raise ValueError(f"Argument `chunks` must give positive whole numbers, but has {dim}={length!r}.")
+    shape = tuple(min(chunks.get(dim, whole[dim]), whole[dim]) for dim in whole)
+    if math.prod(shape) < min(least, math.prod(whole.values())):
+        raise ValueError(
+            f"Argument `chunks` must make blocks of at least {least:,} impacts, but makes blocks of "
+            f"{math.prod(shape):,}."
+        )
+    return shape
+
+
+def regions(shape: Sequence[int], block: Sequence[int]) -> Iterator[Region]:
+    """The regions of all blocks, in the order of memory."""
+    cuts = [
+        [slice(begin, min(begin + step, n)) for begin in range(0, n, step)]
+        for n, step in zip(shape, block, strict=True)
+    ]
+    return itertools.product(*cuts)

@@ -1,0 +1,133 @@
+"""Figures of comparisons and of regime maps, drawn from their Datasets."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from erosion.parameters import QUANTITIES
+from erosion.plotting import ENDS, INK, PALETTE, house_style, new_axes, new_figure, readable_scale, typeset
+from erosion.quantities import RESULTS
+from erosion.units import System
+
+_LINES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)))
+_STYLES: list[tuple[str, Any]] = [(color, line) for line in _LINES for color in PALETTE.values()]
+
+
+@house_style()
+def plot_comparison(comparison: xr.Dataset) -> Figure:
+    """V(α) of several models, broken at jumps; a star is a model's greatest, hollow if only approached."""
+    models = [str(name) for name in comparison.model.values]
+    rows = -(-len(models) // 2)
+    fig, ax = new_axes(6.6, 4.4 + 0.22 * rows)
+    volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
+    scale = readable_scale("volume", _units(comparison), float(np.nanmax(comparison.volume_max)))
+    handles = []
+    for i, name in enumerate(models):
+        color, line = _STYLES[i % len(_STYLES)]
+        one = comparison.isel(model=i)
+        x, y = broken(degrees, volume[i], np.deg2rad(1) * one.dvolume.values)
+        ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8)
+        if np.isfinite(one.alpha_max):
+            mark_best(ax, one, scale.size, color)
+        label = f"{name}: {describe_best(one)}"
+        handles.append(Line2D([], [], color=color, linestyle=line, linewidth=1.8, label=label))
+    ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    ax.set_xlim(0 if degrees[0] < 1 else degrees[0], degrees[-1])
+    ax.set_ylim(bottom=0, top=1.06 * float(np.nanmax(comparison.volume_max)) / scale.size)
+    _angle_axis(ax.xaxis)
+    fig.legend(handles=handles, loc="outside lower center", ncols=1 if len(models) < 4 else 2)
+    return fig
+
+
+@house_style()
+def plot_regimes(regimes: xr.Dataset) -> Figure:
+    """How cuts end, and what they remove, over angle and spin, with the best angle of each spin."""
+    units = _units(regimes)
+    fig = new_figure(7.2, 4.6)
+    left, right = fig.subplots(1, 2, sharey=True)
+    degrees = np.rad2deg(regimes.alpha.values)
+    spin = readable_scale("angular speed", units, float(np.max(np.abs(regimes.phidot0))))
+    spins = regimes.phidot0.values / spin.size
+    names = regimes.ended_by.attrs["flag_meanings"].split()
+    codes = regimes.ended_by.transpose("phidot0", "alpha").values
+    present = [int(code) for code in np.unique(codes)]
+    colors = [ENDS.get(names[code], INK) for code in present]
+    left.pcolormesh(degrees, spins, np.searchsorted(present, codes), cmap=ListedColormap(colors), vmin=-0.5,
+                    vmax=len(present) - 0.5, alpha=0.75, rasterized=True)  # fmt: skip
+    volume = regimes.volume.transpose("phidot0", "alpha").values
+    scale = readable_scale("volume", units, float(np.nanmax(volume)))
+    mesh = right.pcolormesh(degrees, spins, volume / scale.size, cmap="cividis", rasterized=True)
+    bar = fig.colorbar(mesh, ax=right)
+    bar.set_label(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    kinds = regimes.alpha_max_kind.attrs["flag_meanings"].split()
+    jumps = regimes.alpha_max_kind.values == kinds.index("jump")
+    best = np.rad2deg(regimes.alpha_max.values)
+    for ax, ink in ((left, INK), (right, "white")):
+        ax.plot(np.where(jumps, np.nan, best), spins, ".", color=ink, markersize=3.5)
+        ax.plot(np.where(jumps, best, np.nan), spins, "D", color="none", markeredgecolor=ink, markersize=4)
+        _angle_axis(ax.xaxis)
+        ax.set_xlim(0, 90)
+        ax.grid(visible=False)
+    left.set_ylabel(f"{QUANTITIES['phidot0'].symbol}  {QUANTITIES['phidot0'].meaning}  [{spin.unit}]")
+    left.set_title("how the cut ends", fontsize=10)
+    right.set_title("what it removes", fontsize=10)
+    handles: list[Any] = [
+        Patch(color=color, alpha=0.75, label="nothing is cut" if names[code] == "no-cut" else f"ends by {names[code]}")
+        for code, color in zip(present, colors, strict=True)
+    ]
+    handles.append(Line2D([], [], marker=".", linestyle="", color=INK, label="greatest for this spin"))
+    if jumps.any():
+        handles.append(Line2D([], [], marker="D", linestyle="", color="none", markeredgecolor=INK, markersize=5,
+                              label="the same, at a jump"))  # fmt: skip
+    fig.legend(handles=handles, loc="outside lower center", ncols=3)
+    return fig
+
+
+def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A curve with NaN put in where it jumps: where it changes by far more than its slopes say.
+
+    Args:
+        x: along the axis, shape (n,).
+        y: the curve, likewise.
+        slope: dy/dx, shape (n,).
+    """
+    h = np.diff(x)
+    unexplained = np.abs(np.diff(y) - h * (slope[1:] + slope[:-1]) / 2)
+    expected = h * (np.abs(slope[1:]) + np.abs(slope[:-1]))
+    jumps = np.flatnonzero((unexplained > 0.01 * np.nanmax(np.abs(y))) & (unexplained > expected)) + 1
+    return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
+
+
+def describe_best(one: xr.Dataset) -> str:
+    """A model's best angle in a few words: "at 25.57°", "as α → 0", "at a jump, 40.00°"."""
+    kind = one.alpha_max_kind.attrs["flag_meanings"].split()[int(one.alpha_max_kind)]
+    if kind == "none":
+        return "nothing is cut"
+    if float(one.alpha_max) == 0:
+        return "as α → 0"
+    return f"{'at a jump, ' if kind == 'jump' else 'at '}{np.rad2deg(float(one.alpha_max)):.2f}°"
+
+
+def mark_best(ax: Axes, one: xr.Dataset, size: float, color: str) -> None:
+    """A star at a model's best angle; hollow where the greatest is only approached."""
+    kind = one.alpha_max_kind.attrs["flag_meanings"].split()[int(one.alpha_max_kind)]
+    approached = kind == "jump" or float(one.alpha_max) == 0
+    ax.plot([np.rad2deg(float(one.alpha_max))], [float(one.volume_max) / size], "*", markersize=13, zorder=6,
+            clip_on=False, color="white" if approached else color, markeredgecolor=color if approached else INK,
+            markeredgewidth=1.2 if approached else 0.7)  # fmt: skip
+
+
+def _angle_axis(axis: Any) -> None:
+    axis.set_ticks(range(0, 91, 15))
+    axis.set_major_formatter("{x:g}°")
+    axis.set_label_text(f"{QUANTITIES['alpha'].symbol}  {QUANTITIES['alpha'].meaning}")
+
+
+def _units(dataset: xr.Dataset) -> System:
+    return dataset.attrs["unit_system"]
