@@ -28,7 +28,13 @@ def leaf_index(model: CuttingModel, name: str) -> int:
 
 
 def integrate(
-    model: CuttingModel, lanes: list[np.ndarray], order: int, directions: tuple[str, ...] | np.ndarray, rtol: float
+    model: CuttingModel,
+    lanes: list[np.ndarray],
+    order: int,
+    directions: tuple[str, ...] | np.ndarray,
+    rtol: float,
+    *,
+    twice: bool = True,
 ) -> Solution:
     """Integrate lanes to their ends; those of doubtful accuracy twice.
 
@@ -42,6 +48,7 @@ def integrate(
         directions: names of parameters, each set of which is a program of its own; or leaf
             indices, shape (1 or 2, n), all of which one program serves: n times the lanes.
         rtol: of volume, end time and derivatives.
+        twice: False leaves doubtful lanes as they are.
 
     Returns:
         Arrays of shape (lanes,), or (lanes · n,), those of one lane side by side.
@@ -75,6 +82,8 @@ def integrate(
 
     count = lanes[0].size * copies
     found = walk(np.arange(count), np.broadcast_to(rtol, count))
+    if not twice:
+        return found
     tighter = _tighter(found, rtol)
     again = np.flatnonzero(tighter < rtol)
     better = walk(again, tighter[again])

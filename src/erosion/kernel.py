@@ -135,7 +135,7 @@ def impact(
         p=p,
         volume=found.volume.value.reshape(shape)[()],
         t_c=found.time.value.reshape(shape)[()],
-        ended_by=_outcomes(model, found).reshape(shape)[()],
+        ended_by=outcomes(model, found).reshape(shape)[()],
         dvolume=first.reshape(shape + tail)[()] if derivatives >= 1 else None,
         d2volume=second.reshape(shape + tail + tail)[()] if second is not None else None,
         wrt=wrt if isinstance(wrt, str) else names,
@@ -171,7 +171,7 @@ def pair_derivatives(
     def shaped(derivatives: Derivatives) -> Derivatives:
         return Derivatives(*(part.reshape(shape + part.shape[1:]) for part in derivatives))
 
-    return PairDerivatives(shaped(volume), shaped(time), _outcomes(model, found).reshape(shape)[()])
+    return PairDerivatives(shaped(volume), shaped(time), outcomes(model, found).reshape(shape)[()])
 
 
 def _lanes(p: Parameters) -> tuple[list[np.ndarray], tuple[int, ...]]:
@@ -227,7 +227,8 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
     return (*jax.eval_shape(_events, model, one), "no-cut", "failed", "unfinished")
 
 
-def _outcomes(model: CuttingModel, found: Solution) -> np.ndarray:
+def outcomes(model: CuttingModel, found: Solution) -> np.ndarray:
+    """How each lane ended, in words."""
     names = end_names(model)
     # The codes of the events are 0, 1, …; NO_CUT is -1, counted from the three last names.
     code = np.where(found.which == NO_CUT, len(names) - 3, found.which)

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from erosion.kernel import impact
+from erosion.blocks import integrate
+from erosion.kernel import outcomes
 from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.scan import Cells, Evaluate, Nodes, Scan, is_jump, joined, polish, scan
@@ -100,20 +101,22 @@ class Search:
     """The optima of many cases at once; values carry a sign, so that all are maxima."""
 
     def __init__(self, model: CuttingModel, p: Parameters, sign: float) -> None:
-        self.model, self.p, self.sign = model, p, sign
+        self.model, self.sign = model, sign
+        self.leaves = {q: np.asarray(getattr(p, q)) for q in QUANTITIES}
 
     def _at(self, rtol: float) -> Evaluate:
         def evaluate(case: np.ndarray, alpha: np.ndarray) -> Nodes:
-            rows = {q: np.asarray(getattr(self.p, q))[case] for q in QUANTITIES if q != "alpha"}
-            hits = impact(self.model, self.p.replace(alpha=alpha, **rows), derivatives=2, rtol=rtol)
-            value, slope, curve = (self.sign * part for part in (hits.volume, hits.dvolume, hits.d2volume))
-            return Nodes(case, alpha, value, slope, curve, hits.t_c, hits.ended_by)
+            lanes = [alpha if q == "alpha" else leaf[case] for q, leaf in self.leaves.items()]
+            found = integrate(self.model, lanes, 2, ("alpha",), rtol, twice=False)
+            volume = found.volume
+            value, slope, curve = (self.sign * part for part in (volume.value, volume.first, volume.second))
+            return Nodes(case, alpha, value, slope, curve, found.time.value, outcomes(self.model, found))
 
         return evaluate
 
     def maxima(self, low: float, high: float) -> list[Maxima]:
         """Of each case, over the angles from `low` to `high` [rad]."""
-        cases = np.asarray(self.p.k).size
+        cases = self.leaves["k"].size
         found = scan(self._at(_LOOSE), self._at(TIGHT), cases, _first_look(low, high))
         certified = found.unresolved == 0
         jumped = is_jump(found.narrow, found.size[found.narrow.low.case])
