@@ -30,7 +30,10 @@ def main(angles: int = 20_000, spins: int = 19) -> int:
             wrong_here, near_here = wrong_ends(model, p, ended_by)
             wrong, near = wrong + wrong_here, near + near_here
         took = time.perf_counter() - begun
-        print(f"{name:40s} {cuts:8,} cuts  {wrong} wrong  {failed} failed  {near} grazes below 1e-9  {took:.0f} s", flush=True)
+        print(
+            f"{name:40s} {cuts:8,} cuts  {wrong} wrong  {failed} failed  {near} grazes below 1e-9  {took:.0f} s",
+            flush=True,
+        )
         total += wrong + failed
     return total
 
