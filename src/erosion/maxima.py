@@ -15,9 +15,9 @@ SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α �
 STEEPEST = np.pi / 2
 ASIDE = 1e-9  # rad; so far beside a jump any evaluation agrees on which side it is
 _LOOSE = 1e-9  # relative tolerance of the search
-TIGHT = 1e-12  # relative tolerance where an answer is polished
+TIGHT = 1e-11  # relative tolerance where an answer is polished
 _LEVEL = 1e-6  # of a function's size, per rad²
-_GRID = 112  # angles of the first look between 0.02 rad and π/2
+_GRID = 64  # angles of the first look between 0.02 rad and π/2
 
 
 @dataclasses.dataclass(frozen=True)

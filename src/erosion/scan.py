@@ -17,8 +17,8 @@ NARROW = 1e-11
 """Cells this wide [rad] are not split: jumps are known to this, from both sides."""
 
 _SUSPECT = 3e-8  # rad; where cells so wide are not resolved, a tighter tolerance goes on
-_RESOLVED = 1e-9  # of the function's largest size: what the quintic's last term may add
-_BENT = 1e-4  # likewise the quartic term, so that the quintic's cannot vanish by accident
+_RESOLVED = 1e-7  # of the function's largest size: what the quintic's last term may add
+_BENT = 1e-3  # likewise the quartic term, so that the quintic's cannot vanish by accident
 _JUMP = 1e-8  # likewise; a smaller change over a narrow cell is rounding
 _LANES = 256  # of a batch that is no cheaper when smaller
 _MAX_NODES = 20_000  # of one case; a function that needs more is not resolved
@@ -100,9 +100,10 @@ def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) ->
         angles: where to look first, ascending [rad].
     """
     count = len(angles)
-    nodes = evaluate(np.repeat(np.arange(cases), count), np.tile(angles, cases))
-    left = np.flatnonzero(np.arange(cases * count) % count != count - 1)
-    found = _resolve(evaluate, nodes, left, left + 1, np.zeros(cases), _SUSPECT)
+    # Angle by angle: impacts side by side then take about as many steps as each other.
+    nodes = evaluate(np.tile(np.arange(cases), count), np.repeat(angles, cases))
+    left = np.arange(cases * (count - 1))
+    found = _resolve(evaluate, nodes, left, left + cases, np.zeros(cases), _SUSPECT)
     # Where cutting begins the tip is so slow at contact that a tighter tolerance is below rounding.
     cut = (found.narrow.low.time > 0) & (found.narrow.high.time > 0)
     low, high = (side.take(cut) for side in found.narrow)
