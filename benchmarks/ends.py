@@ -18,7 +18,7 @@ def main(angles: int = 20_000, spins: int = 19) -> int:
     """Print a line for each model and spin range; return the number of wrong ends."""
     alphas = (np.arange(angles) + 0.5) / angles * np.pi / 2
     total = 0
-    print(f"{angles:,} angles x {spins} spins from -0.9 to 0.9, Table 1")
+    print(f"{angles:,} angles x {spins} spins from -0.9 to 0.9, Table 1", flush=True)
     for name in (name for name in erosion.available_models() if name.startswith("rotating")):
         model = erosion.load_model(name)
         begun, wrong, near, cuts, failed = time.perf_counter(), 0, 0, 0, 0
@@ -30,7 +30,10 @@ def main(angles: int = 20_000, spins: int = 19) -> int:
             wrong_here, near_here = wrong_ends(model, p, ended_by)
             wrong, near = wrong + wrong_here, near + near_here
         took = time.perf_counter() - begun
-        print(f"{name:40s} {cuts:8,} cuts  {wrong} wrong  {failed} failed  {near} grazes below 1e-9  {took:.0f} s")
+        print(
+            f"{name:40s} {cuts:8,} cuts  {wrong} wrong  {failed} failed  {near} grazes below 1e-9  {took:.0f} s",
+            flush=True,
+        )
         total += wrong + failed
     return total
 

@@ -7,10 +7,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
 from erosion.calibration import Profile, calibrate
-from erosion.calibration_plots import plot_calibration, plot_profile
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters import TABLE_1
-from erosion.plotting import new_axes
+from erosion.plotting.calibrations import plot_calibration, plot_profile
+from erosion.plotting.style import new_axes
 
 DEGREES = np.linspace(5.0, 88.0, 50)
 

@@ -7,6 +7,7 @@ import pytest
 
 import erosion
 from erosion import blocks
+from erosion.integrator import FAILED
 from tests.reference import AT_20_DEGREES, CLOSED, closed_form
 
 P = erosion.TABLE_1
@@ -117,6 +118,35 @@ def test_lanes_that_are_not_finite_fail_and_touch_no_other():
         assert np.array_equal(getattr(hit, field)[~bad], getattr(clean, field)[~bad])
     with pytest.raises(ValueError, match="`alpha` must be in"):
         erosion.impact("rotating", P.replace(alpha=np.nan))
+
+
+def test_an_error_estimate_that_is_zero_by_chance_hides_no_error():
+    # Here the volume's estimate in a first step of 0.35/ω was a thousandth of its neighbours'.
+    alphas, spins = np.deg2rad(np.linspace(60, 75, 200)), np.linspace(-0.33, -0.24, 50)
+    p = P.replace(alpha=alphas, phidot0=spins[:, None] * P.v0 / P.r)
+    hit, exact = erosion.impact("rotating", p), erosion.impact("rotating", p, rtol=1e-13)
+    assert np.all(hit.ended_by == exact.ended_by)
+    # Where the tip hardly moves, no digits are left to compare.
+    cuts = np.cos(alphas) + spins[:, None] > 1e-3
+    assert hit.volume[cuts] == pytest.approx(exact.volume[cuts], rel=1e-9)
+
+
+def test_a_lane_of_rounding_alone_fails_soon():
+    # cos α + s is 1e-8: V′ and V″ have no 12 digits, and a shorter step has no more of them.
+    hopeless = P.replace(
+        k=1.5871451390844513,
+        v0=1088.2481414190745,
+        r=0.013939714071078637,
+        phidot0=-65955.027033115,
+        inertia=0.3040801935815103,
+        alpha=0.5645325433252832,
+    )
+    model = erosion.load_model("rotating")
+    lanes = [np.array([float(getattr(hopeless, name))]) for name in erosion.parameters.QUANTITIES]
+    found = blocks.integrate(model, lanes, 2, ("alpha",), 1e-12)
+    assert found.mode == FAILED
+    assert found.trials < 200
+    assert erosion.impact(model, hopeless, derivatives=2).ended_by == "rebound"
 
 
 class Brittle(erosion.models.ForceRatio):

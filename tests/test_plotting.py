@@ -8,19 +8,15 @@ from matplotlib.patches import Rectangle
 from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters import TABLE_1
-from erosion.plotting import (
-    new_axes,
-    new_figure,
+from erosion.plotting.motion import (
     plot_end_times,
     plot_histories,
     plot_path,
     plot_removal_rate,
     plot_trajectory,
     plot_volume,
-    readable_scale,
-    save_figure,
-    save_plot,
 )
+from erosion.plotting.style import new_axes, new_figure, readable_scale, save_figure, save_plot
 from erosion.trajectory import Trajectory, simulate
 
 CLOSED = LinearizedCut()

@@ -10,11 +10,11 @@ from matplotlib.collections import QuadMesh
 import erosion
 from erosion.distributions import LogNormal
 from erosion.nozzle import NozzleAngle
-from erosion.plotting import new_axes
+from erosion.plotting.streams import plot_nozzle_angle, plot_stream
+from erosion.plotting.style import new_axes
+from erosion.plotting.sweeps import plot_sweep
 from erosion.replicates import Estimate
-from erosion.stream_plots import plot_nozzle_angle, plot_stream
 from erosion.streams import stream
-from erosion.sweep_plots import plot_sweep
 from erosion.sweeps import sweep
 
 P = erosion.TABLE_1

@@ -101,12 +101,12 @@ def _empty(count: int, order: int) -> Solution:
     )
 
 
-# A function of its own to JAX, so that it is traced once, and not again for its shapes.
+# A function of its own to JAX, which traces it once for the shapes of its results and the loop.
 @functools.partial(jax.jit, static_argnames=("order", "names"), inline=True)
 def _block(
     model: CuttingModel, lanes: list[Any], along: list[Any], rtol: Any, order: int, names: tuple[str, ...]
 ) -> Solution:
-    """One block; lanes are (block,)."""
+    """One block; arrays are (block,)."""
     # The physics does not depend on the unit system: one program serves all.
     p = Parameters(**dict(zip(QUANTITIES, lanes, strict=True)))
     return solve(model, p, order, names or tuple(along), rtol)

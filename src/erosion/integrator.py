@@ -30,6 +30,13 @@ _TABLEAU = diffrax.Dopri8.tableau
 _A = [np.asarray(row) for row in _TABLEAU.a_lower]
 _B = np.asarray(_TABLEAU.b_sol)
 _B_ERROR = np.asarray(_TABLEAU.b_error)
+# A second estimate, of 6th order. All differences of two solutions of 6th order are a plane in
+# the space of weights; this one is orthogonal to the pair's own, and as long.
+_B_CHECK = np.array([
+    -0.06546771316990013, 0, 0, 0, 0, -1.182781246546709, 0.2775527180863478, 1.0732487838069504,
+    0.7396385533976804, -1.0064401897180706, 0.32273397601182074, -1.3755777404252905, 1.217092858557171,
+    0,
+])  # fmt: skip
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 
@@ -38,9 +45,11 @@ NO_CUT = -1
 
 _SLACK = 2.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 _TINY = 1e-200  # keeps 0/0 away
-_FIRST_STEP = 0.35  # of the model's time scale
+_CHECK = 0.1  # of the second estimate, brought to the first one's order; docs/performance.md
+_FIRST_STEP = 0.2  # of the model's time scale
 _LONGEST_CUT = 1e4  # likewise; later is "unfinished"
 _MAX_TRIALS = 20_000
+_REJECTED = 64  # trials, and one more for each four accepted: then the error must be rounding
 _NEAR = 1e-4  # of the time scale, the cut and a good step: this near the event, Heun and Newton do the rest
 
 
@@ -55,6 +64,7 @@ class Clock(NamedTuple):
     which: Any
     left: Any  # from the last trial's end to the event
     trials: Any
+    rejected: Any  # of them, those whose error was too large
     margin: Any  # the least value that an event function dipped to so far
     moved: Any  # whether the lane took the last trial
 
@@ -199,6 +209,7 @@ def _begin(block: _Block, scale: Any) -> Lanes:
         which=jnp.where(begins, 0.0, NO_CUT),
         left=zero,
         trials=zero,
+        rejected=zero,
         margin=jnp.full_like(scale, jnp.inf),
         moved=zero,
     )
@@ -290,8 +301,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots:
     # A locating lane moves on as well, or it would look for ever at both sides of a dip.
     accepted = going & fits & ~past & ~ended
 
-    # The eighth root by square roots: XLA's `pow` on a CPU is one library call a number.
-    factor = 0.9 / jnp.sqrt(jnp.sqrt(jnp.sqrt(error + 1e-30)))
+    factor = 0.9 / _eighth_root(error + 1e-30)
     factor = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2)
     # Steps cut short to land on a dip say little about the step to take next.
     step = jnp.where(
@@ -303,7 +313,9 @@ def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots:
 
     mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
     mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
-    mode = jnp.where(~(trial > 1e-14 * scale) | (locating & ~good), FAILED, mode)
+    rejected = clock.rejected + (going & ~good)
+    hopeless = rejected > _REJECTED + (clock.trials - clock.rejected) / 4
+    mode = jnp.where(~(trial > 1e-14 * scale) | (locating & ~good) | hopeless, FAILED, mode)
     mode = jnp.where(ended, ENDED, mode)
     return [
         jnp.where(going, mode, clock.mode),
@@ -314,6 +326,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots:
         jnp.where(ended, which, clock.which),
         jnp.where(ended, left, clock.left),
         clock.trials + going,
+        rejected,
         jnp.where(accepted | ended, jnp.minimum(clock.margin, dips[1]), clock.margin),
         (accepted | ended).astype(float),
     ]
@@ -337,10 +350,19 @@ def _step(block: _Block, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, Any
         for u, v, slope, ks in zip(before, after, slopes, stages, strict=True):
             sizes = jnp.maximum(jnp.maximum(jnp.abs(u), jnp.abs(v)), jnp.maximum(jnp.abs(length * slope), sizes))
             errors = functools.reduce(jnp.maximum, list(jnp.abs(length * _combine(_B_ERROR, ks)) / sizes), errors)
+            # The volume's estimate is mostly the largest by far, so where it passes through zero by
+            # chance an error would go unseen. It does not do so together with a second one.
+            check = jnp.abs(length * _combine(_B_CHECK, [k[-1] for k in ks])) / sizes[-1]
+            errors = jnp.maximum(errors, _CHECK * check * _eighth_root(check))
         return errors
 
     error = Kernel(worst)(jet, at, rate, [_used(_B_ERROR, ks) for ks in stages], clock)
     return at, tuple(ks[-1] for ks in stages), error
+
+
+def _eighth_root(value: Any) -> Any:
+    # XLA's `pow` on a CPU is one library call a number.
+    return jnp.sqrt(jnp.sqrt(jnp.sqrt(value)))
 
 
 def _used(weights: np.ndarray, stages: Sequence[Any]) -> list[Any]:

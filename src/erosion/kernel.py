@@ -215,11 +215,16 @@ def _along(
     return one._replace(volume=volume, time=time), volume, time
 
 
+# Never run: JAX keeps the traces of what is compiled, so that each kind of model is asked once.
+@jax.jit
+def _events(model: CuttingModel, p: Parameters) -> dict[str, Any]:
+    return model.events(model.initial_state(p), p)
+
+
 def end_names(model: CuttingModel) -> tuple[str, ...]:
     """What `ended_by` may say for a model: its events, then "no-cut", "failed", "unfinished"."""
-    one = Parameters(k=0, psi=0, r=0, b=0, m=0, v0=0, sigma=0, alpha=0)
-    events = jax.eval_shape(lambda p: model.events(model.initial_state(p), p), one)
-    return (*events, "no-cut", "failed", "unfinished")
+    one = Parameters(k=0.0, psi=0.0, r=0.0, b=0.0, m=0.0, v0=0.0, sigma=0.0, alpha=0.0)
+    return (*jax.eval_shape(_events, model, one), "no-cut", "failed", "unfinished")
 
 
 def _outcomes(model: CuttingModel, found: Solution) -> np.ndarray:

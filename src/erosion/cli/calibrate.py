@@ -70,8 +70,8 @@ def calibrate(
     written = []
     with user_errors():
         if plot is not None:
-            from erosion.calibration_plots import plot_calibration
-            from erosion.plotting import save_plot
+            from erosion.plotting.calibrations import plot_calibration
+            from erosion.plotting.style import save_plot
 
             written.append(save_plot(plot_calibration(ranking.fits, level), plot))
         for path, export in ((openfoam, to_openfoam), (fluent, to_fluent)):

@@ -32,7 +32,7 @@ def compare(
     """Set models side by side: V at the case's angle, and where each removes most."""
     p = (case or CaseOptions()).parameters()
     if plot is not None:
-        from erosion.plotting import require_plot_path
+        from erosion.plotting.style import require_plot_path
 
         with user_errors():
             require_plot_path(plot)
@@ -72,8 +72,8 @@ def compare(
         with user_errors():
             found.to_netcdf(output, engine="h5netcdf")
     if plot is not None:
-        from erosion.plotting import save_plot
-        from erosion.study_plots import plot_comparison
+        from erosion.plotting.studies import plot_comparison
+        from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_comparison(found), plot)

@@ -51,7 +51,7 @@ def optimum(
     chosen = load(model)
     between = None if alpha_range is None else _angles(alpha_range, p)
     if plot is not None:
-        from erosion.plotting import require_plot_path
+        from erosion.plotting.style import require_plot_path
 
         with user_errors():
             require_plot_path(plot)
@@ -61,8 +61,8 @@ def optimum(
     with user_errors():
         best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
     if plot is not None:
-        from erosion.angle_plots import plot_optimum
-        from erosion.plotting import save_plot
+        from erosion.plotting.angles import plot_optimum
+        from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_optimum(best), plot)

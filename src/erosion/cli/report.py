@@ -32,7 +32,9 @@ def report(
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    with user_errors(), Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as shown:
+    console = Console(stderr=True, highlight=False)
+    progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    with user_errors(), progress as shown:
         task = shown.add_task("report", total=None)
 
         def tell(line: str, done: int, parts: int) -> None:

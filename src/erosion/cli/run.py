@@ -30,7 +30,7 @@ def run(
     p = (case or CaseOptions()).parameters()
     chosen = load(model)
     if plot is not None:
-        from erosion.plotting import require_plot_path
+        from erosion.plotting.style import require_plot_path
 
         with user_errors():
             require_plot_path(plot)
@@ -53,7 +53,8 @@ def run(
         raise SimulationError(f"{model}: the derivative of the volume could not be computed.")
     in_si = conversion_factor("volume", p.units, "si")
     if plot is not None:
-        from erosion.plotting import plot_trajectory, save_plot
+        from erosion.plotting.motion import plot_trajectory
+        from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_trajectory(trajectory), plot)

@@ -70,8 +70,8 @@ def stream(
                 _show(interrupted.partial, json)
             raise
     if plot is not None:
-        from erosion.plotting import save_plot
-        from erosion.stream_plots import plot_stream
+        from erosion.plotting.streams import plot_stream
+        from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_stream(found), plot)

@@ -74,8 +74,8 @@ def sweep(
     with _cluster(workers, scheduler), progress_bar("sweep") as progress, user_errors(TypeError):
         found = compute(chosen, p, chunks=cut, store=out, progress=progress, **arguments, **axes)
     if plot is not None:
-        from erosion.plotting import save_plot
-        from erosion.sweep_plots import plot_sweep
+        from erosion.plotting.style import save_plot
+        from erosion.plotting.sweeps import plot_sweep
 
         with user_errors():
             save_plot(plot_sweep(found), plot)

@@ -11,12 +11,12 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from erosion.family_plots import Curve, broken_at
 from erosion.kernel import Impact, impact
 from erosion.model import ClosedForm
 from erosion.models import Linearized
 from erosion.optimum import Optimum, alpha_max
 from erosion.parameters import Parameters
+from erosion.plotting.families import Curve, broken_at
 from erosion.report.families import Families, families_of
 from erosion.report.spins import Spins, over_spins
 from erosion.trajectory import Trajectory, TurnWarning, simulate

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from erosion.family_plots import Curve, broken_at
 from erosion.kernel import impact
 from erosion.maxima import Jump
 from erosion.optimum import alpha_max
 from erosion.parameters import MATERIALS, QUANTITIES, Parameters
+from erosion.plotting.families import Curve, broken_at
 from erosion.report.text import number
 from erosion.units import System, conversion_factor, unit_name
 

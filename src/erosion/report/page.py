@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from erosion.files import write_whole
 from erosion.parameters import QUANTITIES, Parameters, require_scalars, validate
-from erosion.plotting import save_figure
+from erosion.plotting.style import save_figure
 from erosion.report.case import Answer, Case, question
 from erosion.report.inline import THEMES, inline_svg
 from erosion.report.questions import QUESTIONS

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.family_plots import BestAngles, plot_best_angles
 from erosion.optimum import alpha_max
 from erosion.parameters import QUANTITIES
-from erosion.plotting import new_axes
+from erosion.plotting.families import BestAngles, plot_best_angles
+from erosion.plotting.style import new_axes
 from erosion.report.case import Case, Illustration
 from erosion.report.families import Family
 from erosion.report.text import degrees, formula, join, math, number, paragraph, table

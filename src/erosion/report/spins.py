@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.family_plots import BestAngles
 from erosion.parameters import Parameters
+from erosion.plotting.families import BestAngles
 from erosion.studies import regimes
 
 TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both components"}

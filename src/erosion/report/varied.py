@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.family_plots import plot_family
 from erosion.parameters import QUANTITIES
-from erosion.plotting import new_axes, readable_scale
+from erosion.plotting.families import plot_family
+from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Case, Illustration
 from erosion.report.families import Family
 from erosion.report.text import degrees, number, quantity, table

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.family_plots import plot_best_angles, plot_family, plot_turn
-from erosion.plotting import new_axes, readable_scale
+from erosion.plotting.families import plot_best_angles, plot_family, plot_turn
+from erosion.plotting.studies import plot_regimes
+from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.rotation import derivation_again, figures_again, numbers_again
 from erosion.report.spins import TORQUES, Spins
 from erosion.report.text import degrees, formula, join, math, note, number, paragraph, table
-from erosion.study_plots import plot_regimes
 from erosion.trajectory import SimulationError, TurnWarning, simulate
 
 _MODEL = "rotating"

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.family_plots import plot_family
 from erosion.models.closed_forms import StraightCut
-from erosion.plotting import new_axes
+from erosion.plotting.families import plot_family
+from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, formula, join, math, note, paragraph, quantity, quantity_tex
 from erosion.report.varied import said_part

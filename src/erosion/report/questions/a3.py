@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.family_plots import plot_differences, plot_family
-from erosion.plotting import new_axes, readable_scale
+from erosion.plotting.families import plot_differences, plot_family
+from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, formula, join, math, note, number, paragraph, table
 

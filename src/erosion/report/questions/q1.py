@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.plotting import new_axes, new_figure, plot_histories, plot_path
+from erosion.plotting.motion import plot_histories, plot_path
+from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import (
     degrees,

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.plotting import new_axes, plot_end_times
+from erosion.plotting.motion import plot_end_times
+from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import (
     degrees,

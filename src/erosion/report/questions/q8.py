@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.family_plots import BestAngles, plot_best_angles
 from erosion.parameters import QUANTITIES
-from erosion.plotting import new_axes
+from erosion.plotting.families import BestAngles, plot_best_angles
+from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, degrees_tex, formula, join, math, number, paragraph
 from erosion.report.varied import family_figure, family_numbers, family_table, said_angle, said_part

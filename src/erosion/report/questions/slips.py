@@ -4,8 +4,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from erosion.family_plots import plot_family
-from erosion.plotting import new_axes, readable_scale
+from erosion.plotting.families import plot_family
+from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import (
     degrees,

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.parameters import QUANTITIES
-from erosion.plotting import INK, PALETTE, house_style, new_axes, readable_scale
+from erosion.plotting.style import INK, PALETTE, house_style, new_axes, readable_scale
 from erosion.quantities import RESULTS
 from erosion.units import System
 

@@ -11,12 +11,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from erosion.parameters import QUANTITIES
-from erosion.plotting import ENDS, INK, PALETTE, house_style, new_axes, new_figure, readable_scale, typeset
+from erosion.plotting.style import ENDS, INK, STYLES, house_style, new_axes, new_figure, readable_scale, typeset
 from erosion.quantities import RESULTS
 from erosion.units import System
-
-_LINES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)))
-_STYLES: list[tuple[str, Any]] = [(color, line) for line in _LINES for color in PALETTE.values()]
 
 
 @house_style()
@@ -29,7 +26,7 @@ def plot_comparison(comparison: xr.Dataset) -> Figure:
     scale = readable_scale("volume", _units(comparison), float(np.nanmax(comparison.volume_max)))
     handles = []
     for i, name in enumerate(models):
-        color, line = _STYLES[i % len(_STYLES)]
+        color, line = STYLES[i % len(STYLES)]
         one = comparison.isel(model=i)
         x, y = broken(degrees, volume[i], np.deg2rad(1) * one.dvolume.values)
         ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from erosion.maxima import Jump
 from erosion.optimum import ASIDE
 from erosion.parameters import QUANTITIES
-from erosion.plotting import ENDS, FAINT, INK, PALETTE, angle_axis, house_style, legend_below, readable_scale
+from erosion.plotting.style import ENDS, FAINT, INK, PALETTE, angle_axis, house_style, legend_below, readable_scale
 from erosion.quantities import RESULTS
 from erosion.units import System
 

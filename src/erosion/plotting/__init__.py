@@ -1,0 +1,1 @@
+"""Results -> matplotlib: one module for each kind of result, all in one style."""

@@ -1,0 +1,42 @@
+import functools
+
+import numpy as np
+
+from erosion import integrator
+
+
+@functools.cache
+def _forests(order):
+    """The multisets of rooted trees that have `order` vertices together; a tree is its root's forest."""
+    if order == 0:
+        return {()}
+    return {
+        tuple(sorted((*rest, tree), key=repr))
+        for size in range(1, order + 1)
+        for tree in _forests(size - 1)
+        for rest in _forests(order - size)
+    }
+
+
+def _conditions(order):
+    """The stages' elementary weights (trees, stages) of Butcher's conditions up to an order."""
+    a = np.zeros((integrator._B.size,) * 2)
+    for i, row in enumerate(integrator._A):
+        a[i + 1, : row.size] = row
+
+    def weight(tree):
+        return functools.reduce(np.multiply, [a @ weight(child) for child in tree], np.ones(len(a)))
+
+    return np.array([weight(tree) for size in range(order) for tree in _forests(size)])
+
+
+def test_the_second_estimate_is_of_sixth_order_and_its_own():
+    assert len(_conditions(7)) == 1 + 1 + 2 + 4 + 9 + 20 + 48
+    check, error = integrator._B_CHECK, integrator._B_ERROR
+    assert np.abs(_conditions(7) @ error).max() < 1e-13
+    assert np.abs(_conditions(6) @ check).max() < 1e-13
+    assert np.abs(_conditions(7) @ check).max() > 1e-3
+    assert abs(check @ error) < 1e-13
+    assert np.isclose(check @ check, error @ error)
+    # The step makes both estimates from the same stages.
+    assert np.array_equal(check != 0, error != 0)
