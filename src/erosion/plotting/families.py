@@ -143,7 +143,7 @@ def plot_best_angles(
     highest = 0.0
     for i, (label, x, alpha, at_jump, line) in enumerate(found):
         color, degrees = _COLORS[i % len(_COLORS)], np.rad2deg(alpha)
-        highest = max(highest, float(np.nanmax(degrees)))
+        highest = max([highest, *degrees[np.isfinite(degrees)]])
         if line:
             apart = np.flatnonzero((np.abs(np.diff(alpha)) > _APART) | (np.diff(at_jump.astype(int)) != 0)) + 1
             ax.plot(np.insert(x, apart, np.nan), np.insert(degrees, apart, np.nan), color=color, linewidth=1.7)

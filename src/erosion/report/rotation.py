@@ -118,8 +118,9 @@ def _ranges(case: Case) -> Markup:
     for name, family in case.families(MODEL).items():
         quantity = QUANTITIES[name]
         jumps = int(np.sum(family.kind == "jump"))
-        rows.append((f"{quantity.symbol}, {quantity.meaning}", degrees(float(family.alpha.min())),
-                     degrees(float(family.alpha.max())), f"{jumps} of {family.alpha.size}"))  # fmt: skip
+        cutting = family.alpha[family.kind != "none"]
+        ends = (degrees(float(cutting.min())), degrees(float(cutting.max()))) if cutting.size else ("–", "–")
+        rows.append((f"{quantity.symbol}, {quantity.meaning}", *ends, f"{jumps} of {family.alpha.size}"))
     head = ("changed as in questions 5 to 8", "least α_max", "greatest α_max", "at a jump")
     return table("The angle of greatest removal with rotation", head, rows)
 
@@ -129,7 +130,7 @@ def _sensitivities(case: Case) -> Markup:
     rows = []
     for name in names:
         cells = (case.sensitivity(model, name) for model in ("linearized", MODEL))
-        rows.append((f"{QUANTITIES[name].symbol}, {QUANTITIES[name].meaning}",
-                     *("0" if rate == 0 else degrees(rate, 6) for rate in cells)))  # fmt: skip
+        said = ("0" if rate == 0 else degrees(rate, 6) if np.isfinite(rate) else "–" for rate in cells)
+        rows.append((f"{QUANTITIES[name].symbol}, {QUANTITIES[name].meaning}", *said))
     return table("q ∂α_max/∂q: ten per cent more of q moves the angle by a tenth of this",
                  ("parameter q", "without rotation", "with rotation"), rows)  # fmt: skip

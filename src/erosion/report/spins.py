@@ -1,13 +1,14 @@
-"""Angles of greatest removal over the spin, for both torques."""
+"""How cuts end over angle and spin, and the angle of greatest removal over the spin."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
-from erosion.optimum import Optimum, alpha_max
 from erosion.parameters import Parameters
 from erosion.plotting.families import BestAngles
+from erosion.studies import regimes
 
 TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both components"}
 """What the models of a body that turns are called, by their names."""
@@ -18,10 +19,22 @@ _TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)
 
 @dataclass(frozen=True)
 class Spins:
-    """Optima of a model over s = r φ̇₀/v₀; arrays have shape (spins,)."""
+    """A model over angle and spin; arrays have shape (spins,).
 
+    Args:
+        map: what `regimes` found.
+        s: r φ̇₀/v₀.
+        alpha: of the greatest removal [rad], NaN where nothing is cut.
+        volume: there.
+        kind, ended_by: there, as in `Optimum`.
+    """
+
+    map: xr.Dataset
     s: np.ndarray
-    optimum: Optimum
+    alpha: np.ndarray
+    volume: np.ndarray
+    kind: np.ndarray
+    ended_by: np.ndarray
 
     @property
     def told(self) -> np.ndarray:
@@ -31,26 +44,35 @@ class Spins:
     @property
     def jumps(self) -> int:
         """How many of the maxima sit at a jump of V(α)."""
-        return int(np.sum(self.optimum.kind == "jump"))
+        return int(np.sum(self.kind == "jump"))
 
     def best_angles(self, label: str) -> BestAngles:
         """For a figure."""
-        return BestAngles(label, self.s, self.optimum.alpha, self.optimum.kind == "jump")
+        return BestAngles(label, self.s, self.alpha, self.kind == "jump")
 
     def numbers(self) -> dict[str, Any]:
         """For numbers.json."""
-        found = self.optimum
         return {
-            "s": [float(s) for s in self.s],
-            "alpha_max": [float(alpha) for alpha in found.alpha],
-            "volume_max": [float(volume) for volume in found.volume],
-            "kind": [str(kind) for kind in found.kind],
-            "side": [str(side) for side in found.side],
-            "attained": [bool(attained) for attained in found.attained],
-            "ended_by": [str(end) for end in found.ended_by],
+            "s": self.s.tolist(),
+            "alpha_max": self.alpha.tolist(),
+            "volume_max": self.volume.tolist(),
+            "kind": self.kind.tolist(),
+            "ended_by": self.ended_by.tolist(),
         }
 
 
 def over_spins(model: str, p: Parameters) -> Spins:
     """The case with every spin of the sweep instead of its own."""
-    return Spins(_SPINS, alpha_max(model, p.replace(phidot0=_SPINS * float(p.v0 / p.r))))
+    found = regimes(model, p, phidot0=_SPINS * float(p.v0 / p.r))
+    return Spins(
+        map=found,
+        s=_SPINS,
+        alpha=found.alpha_max.values,
+        volume=found.volume_max.values,
+        kind=_words(found.alpha_max_kind),
+        ended_by=_words(found.alpha_max_ended_by),
+    )
+
+
+def _words(codes: xr.DataArray) -> np.ndarray:
+    return np.array(codes.attrs["flag_meanings"].split())[codes.values.astype(int)]

@@ -7,10 +7,11 @@ import numpy as np
 from markupsafe import Markup
 
 from erosion.plotting.families import plot_best_angles, plot_family, plot_turn
+from erosion.plotting.studies import plot_regimes
 from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.rotation import derivation_again, figures_again, numbers_again
-from erosion.report.spins import TORQUES
+from erosion.report.spins import TORQUES, Spins
 from erosion.report.text import degrees, formula, join, math, note, number, paragraph, table
 from erosion.trajectory import SimulationError, TurnWarning, simulate
 
@@ -37,6 +38,7 @@ def answer(case: Case) -> Answer:
         figures=(
             _curves_figure(case),
             _spins_figure(case),
+            _map_figure(case),
             _turn_figure(case, numbers),
             *figures_again(case, numbers["again"]),
         ),
@@ -126,6 +128,16 @@ def _spins_figure(case: Case) -> Illustration:
     )  # fmt: skip
 
 
+def _map_figure(case: Case) -> Illustration:
+    return Illustration(
+        "regimes",
+        plot_regimes(case.spins(_MODEL).map),
+        Markup("How the cut ends and what it removes, over the angle of attack and the spin, with the torque {}. The "
+               "angle of greatest removal jumps from one region to another.").format(math("rF_x")),
+        "Two maps over angle of attack and initial spin: how the cut ends, and the removed volume.",
+    )  # fmt: skip
+
+
 def _turn_figure(case: Case, numbers: dict[str, Any]) -> Illustration:
     fig, ax = new_axes(5.4, 3.6)
     turn = numbers["turn"]
@@ -197,7 +209,7 @@ def _spin_text(case: Case) -> Markup:
     rows = [
         (
             number(float(simple.s[i]), 3, strip=True),
-            *(cell for spins in (simple, full) for cell in _best(spins.optimum, int(i))),
+            *(cell for spins in (simple, full) for cell in _best(spins, int(i))),
         )
         for i in simple.told
     ]
@@ -213,8 +225,7 @@ def _spin_text(case: Case) -> Markup:
     )  # fmt: skip
 
 
-def _best(optimum: Any, i: int) -> tuple[str, str]:
-    if optimum.kind[i] == "none":
+def _best(spins: Spins, i: int) -> tuple[str, str]:
+    if spins.kind[i] == "none":
         return "–", "nothing is cut"
-    side = f" from {optimum.side[i]}" if optimum.side[i] else ""
-    return f"{np.rad2deg(optimum.alpha[i]):.6f}°", f"{optimum.kind[i]}{side}, {optimum.ended_by[i]}"
+    return f"{np.rad2deg(spins.alpha[i]):.6f}°", f"{spins.kind[i]}, {spins.ended_by[i]}"

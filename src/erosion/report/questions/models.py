@@ -6,8 +6,8 @@ import numpy as np
 from markupsafe import Markup
 
 from erosion.models.registry import BUILT_IN
-from erosion.plotting.angles import plot_optima
-from erosion.plotting.style import readable_scale
+from erosion.plotting.families import plot_family
+from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, join, number, paragraph, table, wordy_table
 
@@ -58,12 +58,13 @@ def _sentence(numbers: dict[str, Any]) -> Markup:
 
 
 def _figure(case: Case) -> Illustration:
-    fig = plot_optima([case.optimum(model) for model in BUILT_IN])
+    fig, ax = new_axes(5.8, 5.2)
+    plot_family(ax, [case.curve(model) for model in BUILT_IN], units=case.units, columns=2)
     return Illustration(
         "models",
         fig,
         Markup("The volume removed over the angle of attack for every model. Those with a force along the motion "
-               "lie on those with {}.").format("K = tan α"),
+               "(dashed where colours repeat) lie on those with {}.").format("K = tan α"),
         "Removed volume over the angle of attack for eleven models.",
     )  # fmt: skip
 
