@@ -69,15 +69,15 @@ def test_several_models_are_ranked(table, capsys):
     ("arguments", "message"),
     [
         (["nowhere.csv"], "nowhere.csv: cannot be read (No such file or directory)."),
-        (["{table}", "--free", "nu"], "Argument `free` must name parameters"),
-        (["{table}", "--free", ","], "Argument `free` must name one or several"),
+        (["{table}", "--free", "nu"], "Option `--free` must name parameters"),
+        (["{table}", "--free", ","], "Option `--free` must name one or several"),
         (["{table}", "--model", "spinning"], "There is no model 'spinning'"),
         (["{table}", "--models", "linearized,spinning"], "There is no model 'spinning'"),
-        (["{table}", "--loss", "square"], "Argument `loss` must be one of"),
+        (["{table}", "--loss", "square"], "Option `--loss` must be one of"),
         (["{table}", "--level", "95"], "Option `--level` must be in (0, 1), but is 95."),
-        (["{table}", "--density", "3 kg"], "Argument `density`"),
+        (["{table}", "--density", "3 kg"], "Option `--density`"),
         (["{bad}"], "bad.csv, line 3, column 1 (angle [deg]) must be above 0° and at most 90°, but is 95."),
-        ([], "parameter DATA requires an argument"),
+        ([], "Option `DATA` must have a value"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(table, tmp_path, capsys, arguments, message):

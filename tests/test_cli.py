@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from erosion.cli import _status
@@ -150,3 +151,49 @@ def test_single_precision_is_refused():
     assert found.returncode == 1
     assert "erosion needs float64" in found.stderr
     assert "Traceback" not in found.stderr
+
+
+def test_optimum_is_printed_and_drawn(capsys, tmp_path):
+    figure = tmp_path / "best.svg"
+    assert _status(["optimum", "--model", "rotating", "--k", "1", "--plot", str(figure)]) == 0
+    out = capsys.readouterr().out
+    assert "39.99624" in out
+    assert "just below a jump, not reached" in out
+    assert figure.read_text().startswith("<?xml")
+
+
+def test_optimum_as_json_has_everything(capsys):
+    assert _status(["optimum", "--model", "rotating", "--json", "--sensitivities"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert np.rad2deg(found["alpha"]) == pytest.approx(25.571827308, abs=1e-8)
+    assert found["kind"] == "interior"
+    assert found["certified"] is True
+    assert len(found["jumps"]) == 1
+    assert set(found["sensitivities"]) == {"k", "psi", "r", "b", "m", "v0", "sigma", "phidot0", "inertia"}
+
+
+def test_compare_lists_models_at_the_case_and_at_their_best(capsys, tmp_path):
+    curves = tmp_path / "curves.nc"
+    assert _status(["compare", "--models", "linearized", "rotating", "--output", str(curves), "--json"]) == 0
+    one, other = json.loads(capsys.readouterr().out)["models"]
+    assert one["volume"] == pytest.approx(1.816436352531e-4, rel=1e-9)
+    assert other["volume_max"] == pytest.approx(1.050019817361e-4, rel=1e-9)
+    assert curves.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["optimum", "--alpha", "20deg"], "Option `--alpha` has no meaning here"),
+        (["optimum", "--alpha-range", "60deg", "30deg"], "Option `--alpha-range` must be two ascending angles"),
+        (["optimum", "--alpha-range", "1 kg", "30deg"], "Option `--alpha-range` "),
+        (["optimum", "--objective", "beauty"], "Option `--objective` must be one of"),
+        (["compare", "--models", "nothing"], "There is no model 'nothing'"),
+        (["compare", "--output", "curves.csv"], "Option `--output` must name a file that ends in .nc"),
+    ],
+)
+def test_bad_questions_about_the_optimum_are_one_line(arguments, message, capsys):
+    assert _status(arguments) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("erosion: " + message)
+    assert err.count("\n") == 1

@@ -120,7 +120,7 @@ class Optimum:
     def _explained(self) -> str:
         """What the kind means here."""
         if self.kind == "jump":
-            return f"just {self.side} a jump" + ("" if self.attained else "; approached, not reached")
+            return f"just {self.side} a jump" + ("" if self.attained else ", not reached")
         if self.kind == "boundary":
             return "an end of the range" if self.attained else "approached as α → 0, not reached"
         return {"interior": "dV/dα = 0", "plateau": "the same over a range of angles"}.get(str(self.kind), "")

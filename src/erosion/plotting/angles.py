@@ -10,11 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from erosion.kernel import impact
-from erosion.models import model_name
 from erosion.objectives import MEASURES
 from erosion.optimum import ASIDE, SHALLOWEST, Optimum
 from erosion.parameters import QUANTITIES
-from erosion.plotting.style import DIM, ENDS, INK, PALETTE, STYLES, house_style, new_axes, readable_scale, typeset
+from erosion.plotting.style import DIM, ENDS, INK, PALETTE, house_style, new_axes, readable_scale, typeset
 from erosion.quantities import RESULTS
 
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
@@ -95,33 +94,6 @@ def plot_optimum(optimum: Optimum) -> Figure:
     )
     _finish(ax, optimum)
     fig.legend(handles=handles, loc="outside lower center", ncols=2)
-    return fig
-
-
-@house_style()
-def plot_optima(optima: Sequence[Optimum], names: Sequence[str] | None = None) -> Figure:
-    """Several models over the same angles, each with its optimum.
-
-    Args:
-        optima: of the volume, each for scalar parameters, in the same unit system.
-        names: what to call them; the models' names without it.
-    """
-    names = [model_name(optimum.model) for optimum in optima] if names is None else names
-    fig, ax = new_axes(6.6, 5.2)
-    curves = [pieces(optimum) for optimum in optima]
-    units = optima[0].p.units
-    scale = readable_scale("volume", units, max(_largest(curve) for curve in curves))
-    handles = []
-    for i, (optimum, curve, name) in enumerate(zip(optima, curves, names, strict=True)):
-        color, line = STYLES[i % len(STYLES)]
-        for piece in curve:
-            ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=color, linestyle=line, linewidth=1.8)
-        if np.isfinite(optimum.value) and optimum.kind != "none":
-            mark_best(ax, optimum, scale.size, color)
-        handles.append(Line2D([], [], color=color, linestyle=line, linewidth=1.8, label=f"{name}: {describe(optimum)}"))
-    ax.set_ylabel(f"${RESULTS['volume'].symbol}$  {RESULTS['volume'].meaning}  [{scale.unit}]")
-    _finish(ax, optima[0])
-    fig.legend(handles=handles, loc="outside lower center", ncols=1 if len(handles) < 4 else 2)
     return fig
 
 
