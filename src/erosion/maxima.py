@@ -13,6 +13,7 @@ from erosion.scan import Cells, Evaluate, Nodes, Scan, is_jump, joined, polish, 
 
 SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0
 STEEPEST = np.pi / 2
+_BESIDE = 1e-6  # rad; a maximum so near a jump is the jump's own
 ASIDE = 1e-9  # rad; so far beside a jump any evaluation agrees on which side it is
 _LOOSE = 1e-9  # relative tolerance of the search
 TIGHT = 1e-11  # relative tolerance where an answer is polished
@@ -127,7 +128,7 @@ class Search:
             *self._at_ends(found, low, high),
         ]:
             candidates[case].append(candidate)
-        for case, candidate in self._on_plateaus(found, candidates):
+        for case, candidate in self._on_plateaus(found, jumped, candidates):
             candidates[case].append(candidate)
         jumps, regimes = self._jumps(found, jumped, cases), _regimes(found, cases, low, high)
         return [
@@ -166,11 +167,13 @@ class Search:
         best, steps = polish(self._at(TIGHT), cells)
         # Where the function is level, its slope falls through zero by rounding.
         bends = best.curve < -_LEVEL * found.size[best.case]
-        flat = np.abs(best.slope) <= 1e-6 * found.size[best.case]
+        # An angle known to some 1e-11 leaves that much of the curvature in the slope.
+        flat = np.abs(best.slope) <= 1e-6 * found.size[best.case] + 1e-10 * np.abs(best.curve)
+        bends &= ~(np.abs(best.alpha - self._nearest_jump(best, found, jumped)) < _BESIDE)
         return [
             (int(case), self._candidate(best, i, kind="interior" if flat[i] else "kink", steps=int(steps[i])))
             for i, case in enumerate(best.case)
-            if bends[i] or not flat[i]
+            if bends[i]
         ]
 
     def _at_jumps(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
@@ -207,16 +210,39 @@ class Search:
                 ends.append((case, dataclasses.replace(candidate, alpha=high)))
         return ends
 
-    def _on_plateaus(self, found: Scan, candidates: list[list[Candidate]]) -> list[tuple[int, Candidate]]:
-        """The best node where it is above all candidates: the function is level there."""
+    def _nearest_jump(self, nodes: Nodes, found: Scan, jumped: np.ndarray) -> np.ndarray:
+        """The angle of the jump of the same case that is nearest to each node; infinite without one."""
+        jumps = found.narrow.low.take(jumped)
+        # Cases lie too far apart to be taken for one another.
+        marks = np.sort(np.concatenate([jumps.alpha + 10 * jumps.case, [-np.inf, np.inf]]))
+        place = nodes.alpha + 10 * nodes.case
+        after = np.clip(np.searchsorted(marks, place), 1, marks.size - 1)
+        before, after = marks[after - 1], marks[after]
+        return np.where(place - before < after - place, before, after) - 10 * nodes.case
+
+    def _on_plateaus(
+        self, found: Scan, jumped: np.ndarray, candidates: list[list[Candidate]]
+    ) -> list[tuple[int, Candidate]]:
+        """The best node where it is above all candidates.
+
+        There the function is level; or so steep beside a jump that it is less already where
+        any evaluation agrees on the side.
+        """
         nodes = found.nodes
+        jumps = self._nearest_jump(nodes, found, jumped)
         order = np.lexsort((np.nan_to_num(nodes.value, nan=-np.inf), nodes.case))
         last = np.append(np.flatnonzero(np.diff(nodes.case[order])), order.size - 1)
         plateaus = []
         for case, i in enumerate(order[last]):
             best = max((self.sign * c.value for c in candidates[case]), default=-np.inf)
             if nodes.value[i] > best + 1e-8 * found.size[case]:
-                plateaus.append((case, self._candidate(nodes, i, kind="plateau")))
+                aside = float(nodes.alpha[i] - jumps[i])
+                if abs(aside) < _BESIDE:
+                    side = "above" if aside > 0 else "below"
+                    candidate = self._candidate(nodes, i, kind="jump", side=side, attained=False)
+                else:
+                    candidate = self._candidate(nodes, i, kind="plateau")
+                plateaus.append((case, candidate))
         return plateaus
 
     def _limit(self, first: Candidate) -> Candidate:
