@@ -283,6 +283,11 @@ def _codes(names: Any, meanings: Sequence[str]) -> np.ndarray:
     return codes
 
 
+def in_words(codes: xr.DataArray) -> Any:
+    """What the codes of a sweep's variable mean, strings of its shape."""
+    return np.array(codes.attrs["flag_meanings"].split())[codes.values.astype(int)]
+
+
 def _flags(what: str, meanings: Sequence[str]) -> dict[str, Any]:
     """Codes 0, 1, … and their meanings, in the words of the CF conventions."""
     values = np.arange(len(meanings), dtype=np.int8)

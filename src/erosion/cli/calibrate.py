@@ -74,9 +74,11 @@ def calibrate(
             from erosion.plotting.style import save_plot
 
             written.append(save_plot(plot_calibration(ranking.fits, level), plot))
+        from erosion.files import write_whole
+
         for path, export in ((openfoam, to_openfoam), (fluent, to_fluent)):
             if path is not None:
-                path.write_text(export(best).text(), encoding="utf-8")
+                write_whole(path, export(best).text().encode())
                 written.append(path)
     for sentence in ranking.statements:
         warn(sentence)

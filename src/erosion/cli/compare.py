@@ -1,7 +1,7 @@
 """`erosion compare`: several models over the angle of attack."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -46,6 +46,8 @@ def compare(
     start_engine()
     import numpy as np
 
+    from erosion.grids import in_words
+    from erosion.netcdf import write_netcdf
     from erosion.quantities import RESULTS
     from erosion.studies import compare as compare_models
     from erosion.tables import format_number
@@ -60,17 +62,17 @@ def compare(
         {
             "model": name,
             "volume": float(one.volume),
-            "ended_by": _meaning(one.ended_by),
+            "ended_by": str(in_words(one.ended_by)),
             "alpha_max": float(one.alpha_max),
             "volume_max": float(one.volume_max),
-            "kind": _meaning(one.alpha_max_kind),
-            "alpha_max_ended_by": _meaning(one.alpha_max_ended_by),
+            "kind": str(in_words(one.alpha_max_kind)),
+            "alpha_max_ended_by": str(in_words(one.alpha_max_ended_by)),
         }
         for name, one in ((str(name), at.sel(model=name)) for name in at.model.values)
     ]
     if output is not None:
         with user_errors():
-            found.to_netcdf(output, engine="h5netcdf")
+            write_netcdf(found, output, {})
     if plot is not None:
         from erosion.plotting.studies import plot_comparison
         from erosion.plotting.style import save_plot
@@ -106,7 +108,3 @@ def _angle(alpha: float) -> str:
     if math.isnan(alpha):
         return "none"
     return "→ 0°" if alpha == 0 else f"{math.degrees(alpha):.6f}°"
-
-
-def _meaning(code: Any) -> str:
-    return code.attrs["flag_meanings"].split()[int(code)]

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from erosion.grids import in_words
 from erosion.parameters import QUANTITIES
 from erosion.plotting.style import ENDS, INK, STYLES, house_style, new_axes, new_figure, readable_scale, typeset
 from erosion.quantities import RESULTS
@@ -62,8 +63,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     mesh = right.pcolormesh(degrees, spins, volume / scale.size, cmap="cividis", rasterized=True)
     bar = fig.colorbar(mesh, ax=right)
     bar.set_label(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
-    kinds = regimes.alpha_max_kind.attrs["flag_meanings"].split()
-    jumps = regimes.alpha_max_kind.values == kinds.index("jump")
+    jumps = in_words(regimes.alpha_max_kind) == "jump"
     best = np.rad2deg(regimes.alpha_max.values)
     for ax, ink in ((left, INK), (right, "white")):
         ax.plot(np.where(jumps, np.nan, best), spins, ".", color=ink, markersize=3.5)
@@ -103,7 +103,7 @@ def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray,
 
 def describe_best(one: xr.Dataset) -> str:
     """A model's best angle in a few words: "at 25.57°", "as α → 0", "at a jump, 40.00°"."""
-    kind = one.alpha_max_kind.attrs["flag_meanings"].split()[int(one.alpha_max_kind)]
+    kind = in_words(one.alpha_max_kind)
     if kind == "none":
         return "nothing is cut"
     if float(one.alpha_max) == 0:
@@ -113,7 +113,7 @@ def describe_best(one: xr.Dataset) -> str:
 
 def mark_best(ax: Axes, one: xr.Dataset, size: float, color: str) -> None:
     """A star at a model's best angle; hollow where the greatest is only approached."""
-    kind = one.alpha_max_kind.attrs["flag_meanings"].split()[int(one.alpha_max_kind)]
+    kind = in_words(one.alpha_max_kind)
     approached = kind == "jump" or float(one.alpha_max) == 0
     ax.plot([np.rad2deg(float(one.alpha_max))], [float(one.volume_max) / size], "*", markersize=13, zorder=6,
             clip_on=False, color="white" if approached else color, markeredgecolor=color if approached else INK,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from erosion.grids import in_words
 from erosion.parameters import Parameters
 from erosion.plotting.families import BestAngles
 from erosion.studies import regimes
@@ -69,10 +70,6 @@ def over_spins(model: str, p: Parameters) -> Spins:
         s=_SPINS,
         alpha=found.alpha_max.values,
         volume=found.volume_max.values,
-        kind=_words(found.alpha_max_kind),
-        ended_by=_words(found.alpha_max_ended_by),
+        kind=in_words(found.alpha_max_kind),
+        ended_by=in_words(found.alpha_max_ended_by),
     )
-
-
-def _words(codes: xr.DataArray) -> np.ndarray:
-    return np.array(codes.attrs["flag_meanings"].split())[codes.values.astype(int)]
