@@ -61,6 +61,8 @@ if TYPE_CHECKING:
     from erosion.trajectory import TurnWarning as TurnWarning
     from erosion.trajectory import simulate as simulate
     from erosion.trigonometry import sincos as sincos
+    from erosion.verification import Verification as Verification
+    from erosion.verification import verify as verify
 
 _HOMES = {
     "calibration": (
@@ -89,6 +91,7 @@ _HOMES = {
     "sweeps": ("SweepInterrupted", "sweep"),
     "trajectory": ("SimulationError", "Trajectory", "TurnWarning", "simulate"),
     "trigonometry": ("sincos",),
+    "verification": ("Verification", "verify"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -256,6 +256,10 @@ def _follow(
         found = first_fall(t, values, rates)
     except ArithmeticError as error:
         raise SimulationError(f"{model_name(model)}: {error}.") from error
+    if len(ends) == 1:
+        raise SimulationError(
+            f"{model_name(model)}: no first step could be taken: the motion is not finite at contact."
+        )
     if found is None:
         raise SimulationError(
             f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "

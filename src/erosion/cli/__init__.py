@@ -20,6 +20,7 @@ from erosion.cli.report import report
 from erosion.cli.run import run
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
+from erosion.cli.verify import verify
 from erosion.version import __version__
 
 app = cyclopts.App(
@@ -30,7 +31,7 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, report, models):
+for verb in (run, optimum, compare, sweep, stream, calibrate, report, models, verify):
     app.command(verb)
 
 

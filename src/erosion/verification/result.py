@@ -1,0 +1,104 @@
+"""What a verification found, and how it is read."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from erosion.tables import to_html, to_text
+
+BOUNDS: Mapping[str, tuple[float, str]] = {
+    "closed form": (1e-9, "V, V′, V″, t_c and the state midway, where an exact solution is known"),
+    "engines": (1e-9, "V and t_c of the batch against the trajectory"),
+    "scipy": (1e-9, "V and t_c against scipy's DOP853"),
+    "heyoka": (1e-9, "V and t_c against heyoka's Taylor series"),
+    "identities": (1e-10, "momentum, spin and energy at the end; the tip's velocity"),
+    "scaling": (1e-9, "V/V* of a similar impact"),
+    "units": (1e-9, "the same impact in the other unit system"),
+    "dV/dα": (1e-7, "against differences of V"),
+    "d²V/dα²": (1e-6, "against differences of dV/dα"),
+    "∂V/∂q": (1e-7, "against differences of V, q every other parameter"),
+    "∂²V/∂α∂q": (1e-6, "against differences of dV/dα, likewise"),
+}
+"""Every check: the greatest relative error that passes, and what it compares."""
+
+HEADINGS = ("check", "models", "worst error", "bound", "of", "what is compared")
+
+
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """One check of one model.
+
+    Args:
+        model: its name, or the path of its file.
+        name: which of `BOUNDS`.
+        error: the worst relative error; infinity where there is no number, or another end.
+        where: the impact of that error, or the sentence with which it failed.
+    """
+
+    model: str
+    name: str
+    error: float
+    where: str
+
+    @property
+    def bound(self) -> float:
+        """The greatest error that passes."""
+        return BOUNDS[self.name][0]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is within its bound; one that is no number is not."""
+        return self.error <= self.bound
+
+    def __str__(self) -> str:
+        found = f"{self.error:.1e} is above {self.bound:.0e}" if math.isfinite(self.error) else "failed"
+        return f"{self.model}: {self.name}: {found} ({self.where})"
+
+
+@dataclasses.dataclass(frozen=True)
+class Verification:
+    """All checks of all models.
+
+    Args:
+        checks: model by model.
+        absent: witnesses that are not installed.
+    """
+
+    checks: tuple[Check, ...]
+    absent: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether every error is within its bound."""
+        return not self.failures
+
+    @property
+    def failures(self) -> tuple[Check, ...]:
+        """The checks out of bounds."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    @property
+    def title(self) -> str:
+        """How many checks of how many models, and the verdict."""
+        models = len({check.model for check in self.checks})
+        verdict = f"{len(self.failures)} out of bounds" if self.failures else "all within bounds"
+        return f"{len(self.checks)} checks of {models} model{'s' * (models != 1)}: {verdict}"
+
+    def rows(self) -> list[Sequence[Any]]:
+        """For each kind of check the worst error of all models, as cells of text."""
+        rows = []
+        for name, (bound, what) in BOUNDS.items():
+            of = [check for check in self.checks if check.name == name]
+            if of:
+                worst = max(of, key=lambda check: check.error)
+                mark = "" if worst.passed else " ✗"
+                rows.append((name, str(len(of)), f"{worst.error:.1e}{mark}", f"{bound:.0e}", worst.model, what))
+        return rows
+
+    def __str__(self) -> str:
+        lines = [to_text(self.title, self.rows(), HEADINGS), *map(str, self.failures)]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return to_html(self.title, self.rows(), HEADINGS)

@@ -1,0 +1,73 @@
+"""`verify`: every model through every check, two at a time."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from erosion.model import CuttingModel
+from erosion.models import available_models, load_model, model_name
+from erosion.precision import require_float64
+from erosion.verification.checks import Subject
+from erosion.verification.result import Check, Verification
+from erosion.verification.witnesses import EQUATIONS_OF, has_heyoka
+
+_THREADS = 2  # compiling leaves the interpreter free only now and then
+
+
+def verify(
+    models: Sequence[CuttingModel | str | Path] | CuttingModel | str | Path | None = None,
+    *,
+    progress: Callable[[str, int, int], object] | None = None,
+) -> Verification:
+    """Check models against closed forms, identities, and independent solutions, here and now.
+
+    Registered models are also held against their equations typed a second time, solved by scipy
+    and, where it is installed, by heyoka; others against their own equations, solved by scipy.
+
+    Args:
+        models: a model or several, by name, path or themselves; every registered one without it.
+        progress: called with the name of a model that is done, how many are, and of how many.
+
+    Returns:
+        For each model and check the worst relative error and its bound; `passed` if all are within.
+
+    Raises:
+        ModelError: for a name that is unknown or a file that cannot be used.
+    """
+    require_float64()
+    if models is None:
+        models = list(available_models())
+    elif isinstance(models, (CuttingModel, str, Path)):
+        models = [models]
+    subjects = [_subject(model) for model in models]
+    done = 0
+
+    def examined(subject: Subject) -> list[Check]:
+        nonlocal done
+        checks = _examine(subject)
+        done += 1
+        if progress is not None:
+            progress(subject.name, done, len(subjects))
+        return checks
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        checks = [check for some in pool.map(examined, subjects) for check in some]
+    return Verification(tuple(checks), () if has_heyoka() else ("heyoka",))
+
+
+def _subject(model: CuttingModel | str | Path) -> Subject:
+    loaded = load_model(model)
+    name = model_name(loaded) if isinstance(model, CuttingModel) else str(model)
+    return Subject(name, loaded, registered=name in EQUATIONS_OF)
+
+
+def _examine(subject: Subject) -> list[Check]:
+    checks = []
+    for name, errors in subject.checks().items():
+        try:
+            checks.append(Check(subject.name, name, *subject.worst(errors())))
+        # A plug-in's own code may raise anything. What fails once would fail in the other checks too.
+        except Exception as error:  # noqa: BLE001
+            said = " ".join(str(error).split()) or type(error).__name__
+            return [*checks, Check(subject.name, name, float("inf"), said)]
+    return checks

@@ -1,0 +1,211 @@
+"""Independent solutions: the equations of docs/physics.md typed once more, solved by others.
+
+Lengths are in v₀/ω and times in 1/ω, with ω = √(c/m); q = φ - π/2. Of the registered models
+nothing is shared with their classes, the engines or the events.
+"""
+
+import dataclasses
+import importlib.util
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from scipy.integrate import solve_ivp
+
+import erosion.flow as flow
+from erosion.model import CuttingModel
+from erosion.parameters import Parameters
+
+_LATE = 1e3  # [1/ω]; no cut of the cases is longer
+_LONGEST_STEP = 0.05  # [1/ω], so that no event hides in a step
+_NOTHING = 1e-300  # depth at contact: from exactly 0 heyoka 7.13 loses events within its first step
+
+
+class Witnessed(NamedTuple):
+    """What a witness says of a cut: volume, end [s], and which event ended it."""
+
+    volume: float
+    t_c: float
+    ended_by: str
+
+
+class _Motion(NamedTuple):
+    """Names of a model's parts: where the tip is, what K is, which moment turns the body."""
+
+    tip: str
+    ratio: str
+    torque: str
+
+
+# K = ẏ/ẋ is 0/0 at the end of the cut, but d(ẏ/ẋ)/dt = 0: it is tan α throughout.
+EQUATIONS_OF: Mapping[str, _Motion] = {
+    "linearized": _Motion("centre", "k", "none"),
+    "tan-alpha": _Motion("centre", "tan α", "none"),
+    "velocity-aligned": _Motion("centre", "tan α", "none"),
+    "finnie": _Motion("first order", "k", "horizontal"),
+    "rotating": _Motion("circle", "k", "horizontal"),
+    "rotating-full-torque": _Motion("circle", "k", "full"),
+    "rotating-tan-alpha": _Motion("circle", "tan α", "horizontal"),
+    "rotating-velocity-aligned": _Motion("circle", "tan α", "horizontal"),
+    "rotating-tan-alpha-full-torque": _Motion("circle", "tan α", "full"),
+    "rotating-velocity-aligned-full-torque": _Motion("circle", "tan α", "full"),
+    "as-printed": _Motion("printed", "k", "printed"),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Equations:
+    """A registered model's equations in numbers, or in any algebra that has sine and cosine.
+
+    The state is (y, q, ẋ, ẏ, q̇, V).
+
+    Args:
+        motion: the model's parts.
+        ratio, size, turning: K, rω/v₀ and 1/(β rω/v₀).
+        sin, cos: of the algebra.
+    """
+
+    motion: _Motion
+    ratio: Any
+    size: Any
+    turning: Any
+    sin: Callable[[Any], Any] = math.sin
+    cos: Callable[[Any], Any] = math.cos
+
+    def rates(self, state: Any) -> list[Any]:
+        """d(state)/dt."""
+        y, q, _, vy, spin, _ = state
+        # sin φ = cos q, cos φ = -sin q.
+        sine, cosine = self.cos(q), -self.sin(q)
+        depth, speed = self.events(state)
+        pressed = y - self.size * sine if self.motion.tip == "printed" else depth
+        torque = {
+            "none": 0 * y,
+            "horizontal": -pressed,
+            "full": -pressed * (sine + self.ratio * cosine),
+            "printed": -y,
+        }[self.motion.torque]
+        return [vy, spin, -pressed, -self.ratio * pressed, self.turning * torque, depth * speed]
+
+    def events(self, state: Any) -> list[Any]:
+        """The tip's depth (rebound) and horizontal velocity (stop)."""
+        y, q, vx, _, spin, _ = state
+        if self.motion.tip == "circle":
+            sine = self.cos(q)
+            return [y - self.size * (1 - sine), vx + self.size * spin * sine]
+        return [y, vx + self.size * spin if self.motion.tip == "first order" else vx]
+
+
+def scipy_witness(name: str, p: Parameters) -> Witnessed:
+    """A registered model's cut by scipy."""
+    equations = Equations(EQUATIONS_OF[name], *_numbers(name, p))
+    time, end, which = _by_scipy(equations.rates, equations.events, _start(p))
+    return _in_units(p, time, end[-1], which)
+
+
+def scipy_of_model(model: CuttingModel, p: Parameters) -> Witnessed:
+    """Any model's cut by scipy, from the model's own equations: what a plug-in has."""
+    begins, start, sizes, time = flow.begin(model, p)
+    if not begins:
+        return Witnessed(0.0, 0.0, "no-cut")
+    flat, unflatten = ravel_pytree(jax.tree.map(jnp.divide, start, sizes))
+    names = list(model.events(start[0], p))
+
+    @jax.jit
+    def rates(flat: Any) -> Any:
+        state, _ = jax.tree.map(jnp.multiply, unflatten(flat), sizes)
+        rate = model.derivative(state, p), model.removal_rate(state, p)
+        return ravel_pytree(jax.tree.map(lambda k, size: time * k / size, rate, sizes))[0]
+
+    @jax.jit
+    def events(flat: Any) -> Any:
+        values = model.events(jax.tree.map(jnp.multiply, unflatten(flat), sizes)[0], p)
+        return jnp.stack([values[name] for name in names])
+
+    def numbers(function: Any) -> Callable[[Any], Any]:
+        return lambda state: np.asarray(function(state))
+
+    at, end, which = _by_scipy(numbers(rates), numbers(events), np.asarray(flat))
+    return Witnessed(float(end[-1] * sizes[1]), float(at * time), names[which])
+
+
+def _by_scipy(rates: Callable[[Any], Any], events: Callable[[Any], Any], start: Any) -> tuple[float, np.ndarray, int]:
+    """When the first event ends the motion, the state then, and which event it is."""
+
+    def falling(i: int) -> Any:
+        def event(t: float, state: Any) -> Any:
+            return events(state)[i]
+
+        event.terminal, event.direction = True, -1.0  # pyright: ignore[reportFunctionMemberAccess]
+        return event
+
+    found = solve_ivp(
+        lambda t, state: rates(state),
+        (0, _LATE),
+        start,
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-14,
+        max_step=_LONGEST_STEP,
+        events=[falling(i) for i in range(len(events(start)))],
+    )
+    ended = [i for i, times in enumerate(found.t_events) if len(times)]
+    if not ended:
+        raise ArithmeticError(f"scipy's DOP853 found no end: {found.message}")
+    return float(found.t[-1]), found.y[:, -1], ended[0]
+
+
+def heyoka_witness(name: str, many: Sequence[Parameters]) -> list[Witnessed]:
+    """A registered model's cuts by heyoka: a Taylor series with the roots of the events isolated."""
+    import heyoka as hy
+
+    state = hy.make_vars("y", "q", "vx", "vy", "spin", "volume")
+    equations = Equations(EQUATIONS_OF[name], hy.par[0], hy.par[1], hy.par[2], hy.sin, hy.cos)
+    falling = hy.event_direction.negative
+    integrator: Any = hy.taylor_adaptive(
+        list(zip(state, equations.rates(state), strict=True)),
+        [0.0] * len(state),
+        tol=1e-15,
+        t_events=[hy.t_event(event, direction=falling) for event in equations.events(state)],
+    )
+
+    def cut(p: Parameters) -> Witnessed:
+        integrator.state[:] = _start(p)
+        # Those of K, size and turning that the equations contain.
+        integrator.pars[:] = _numbers(name, p)[: len(integrator.pars)]
+        integrator.time = 0.0
+        integrator.reset_cooldowns()
+        outcome = integrator.propagate_until(_LATE)[0]
+        # heyoka numbers terminal events from -1 downwards.
+        return _in_units(p, integrator.time, integrator.state[-1], -int(outcome) - 1)
+
+    return [cut(p) for p in many]
+
+
+def has_heyoka() -> bool:
+    """Whether heyoka is installed."""
+    return importlib.util.find_spec("heyoka") is not None
+
+
+def _numbers(name: str, p: Parameters) -> tuple[float, float, float]:
+    ratio = float(p.k) if EQUATIONS_OF[name].ratio == "k" else math.tan(float(p.alpha))
+    size = float(p.r) * _rate(p) / float(p.v0)
+    return ratio, size, 1 / (float(p.inertia) * size)
+
+
+def _start(p: Parameters) -> list[float]:
+    alpha = float(p.alpha)
+    return [_NOTHING, 0.0, math.cos(alpha), math.sin(alpha), float(p.phidot0) / _rate(p), 0.0]
+
+
+def _in_units(p: Parameters, time: float, volume: float, which: int) -> Witnessed:
+    length = float(p.v0) / _rate(p)
+    return Witnessed(float(p.b) * length**2 * volume, time / _rate(p), ("rebound", "stop")[which])
+
+
+def _rate(p: Parameters) -> float:
+    return math.sqrt(float(p.stiffness) / float(p.m))

@@ -1,0 +1,118 @@
+import json
+import math
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import main
+from erosion.verification.checks import Subject, cases
+from erosion.verification.result import BOUNDS, Check, Verification
+from erosion.verification.witnesses import EQUATIONS_OF, has_heyoka, heyoka_witness, scipy_witness
+from tests.reference import AS_PRINTED, AT_20_DEGREES
+
+P = erosion.TABLE_1
+FIGURES = {name: one[:3] for name, one in AT_20_DEGREES.items()} | {"as-printed": AS_PRINTED}
+
+# The exact solution of `linearized`, of a force whose upper component is a thousandth larger.
+WRONG = '''"""A closed form that is not the model's own."""
+
+import erosion
+
+
+class Wrong(erosion.models.ForceLaw):
+    def __call__(self, state, tip, p):
+        return -p.stiffness * tip.depth, -1.001 * p.k * p.stiffness * tip.depth
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+class Mine(erosion.models.RigidErodent):
+    force: erosion.models.ForceLaw = Wrong()
+    torque: erosion.models.Torque = erosion.models.NoTorque()
+    kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
+
+    def closed_form(self):
+        return erosion.models.Linearized().closed_form()
+'''
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory):
+    file = tmp_path_factory.mktemp("models") / "mine.py"
+    file.write_text(WRONG)
+    return file
+
+
+def test_the_equations_are_typed_a_second_time_for_every_registered_model():
+    assert set(EQUATIONS_OF) == set(erosion.models.registry.BUILT_IN)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_witnesses_know_the_figures_of_the_physics_note(name):
+    volume, t_c, ended_by = FIGURES[name]
+    found = [scipy_witness(name, P)]
+    if has_heyoka():
+        found += heyoka_witness(name, [P])
+    for one in found:
+        # Printed to 9 digits where a model is of the printed kind, else to 11 and more.
+        assert one.volume == pytest.approx(volume, rel=1e-10)
+        assert one.t_c == pytest.approx(t_c, rel=1e-8)
+        assert one.ended_by == ended_by
+
+
+def test_a_wrong_closed_form_is_caught(wrong, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", str(wrong), "--json"])
+    assert ended.value.code == 1
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert not found["passed"]
+    failed = {check["name"] for check in found["checks"] if not check["passed"]}
+    assert failed == {"closed form"}
+    assert {check["name"] for check in found["checks"]} == set(BOUNDS) - {"heyoka", "scaling"}
+    assert "1 of 9 checks are out of bounds." in said.err
+
+
+def test_a_wrong_force_is_caught_by_the_witnesses(wrong):
+    subject = Subject("linearized", erosion.load_model(wrong), registered=True)
+    checks = subject.checks()
+    for name in ("closed form", "scipy", *(["heyoka"] if has_heyoka() else [])):
+        assert subject.worst(checks[name]())[0] > 1e4 * BOUNDS[name][0]
+    # The scaling law knows nothing of K's size.
+    assert subject.worst(checks["scaling"]())[0] < BOUNDS["scaling"][0]
+
+
+def test_what_fails_is_said_and_does_not_stop_the_others(tmp_path):
+    file = tmp_path / "nan.py"
+    file.write_text(WRONG.replace("-1.001", "float('nan')"))
+    found = erosion.verify([file, "linearized"])
+    assert {check.model for check in found.failures} == {str(file)}
+    assert found.failures[-1].error == math.inf
+    assert "not finite" in found.failures[-1].where
+    passed = {check.name for check in found.checks if check.model == "linearized"}
+    assert passed >= set(BOUNDS) - {"heyoka", "∂V/∂q", "∂²V/∂α∂q"}
+    assert "linearized" in str(found)
+    assert "✗" in str(found)
+
+
+def test_errors_that_are_no_numbers_do_not_pass():
+    assert not Check("m", "engines", math.nan, "").passed
+    assert not Check("m", "engines", math.inf, "").passed
+    assert Check("m", "engines", 1e-12, "").passed
+    assert Verification((Check("m", "engines", 0.0, ""),)).passed
+
+
+def test_cases_are_valid_and_differ():
+    for p in cases():
+        erosion.validate(p)
+    assert len(cases()) == len({float(p.alpha) for p in cases()})
+    assert np.ptp([float(p.spin) for p in cases()]) > 0
+
+
+def test_unknown_models_are_bad_input(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", "rotated"])
+    assert ended.value.code == 2
+    assert "There is no model 'rotated'" in capsys.readouterr().err
