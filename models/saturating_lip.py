@@ -9,6 +9,9 @@ which is the source's law for depths far below L and a constant force far above 
 
 Limits: L is not measured; it is given as a multiple of the distance r from the centre of mass to
 the tip. L → ∞ gives the built-in `rotating` back.
+
+References:
+    Variant of Laverty (12), (14), whose l = ψ y_tip is its limit for shallow cuts.
 """
 
 import jax.numpy as jnp

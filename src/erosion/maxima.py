@@ -133,7 +133,7 @@ class Search:
         jumps, regimes = self._jumps(found, jumped, cases), _regimes(found, cases, low, high)
         return [
             Maxima(
-                self._ranked(candidates[case]),
+                self._ranked(candidates[case], bool(certified[case])),
                 jumps[case],
                 regimes[case],
                 int(found.rounds[case]),
@@ -142,11 +142,12 @@ class Search:
             for case in range(cases)
         ]
 
-    def _ranked(self, candidates: list[Candidate]) -> tuple[Candidate, ...]:
+    def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
         cutting = [c for c in candidates if c.ended_by != "no-cut" or self.sign < 0]
         if not cutting:
-            nothing = Candidate(np.nan, 0.0, "none", "no-cut", "", True, 0.0, 0.0, 0)
-            return (nothing,)
+            # Where impacts failed nothing is known, not even that nothing is cut.
+            value, end = (0.0, "no-cut") if certified else (np.nan, "failed")
+            return (Candidate(np.nan, value, "none", end, "", True, value, value, 0),)
         return tuple(sorted(cutting, key=lambda c: -self.sign * c.value))
 
     def _candidate(self, nodes: Nodes, i: Any, **more: Any) -> Candidate:

@@ -48,7 +48,7 @@ class Optimum:
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
             `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
             slope jumps through zero), "plateau" (one of many angles with the same value), or
-            "none": nothing is ever cut.
+            "none": nothing is ever cut, or, where `ended_by` is "failed", nothing could be computed.
         ended_by: how the cut ends there.
         side: of a jump, "below" or "above" it; else "".
         attained: whether `value` is reached, or only approached.

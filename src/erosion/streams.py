@@ -14,7 +14,7 @@ from scipy import stats
 
 from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
-from erosion.models import load_model
+from erosion.models import load_model, model_name
 from erosion.netcdf import check_folder, read_netcdf, write_netcdf
 from erosion.nozzle import best_nozzle_angle
 from erosion.parameters import QUANTITIES, Parameters, validate
@@ -24,6 +24,7 @@ from erosion.provenance import identity
 from erosion.replicates import Estimate, Points
 from erosion.stream_result import Stream
 from erosion.tallies import Tally
+from erosion.trajectory import SimulationError
 
 MISS = "miss"
 """What becomes of a particle that flies away from the surface."""
@@ -82,6 +83,7 @@ def stream(
     Raises:
         ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`)
             that holds something else, which is left as it is.
+        SimulationError: where no particle's impact could be computed.
         StreamInterrupted: after Ctrl-C.
     """
     require_float64()
@@ -117,6 +119,8 @@ def stream(
             drawn = tally.drawn
             report("stream", drawn * REPLICATES, whole * REPLICATES)
         assert tally is not None
+        if not tally.counted.any():
+            raise SimulationError(f"{model_name(model)}: of {drawn * REPLICATES:,} particles none could be computed.")
         indices = _sensitivities(model, particles, seed, rtol) if sensitivities else None
         nozzle = None
         if best_angle:

@@ -15,6 +15,7 @@ from erosion.cli.options import (
     print_table,
     start_engine,
     user_errors,
+    warn,
 )
 
 
@@ -79,6 +80,9 @@ def compare(
 
         with user_errors():
             save_plot(plot_comparison(found), plot)
+    for line in lines:
+        if line["ended_by"] in ("failed", "unfinished"):
+            warn(f"{line['model']}: its impact could not be computed.")
     if json:
         print_json({"parameters": parameters_as_json(p), "models": lines})
         return

@@ -60,6 +60,8 @@ def optimum(
 
     with user_errors():
         best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
+    if best.ended_by == "failed":
+        raise RuntimeError(f"{model}: no impact could be computed, at any angle.")
     if plot is not None:
         from erosion.plotting.angles import plot_optimum
         from erosion.plotting.style import save_plot

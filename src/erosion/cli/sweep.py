@@ -15,6 +15,7 @@ from erosion.cli.options import (
     print_table,
     start_engine,
     user_errors,
+    warn,
     with_file,
 )
 from erosion.cli.progress import progress_bar
@@ -82,8 +83,13 @@ def sweep(
     summary = _summary(found)
     if json:
         print_json({"out": str(out), "dimensions": {str(dim): int(n) for dim, n in found.sizes.items()}, **summary})
-        return
-    _print_summary(found, out, summary)
+    else:
+        _print_summary(found, out, summary)
+    lost = sum(summary["ended_by"].get(end, 0) for end in ("failed", "unfinished"))
+    if lost == summary["impacts"]:
+        raise RuntimeError(f"of {lost:,} impacts none could be computed.")
+    if lost:
+        warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
 
 
 def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from erosion.model import CuttingModel
 from erosion.models.as_printed import AsPrinted
+from erosion.models.contract import flaw
 from erosion.models.finnie import Finnie
 from erosion.models.linearized import Linearized
 from erosion.models.rigid import FullTorque, TanAlpha, VelocityAligned
@@ -104,10 +105,10 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         name: "rotating", "models/my_model.py", or a model, which is returned as it is.
 
     Raises:
-        ModelError: one sentence on what is wrong with the name or the file.
+        ModelError: one sentence on what is wrong with the name, the file or the model.
     """
     if isinstance(name, CuttingModel):
-        return name
+        return _sound(name, f"Model {model_name(name)}")
     if not isinstance(name, (str, Path)):
         raise ModelError(f"Argument `model` must be a model, its name or a path, but is {name!r}.")
     if str(name) in BUILT_IN:
@@ -187,20 +188,21 @@ def _choose(module: types.ModuleType, path: Path) -> object:
     classes = [
         value
         for value in vars(module).values()
-        if inspect.isclass(value)
-        and issubclass(value, CuttingModel)
-        and value.__module__ == module.__name__
-        and not inspect.isabstract(value)
+        if inspect.isclass(value) and issubclass(value, CuttingModel) and value.__module__ == module.__name__
     ]
-    if len(classes) != 1:
-        found = ", ".join(c.__name__ for c in classes) or "none"
+    complete = [one for one in classes if not inspect.isabstract(one)]
+    if len(classes) == 1 and not complete:
+        lacking = ", ".join(f"`{name}`" for name in sorted(classes[0].__abstractmethods__))
+        raise ModelError(f"{path}: {classes[0].__name__} must have all methods of a model, but lacks {lacking}.")
+    if len(complete) != 1:
+        found = ", ".join(c.__name__ for c in complete) or "none"
         raise ModelError(f"{path}: must define `model`, or exactly one complete CuttingModel class, but has {found}.")
-    return classes[0]
+    return complete[0]
 
 
 def _made(candidate: object, where: str) -> CuttingModel:
     if isinstance(candidate, CuttingModel):
-        return candidate
+        return _sound(candidate, where)
     if not callable(candidate):
         raise ModelError(f"{where}: must offer a CuttingModel, but offers {candidate!r}.")
     try:
@@ -209,6 +211,13 @@ def _made(candidate: object, where: str) -> CuttingModel:
         raise ModelError(f"{where}: cannot be made without arguments: {_said(error)}.") from error
     if not isinstance(model, CuttingModel):
         raise ModelError(f"{where}: must offer a CuttingModel, but makes {model!r}.")
+    return _sound(model, where)
+
+
+def _sound(model: CuttingModel, where: str) -> CuttingModel:
+    wrong = flaw(model)
+    if wrong is not None:
+        raise ModelError(f"{where}: {wrong}.")
     return model
 
 

@@ -35,7 +35,7 @@ class ForceLaw(eqx.Module):
 
     @abc.abstractmethod
     def typical_ratio(self, p: Parameters) -> Any:
-        """F_y/F_x at contact or nearly so, > 0; it sets the time scale √(m/(K c))."""
+        """K of F_y ≈ -K c · depth, at contact or nearly so, > 0; it sets the time scale √(m/(K c))."""
 
 
 class Torque(eqx.Module):

@@ -1,0 +1,78 @@
+"""What a model must be before anything is computed with it, told from the shapes of what it gives."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from erosion.model import CuttingModel, Scales, Tip
+from erosion.parameters import QUANTITIES, Parameters
+
+
+def flaw(model: CuttingModel) -> str | None:
+    """What is wrong with a model, as a clause on one of its methods; None where nothing is.
+
+    Its methods are traced, not run: a model of NaN, or one whose cut never ends, passes. Each
+    kind of model is looked at once.
+    """
+    leaves, structure = jax.tree.flatten(model)
+    for leaf in leaves:
+        if not isinstance(leaf, (int, float, np.ndarray, np.generic, jax.Array)):
+            return f"its own parameters must be numbers or arrays, but one is {leaf!r}"
+    return _flaw(structure, tuple((np.shape(leaf), str(jnp.result_type(leaf))) for leaf in leaves))
+
+
+@functools.lru_cache(maxsize=1024)
+def _flaw(structure: Any, leaves: tuple[tuple[tuple[int, ...], str], ...]) -> str | None:
+    model = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+    p = Parameters(**dict.fromkeys(QUANTITIES, 0.0))
+    try:
+        state = _given("initial_state", lambda model, p: model.initial_state(p), model, p)
+        _require_scalars("initial_state", state)
+        rate = _given("derivative", lambda model, p, state: model.derivative(state, p), model, p, state)
+        if jax.tree.structure(rate) != jax.tree.structure(state):
+            raise _FlawError("`derivative` must give what `initial_state` gives, its rate, but gives something else")
+        _require_scalars("derivative", rate)
+        for name, kind in (("tip", Tip), ("removal_rate", None), ("events", dict)):
+            found = _given(name, lambda model, p, state, n=name: getattr(model, n)(state, p), model, p, state)
+            _require(name, found, kind)
+        _require("scales", _given("scales", lambda model, p: model.scales(p), model, p), Scales)
+    except _FlawError as error:
+        return str(error)
+    return None
+
+
+class _FlawError(Exception):
+    """The clause."""
+
+
+def _given(name: str, method: Callable[..., Any], *arguments: Any) -> Any:
+    try:
+        return jax.eval_shape(method, *arguments)
+    # A model's own code may raise anything.
+    except Exception as error:
+        said = " ".join(str(error).split())
+        short = said if len(said) <= 200 else said[:200] + " …"
+        raise _FlawError(f"`{name}` fails: {type(error).__name__}: {short.rstrip('.')}") from error
+
+
+def _require(name: str, found: Any, kind: type | None) -> None:
+    if kind is not None and not isinstance(found, kind):
+        raise _FlawError(f"`{name}` must give a {kind.__name__}, but gives a {type(found).__name__}")
+    if kind is dict and not found:
+        raise _FlawError(f"`{name}` must name at least one event, but is empty")
+    _require_scalars(name, found)
+
+
+def _require_scalars(name: str, found: Any) -> None:
+    parts = jax.tree_util.tree_flatten_with_path(found)[0]
+    if not parts:
+        raise _FlawError(f"`{name}` must give numbers, but gives none")
+    for path, leaf in parts:
+        if leaf.shape or leaf.dtype.kind not in "fiu":
+            part = jax.tree_util.keystr(path).lstrip(".") or "it"
+            what = f"shape {leaf.shape}" if leaf.shape else f"type {leaf.dtype}"
+            raise _FlawError(f"`{name}` must give real scalars, but {part} has {what}")

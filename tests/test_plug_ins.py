@@ -1,0 +1,240 @@
+"""The plug-ins in models/: each against a closed form or a limit, and how broken ones are refused."""
+
+import ast
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import main
+from erosion.models import CentreOfMassTip, FullTorque, Linearized, NoTorque, Rotating
+from tests.reference import closed_form
+
+P = erosion.TABLE_1
+CASES = [P, P.replace(alpha=0.9, phidot0=0.2 * P.v0 / P.r)]
+FOLDER = Path(__file__).parent.parent / "models"
+FILES = sorted(FOLDER.glob("*.py"))
+
+
+def parts(name):
+    """The module of a plug-in, as Python has loaded it."""
+    model = erosion.load_model(FOLDER / f"{name}.py")
+    part = model if name == "rounded_tip" else getattr(model, "force")  # noqa: B009
+    return sys.modules[type(part).__module__]
+
+
+def volumes(model, cases=CASES):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erosion.TurnWarning)
+        return [erosion.simulate(model, p, points=2).volume for p in cases]
+
+
+@pytest.fixture(scope="module")
+def rotating():
+    return volumes("rotating")
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+def test_a_plug_in_is_short_and_needs_nothing_else(file):
+    text = file.read_text()
+    assert len(text.splitlines()) < 80
+    imported = [node for node in ast.walk(ast.parse(text)) if isinstance(node, (ast.Import, ast.ImportFrom))]
+    modules = {alias.name for node in imported for alias in node.names if isinstance(node, ast.Import)}
+    assert modules <= {"erosion", "jax", "jax.numpy"}
+    assert all(isinstance(node, ast.Import) for node in imported)
+    for word in ("Limits:", "References:"):
+        assert word in text
+
+
+def test_a_lip_far_from_saturation_is_the_built_in_law(rotating):
+    force = parts("saturating_lip").SaturatingLip(reach=1e7)
+    assert volumes(Rotating(force=force)) == pytest.approx(rotating, rel=1e-9)
+
+
+def test_friction_is_another_flow_stress_and_force_ratio(rotating):
+    tip = parts("coulomb_tip").CoulombTip
+    assert volumes(Rotating(force=tip(friction=0.0))) == pytest.approx(rotating, rel=1e-12)
+    more = [1 + 0.3 * p.k for p in CASES]
+    same = [p.replace(sigma=p.sigma * f, k=p.k / f) for p, f in zip(CASES, more, strict=True)]
+    assert volumes(Rotating(force=tip(friction=0.3))) == pytest.approx(volumes("rotating", same), rel=1e-11)
+
+
+def test_strain_rate_has_its_two_limits(rotating):
+    force = parts("rate_dependent").CowperSymonds
+    # (ε̇/D)^(1/4) is 2e-11 at this D.
+    assert volumes(Rotating(force=force(rate=1e48))) == pytest.approx(rotating, rel=1e-9)
+    harder = volumes("rotating", [p.replace(sigma=2 * p.sigma) for p in CASES])
+    assert volumes(Rotating(force=force(exponent=1e12))) == pytest.approx(harder, rel=1e-10)
+
+
+def test_a_force_against_the_tip_cuts_straight_where_nothing_turns():
+    force = parts("opposing_tip").OpposingTip
+    for p in CASES:
+        cut = erosion.simulate(Linearized(force=force()), p, points=2)
+        assert cut.ended_by == "stop"
+        assert cut.volume == pytest.approx(float(p.volume_scale * np.cos(p.alpha) / 2), rel=1e-12)
+        assert cut.t_c == pytest.approx(float(np.pi / 2 * np.sqrt(p.m / (p.stiffness * np.sin(p.alpha)))), rel=1e-12)
+
+
+def test_the_guard_of_the_opposing_force_hardly_matters():
+    force = parts("opposing_tip").OpposingTip
+    usual, smaller = (volumes(Rotating(force=force(guard=guard), torque=FullTorque())) for guard in (1e-3, 1e-4))
+    assert usual == pytest.approx(smaller, rel=1e-5)
+
+
+@pytest.mark.parametrize("radius", [0.1, 2.0])
+def test_the_shape_of_the_tip_does_not_matter_where_nothing_turns(radius):
+    plug_in, exact = parts("rounded_tip"), closed_form("linearized")
+    tip = plug_in.RoundedErodent(plug_in.RoundedTip(radius=radius), CentreOfMassTip(), NoTorque())
+    cases = [p.replace(phidot0=0.0) for p in CASES]
+    assert volumes(tip, cases) == pytest.approx([float(exact.volume(p)) for p in cases], rel=1e-11)
+
+
+def test_own_parameters_are_differentiated_and_compiled_once():
+    import jax
+
+    tip = parts("coulomb_tip").CoulombTip
+    slope = jax.grad(lambda friction: erosion.volume(Linearized(force=tip(friction)), P))(0.2)
+    # linearized at σ(1 + μk) and k/(1 + μk).
+    exact = closed_form("linearized")
+
+    def volume(friction):
+        more = 1 + friction * P.k
+        return exact.volume(P.replace(sigma=P.sigma * more, k=P.k / more))
+
+    assert slope == pytest.approx(float(jax.grad(volume)(0.2)), rel=1e-9)
+
+
+BROKEN = {
+    "import": ("1/0", "cannot be imported: ZeroDivisionError"),
+    "lacks": (
+        "import erosion\nclass Half(erosion.CuttingModel):\n  def derivative(self, state, p): return state\n",
+        "Half must have all methods of a model, but lacks `initial_state`, `tip`",
+    ),
+    "shape": (
+        "import erosion, jax.numpy as jnp\nclass F(erosion.models.ForceLaw):\n"
+        "  def __call__(self, state, tip, p): return jnp.zeros(2), jnp.zeros(2)\n"
+        "  def typical_ratio(self, p): return p.k\nmodel = erosion.models.Linearized(force=F())\n",
+        "`derivative` must give real scalars, but vx has shape (2,)",
+    ),
+    "raises": (
+        "import erosion\nclass F(erosion.models.ForceLaw):\n"
+        "  def __call__(self, state, tip, p): return tip.height, 0.0\n"
+        "  def typical_ratio(self, p): return p.k\nmodel = erosion.models.Linearized(force=F())\n",
+        "`derivative` fails: AttributeError: 'Tip' object has no attribute 'height'",
+    ),
+    "half-state": (
+        "import erosion\nclass M(erosion.models.Rotating):\n  def derivative(self, state, p): return state.x\n",
+        "`derivative` must give what `initial_state` gives",
+    ),
+    "no-events": (
+        "import erosion\nclass M(erosion.models.Rotating):\n  def events(self, state, p): return {}\n",
+        "`events` must name at least one event",
+    ),
+    "no-tip": (
+        "import erosion\nclass M(erosion.models.Rotating):\n  def tip(self, state, p): return (state.x, state.y)\n",
+        "`tip` must give a Tip, but gives a tuple",
+    ),
+    "no-volume": (
+        "import erosion\nclass M(erosion.models.Rotating):\n  def removal_rate(self, state, p): return None\n",
+        "`removal_rate` must give numbers, but gives none",
+    ),
+    "text": (
+        "import erosion\nclass M(erosion.models.Rotating):\n  label: str = 'mine'\n",
+        "its own parameters must be numbers or arrays, but one is 'mine'",
+    ),
+}
+VERBS = {
+    "run": ["--model", "{}"],
+    "optimum": ["--model", "{}"],
+    "compare": ["--models", "linearized", "{}"],
+    "sweep": ["--model", "{}", "--alpha", "1deg:80deg:5", "-o", "out.nc"],
+    "stream": ["--model", "{}", "--n", "256", "--alpha", "normal(25deg,4deg)"],
+    "calibrate": ["sand.csv", "--model", "{}", "--free", "k"],
+    "verify": ["{}"],
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_plug_in_is_refused_in_one_sentence(tmp_path, name):
+    text, message = BROKEN[name]
+    file = tmp_path / "mine.py"
+    file.write_text(text)
+    with pytest.raises(erosion.ModelError) as caught:
+        erosion.load_model(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    listed = erosion.available_models(tmp_path)
+    assert str(listed[str(file)].error) == str(caught.value)
+    assert listed["rotating"].error is None
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_says_it_in_one_line(tmp_path, monkeypatch, capsys, verb):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(BROKEN["shape"][0])
+    Path("sand.csv").write_text("angle [deg], volume [in^3]\n10,1e-4\n20,1.8e-4\n30,2e-4\n")
+    with pytest.raises(SystemExit) as ended:
+        main([verb, *(word.format("mine.py") for word in VERBS[verb])])
+    assert ended.value.code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("erosion: ")
+    assert said.err.endswith("mine.py: `derivative` must give real scalars, but vx has shape (2,).\n")
+    assert said.err.count("\n") == 1
+    assert not Path("out.nc").exists()
+
+
+FORCE = """
+import erosion, jax.numpy as jnp
+class F(erosion.models.ForceLaw):
+    def __call__(self, state, tip, p):
+        return {force}
+    def typical_ratio(self, p):
+        return p.k
+model = erosion.models.Linearized(force=F())
+"""
+NAN = FORCE.format(force="jnp.log(-1 - tip.depth), 0 * tip.depth")
+ENDLESS = FORCE.format(force="0 * tip.depth, 0 * tip.depth")
+
+
+@pytest.mark.parametrize(
+    ("verb", "text", "message"),
+    [
+        ("run", NAN, "the motion is not finite"),
+        ("optimum", NAN, "mine.py: no impact could be computed, at any angle."),
+        ("sweep", NAN, "of 5 impacts none could be computed."),
+        ("stream", NAN, "of 256 particles none could be computed."),
+        ("run", ENDLESS, "no event ended the cut within"),
+    ],
+)
+def test_what_cannot_be_computed_is_one_line_too(tmp_path, monkeypatch, capsys, verb, text, message):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(text)
+    with pytest.raises(SystemExit) as ended:
+        main([verb, *(word.format("mine.py") for word in VERBS[verb])])
+    assert ended.value.code == 1
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+
+
+def test_a_model_that_fails_leaves_the_others_as_they_are(tmp_path):
+    (tmp_path / "nan.py").write_text(NAN)
+    found = erosion.sweep([str(tmp_path / "nan.py"), "linearized"], P, alpha=[0.2, 0.3])
+    alone = erosion.sweep("linearized", P, alpha=[0.2, 0.3])
+    assert np.isnan(found.volume[0]).all()
+    assert (found.volume[1].values == alone.volume.values).all()
+
+
+def test_a_model_object_is_refused_as_well():
+    class Wrong(Rotating):
+        def tip(self, state, p):
+            return state.x
+
+    with pytest.raises(erosion.ModelError, match="Model Wrong: `tip` must give a Tip, but gives"):
+        erosion.impact(Wrong(), P)
