@@ -29,15 +29,15 @@ class RoundedTip(erosion.models.ForceLaw):
 
     def __call__(self, state, tip, p):
         """Return (F_x, F_y)."""
-        horizontal = -p.sigma * p.psi * self.section(tip.depth, p)
+        horizontal = -p.sigma * p.psi * self._section(tip.depth, p)
         return horizontal, p.k * horizontal
 
     def typical_ratio(self, p):
         """F_y/(-c · depth) at a depth of R/4."""
         depth = self.radius * p.r / 4
-        return p.k * self.section(depth, p) / (p.b * depth)
+        return p.k * self._section(depth, p) / (p.b * depth)
 
-    def section(self, depth, p):
+    def _section(self, depth, p):
         """A(d), the cross-section of the groove: (4/3)√(2R) d² (d² + δ²)^(-1/4) with δ = R/100."""
         radius = self.radius * p.r
         return 4 / 3 * jnp.sqrt(2 * radius) * depth**2 / (depth**2 + (radius / 100) ** 2) ** 0.25
@@ -46,14 +46,14 @@ class RoundedTip(erosion.models.ForceLaw):
 class RoundedErodent(erosion.models.RigidErodent):
     """A body that turns as `Rotating` does, and cuts with its rounded tip."""
 
-    force: RoundedTip = RoundedTip()
+    force: erosion.models.ForceLaw = RoundedTip()
     kinematics: erosion.models.TipKinematics = erosion.models.CircularTip()
     torque: erosion.models.Torque = erosion.models.HorizontalTorque()
 
     def removal_rate(self, state, p):
-        """dV/dt = A(d) ẋ_tip."""
+        """dV/dt = A(d) ẋ_tip, with A = -F_x/(σψ)."""
         tip = self.tip(state, p)
-        return self.force.section(tip.depth, p) * tip.vx
+        return -self.force(state, tip, p)[0] / (p.sigma * p.psi) * tip.vx
 
 
 model = RoundedErodent()

@@ -6,6 +6,7 @@ import pytest
 
 import erosion
 from erosion.cli import main
+from erosion.models.registry import BUILT_IN
 from erosion.verification.checks import Subject, cases
 from erosion.verification.result import BOUNDS, Check, Verification
 from erosion.verification.witnesses import EQUATIONS_OF, has_heyoka, heyoka_witness, scipy_witness
@@ -46,7 +47,7 @@ def wrong(tmp_path_factory):
 
 
 def test_the_equations_are_typed_a_second_time_for_every_registered_model():
-    assert set(EQUATIONS_OF) == set(erosion.models.registry.BUILT_IN)
+    assert set(EQUATIONS_OF) == set(BUILT_IN)
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -75,6 +76,7 @@ def test_a_wrong_closed_form_is_caught(wrong, capsys):
     assert "1 of 9 checks are out of bounds." in said.err
 
 
+@pytest.mark.filterwarnings("ignore::erosion.TurnWarning")
 def test_a_wrong_force_is_caught_by_the_witnesses(wrong):
     subject = Subject("linearized", erosion.load_model(wrong), registered=True)
     checks = subject.checks()

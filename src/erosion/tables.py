@@ -50,7 +50,7 @@ def abbreviate(value: Any) -> str:
     return repr(float(number)).removesuffix(".0")
 
 
-def to_text(title: str, rows: Sequence[Row], headings: Sequence[str] = HEADINGS) -> str:
+def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
     """An aligned table under a title, without colour, ending without a newline."""
     from rich.console import Console
 
@@ -77,7 +77,7 @@ def to_rich(
     return table
 
 
-def to_html(title: str, rows: Sequence[Row], headings: Sequence[str] = HEADINGS) -> str:
+def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
     """The same as an HTML table."""
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in headings)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)

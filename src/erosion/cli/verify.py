@@ -31,7 +31,7 @@ def verify(
     with user_errors(), console.status("compiling") as status:
         found = verify_models(models or None, progress=lambda name, done, of: status.update(f"{done} of {of}: {name}"))
     if json:
-        names = ("model", "name", "error", "bound", "passed", "where")
+        names = ("model", "name", "compares", "error", "bound", "passed", "where")
         checks = [{name: getattr(check, name) for name in names} for check in found.checks]
         print_json({"passed": found.passed, "absent": found.absent, "checks": checks})
     else:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.model import CuttingModel, Scales, Tip
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters import TABLE_1
 
 
 def flaw(model: CuttingModel) -> str | None:
@@ -28,18 +28,17 @@ def flaw(model: CuttingModel) -> str | None:
 @functools.lru_cache(maxsize=1024)
 def _flaw(structure: Any, leaves: tuple[tuple[tuple[int, ...], str], ...]) -> str | None:
     model = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
-    p = Parameters(**dict.fromkeys(QUANTITIES, 0.0))
     try:
-        state = _given("initial_state", lambda model, p: model.initial_state(p), model, p)
+        state = _given("initial_state", lambda model, p: model.initial_state(p), model, TABLE_1)
         _require_scalars("initial_state", state)
-        rate = _given("derivative", lambda model, p, state: model.derivative(state, p), model, p, state)
+        rate = _given("derivative", lambda model, p, state: model.derivative(state, p), model, TABLE_1, state)
         if jax.tree.structure(rate) != jax.tree.structure(state):
             raise _FlawError("`derivative` must give what `initial_state` gives, its rate, but gives something else")
         _require_scalars("derivative", rate)
         for name, kind in (("tip", Tip), ("removal_rate", None), ("events", dict)):
-            found = _given(name, lambda model, p, state, n=name: getattr(model, n)(state, p), model, p, state)
+            found = _given(name, lambda model, p, state, n=name: getattr(model, n)(state, p), model, TABLE_1, state)
             _require(name, found, kind)
-        _require("scales", _given("scales", lambda model, p: model.scales(p), model, p), Scales)
+        _require("scales", _given("scales", lambda model, p: model.scales(p), model, TABLE_1), Scales)
     except _FlawError as error:
         return str(error)
     return None

@@ -2,8 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 from erosion.tables import to_html, to_text
 
@@ -22,7 +21,7 @@ BOUNDS: Mapping[str, tuple[float, str]] = {
 }
 """Every check: the greatest relative error that passes, and what it compares."""
 
-HEADINGS = ("check", "models", "worst error", "bound", "of", "what is compared")
+HEADINGS = ("check", "models", "worst error", "bound", "of")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +46,11 @@ class Check:
         return BOUNDS[self.name][0]
 
     @property
+    def compares(self) -> str:
+        """What is compared."""
+        return BOUNDS[self.name][1]
+
+    @property
     def passed(self) -> bool:
         """Whether the error is within its bound; one that is no number is not."""
         return self.error <= self.bound
@@ -56,7 +60,7 @@ class Check:
         return f"{self.model}: {self.name}: {found} ({self.where})"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Verification:
     """All checks of all models.
 
@@ -85,16 +89,19 @@ class Verification:
         verdict = f"{len(self.failures)} out of bounds" if self.failures else "all within bounds"
         return f"{len(self.checks)} checks of {models} model{'s' * (models != 1)}: {verdict}"
 
-    def rows(self) -> list[Sequence[Any]]:
+    def rows(self) -> list[tuple[str, ...]]:
         """For each kind of check the worst error of all models, as cells of text."""
-        rows = []
-        for name, (bound, what) in BOUNDS.items():
+        rows: list[tuple[str, ...]] = []
+        for name, (bound, _) in BOUNDS.items():
             of = [check for check in self.checks if check.name == name]
             if of:
                 worst = max(of, key=lambda check: check.error)
                 mark = "" if worst.passed else " ✗"
-                rows.append((name, str(len(of)), f"{worst.error:.1e}{mark}", f"{bound:.0e}", worst.model, what))
+                rows.append((name, str(len(of)), f"{worst.error:.1e}{mark}", f"{bound:.0e}", worst.model))
         return rows
+
+    def __repr__(self) -> str:
+        return f"Verification({self.title!r})"
 
     def __str__(self) -> str:
         lines = [to_text(self.title, self.rows(), HEADINGS), *map(str, self.failures)]

@@ -1,5 +1,6 @@
 """`verify`: every model through every check, two at a time."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 from erosion.model import CuttingModel
 from erosion.models import available_models, load_model, model_name
 from erosion.precision import require_float64
+from erosion.trajectory import TurnWarning
 from erosion.verification.checks import Subject
 from erosion.verification.result import Check, Verification
 from erosion.verification.witnesses import EQUATIONS_OF, has_heyoka
@@ -35,8 +37,11 @@ def verify(
         ModelError: for a name that is unknown or a file that cannot be used.
     """
     require_float64()
+    checks: list[Check] = []
     if models is None:
-        models = list(available_models())
+        known = available_models()
+        models = [name for name, info in known.items() if info.error is None]
+        checks += [Check(name, "engines", float("inf"), info.error) for name, info in known.items() if info.error]
     elif isinstance(models, (CuttingModel, str, Path)):
         models = [models]
     subjects = [_subject(model) for model in models]
@@ -50,8 +55,11 @@ def verify(
             progress(subject.name, done, len(subjects))
         return checks
 
-    with ThreadPoolExecutor(_THREADS) as pool:
-        checks = [check for some in pool.map(examined, subjects) for check in some]
+    # Filters are the process's, not the thread's.
+    with warnings.catch_warnings(), ThreadPoolExecutor(_THREADS) as pool:
+        warnings.simplefilter("ignore", TurnWarning)  # only numbers count here
+        for some in pool.map(examined, subjects):
+            checks += some
     return Verification(tuple(checks), () if has_heyoka() else ("heyoka",))
 
 
@@ -62,12 +70,12 @@ def _subject(model: CuttingModel | str | Path) -> Subject:
 
 
 def _examine(subject: Subject) -> list[Check]:
-    checks = []
-    for name, errors in subject.checks().items():
-        try:
+    checks: list[Check] = []
+    name = "closed form"
+    try:
+        for name, errors in subject.checks().items():
             checks.append(Check(subject.name, name, *subject.worst(errors())))
-        # A plug-in's own code may raise anything. What fails once would fail in the other checks too.
-        except Exception as error:  # noqa: BLE001
-            said = " ".join(str(error).split()) or type(error).__name__
-            return [*checks, Check(subject.name, name, float("inf"), said)]
+    # A plug-in's own code may raise anything. What fails once would fail in the other checks too.
+    except Exception as error:  # noqa: BLE001
+        checks.append(Check(subject.name, name, float("inf"), " ".join(str(error).split()) or type(error).__name__))
     return checks
