@@ -82,7 +82,10 @@ def test_sincos_is_accurate_and_differentiable():
         ("x = 1", "must define `model`, or exactly one complete CuttingModel class, but has none"),
         ("model = 3", "must offer a CuttingModel, but offers 3"),
         ("def model(): return 3", "must offer a CuttingModel, but makes 3"),
-        ("import erosion\nclass M(erosion.CuttingModel):\n  '''Half.'''\n", "M must have all methods of a model, but lacks `derivative`"),
+        (
+            "import erosion\nclass M(erosion.CuttingModel):\n  '''Half.'''\n",
+            "M must have all methods of a model, but lacks `derivative`",
+        ),
         (
             "import erosion\nclass M(erosion.models.RigidErodent):\n  '''No parts.'''\n"
             "  kinematics: erosion.models.TipKinematics\n  force: erosion.models.ForceLaw\n"
