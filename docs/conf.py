@@ -3,6 +3,7 @@
 import importlib.metadata
 import os
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +33,17 @@ myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 # Every page is run anew, so that none shows what the package no longer does; a cell that fails
-# or complains fails the build. The cells' kernels share JAX's compiled programs with the CLI.
+# or complains fails the build.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_output_stderr = "error"
 nb_merge_streams = True
-nb_mime_priority_overrides = [("html", "text/plain", 25)]
+
+# What the cells' processes inherit: the command line of this environment, plain tables that fit
+# the page, and JAX's compiled programs, shared with the command line.
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+os.environ |= {"COLUMNS": "88", "TTY_COMPATIBLE": "0"}
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(platformdirs.user_cache_path("erosion") / "compiled"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
