@@ -19,9 +19,6 @@ version = release = importlib.metadata.version("erosion")
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "models/cells.md"]
 
-# Pages of the front page's list that are still being written.
-suppress_warnings = ["toc.empty_glob"]
-
 # Nothing is fetched by a reader's browser: MathJax 3.2.2, one file with its fonts, is kept here.
 html_theme = "furo"
 html_title = "erosion"
