@@ -8,7 +8,7 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test bench lint format clean
+.PHONY: report test bench docs lint format clean
 
 report: $(STAMP)
 	.venv/bin/erosion report
@@ -21,6 +21,12 @@ bench: $(STAMP)
 	$(UV) sync --locked --all-extras --group bench --python $(PYTHON)
 	.venv/bin/python -m benchmarks.run $(ARGS)
 
+# Every example is run; a warning is an error.
+docs: $(STAMP)
+	$(UV) sync --locked --all-extras --group docs --python $(PYTHON)
+	.venv/bin/sphinx-build -W --keep-going -E -q -j auto docs docs/_build/html
+	@echo "The documentation: $(CURDIR)/docs/_build/html/index.html"
+
 lint: $(STAMP)
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
@@ -32,7 +38,7 @@ format: $(STAMP)
 	.venv/bin/ruff format .
 
 clean:
-	rm -rf .venv .uv report
+	rm -rf .venv .uv report docs/_build
 
 $(STAMP): pyproject.toml uv.lock | $(UV)
 	$(UV) sync --locked --all-extras --compile-bytecode --python $(PYTHON)

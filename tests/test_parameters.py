@@ -238,3 +238,9 @@ def test_parameters_print_with_units():
     assert "flow stress" in str(P)
     assert "<td>slinch</td>" in P._repr_html_()
     assert "[3] 0 … 2" in str(P.replace(phidot0=[0.0, 1.0, 2.0]))
+
+
+def test_a_table_is_text_in_a_notebook_too(monkeypatch):
+    outside = str(P)
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    assert str(P) == outside

@@ -12,7 +12,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed, default_client
+try:
+    from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed, default_client
+except ImportError as error:
+    raise ImportError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
 
 _AHEAD = 3
 """Blocks that a worker has at hand, so that it never waits for the client."""

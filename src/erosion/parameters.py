@@ -154,7 +154,7 @@ class Parameters(eqx.Module):
 
     @property
     def rate(self) -> Any:
-        """ω = √(k c/m) [1/s], the rate of the linearized cut: y ∝ sin ωt."""
+        """ω = √(k c/m) [1/s], the rate of the linearized cut, y ∝ sin ωt."""
         return jnp.sqrt(self.k * self.stiffness / self.m)
 
     @property

@@ -55,7 +55,9 @@ def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] =
     from rich.console import Console
 
     buffer = io.StringIO()
-    Console(file=buffer, width=120, highlight=False, color_system=None).print(to_rich(title, rows, headings))
+    # In a notebook rich would show the table there and leave the buffer empty.
+    console = Console(file=buffer, width=120, highlight=False, color_system=None, force_jupyter=False)
+    console.print(to_rich(title, rows, headings))
     return "\n".join(line.rstrip() for line in buffer.getvalue().rstrip().splitlines())
 
 

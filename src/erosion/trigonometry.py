@@ -25,7 +25,7 @@ _COS = [(-1) ** n / math.factorial(2 * n) for n in range(9)]
 
 @jax.custom_jvp
 def sincos(angle: Any) -> tuple[Any, Any]:
-    """Sine and cosine of `angle` [rad], |angle| < 10⁶, to within 2 ulp of 1.
+    """Sine and cosine of `angle` [rad] between -10⁶ and 10⁶, to within 2 ulp of 1.
 
     Differentiable to any order; traceable.
     """

@@ -47,7 +47,7 @@ class Ranking:
 
     @property
     def weights(self) -> np.ndarray:
-        """Akaike weights: how likely each model is, if one of them is right; they sum to 1."""
+        """Akaike weights, how likely each model is if one of them is right; they sum to 1."""
         likely = np.exp([(self.best.aicc - one.aicc) / 2 for one in self.fits])
         return likely / likely.sum()
 
@@ -57,7 +57,7 @@ class Ranking:
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """What the reader must know: models that cannot be told apart, failures, the best fit's own."""
+        """What the reader must know of models that cannot be told apart, failures, the best fit's own."""
         ties = [f"{', '.join(tie[:-1])} and {tie[-1]} give the same curve: these data cannot tell them apart."
                 for tie in self.ties]  # fmt: skip
         return (*ties, *self.failures, *self.best.statements)

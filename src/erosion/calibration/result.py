@@ -138,7 +138,7 @@ class Calibration:
 
     @property
     def aicc(self) -> float:
-        """Akaike's criterion, corrected for few rows: smaller is better, among fits of the same data."""
+        """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data."""
         rows, free = len(self.data), self.identifiability.rank
         if self.data.uncertainty is None:
             free += 1  # the variance was estimated too

@@ -1,0 +1,103 @@
+"""How the pages are built: `make docs`."""
+
+import importlib.metadata
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+from sphinx.application import Sphinx
+
+HERE = Path(__file__).parent
+
+project = "erosion"
+author = "The erosion developers"
+version = release = importlib.metadata.version("erosion")
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
+exclude_patterns = ["_build", "models/cells.md"]
+
+# Nothing is fetched by a reader's browser: MathJax 3.2.2, one file with its fonts, is kept here.
+html_theme = "furo"
+html_title = "erosion"
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]
+templates_path = ["_templates"]
+html_show_sphinx = html_show_copyright = html_copy_source = False
+mathjax_path = "mathjax/tex-svg.js"
+mathjax3_config = {"options": {"enableMenu": False}}
+
+myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+# Every page is run anew, so that none shows what the package no longer does; a cell that fails
+# or complains fails the build.
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_output_stderr = "error"
+nb_merge_streams = True
+
+# What the cells' processes inherit: the command line of this environment, plain tables that fit
+# the page, and JAX's compiled programs, shared with the command line.
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+os.environ |= {"COLUMNS": "88", "TTY_COMPATIBLE": "0"}
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(platformdirs.user_cache_path("erosion") / "compiled"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
+default_role = "literal"
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+# No inventories of other projects: they would be fetched. Their names, and those of parts that
+# only results hold, stay plain text.
+nitpicky = True
+nitpick_ignore_regex = [
+    ("py:class", r"(collections|diffrax|distributed|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray)\..*|ndarray"),
+    ("py:class", r"erosion\.(calibration\.least_squares|particles|quantities|tables|tallies)\..*"),
+]
+napoleon_numpy_docstring = False
+napoleon_use_rtype = False
+
+NOTEBOOK = """---
+file_format: mystnb
+kernelspec:
+  name: python3
+---
+
+"""
+
+
+def complete_model_page(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Give the page of a model the cells that all of them share."""
+    folder, _, name = docname.partition("/")
+    if folder == "models" and name != "index":
+        cells = (HERE / "models" / "cells.md").read_text().replace("MODEL", name)
+        source[0] = f"{NOTEBOOK}{source[0]}{cells}"
+
+
+def offer_notebook(app: Sphinx, pagename: str, templatename: str, context: dict[str, Any], doctree: Any) -> None:
+    """Tell the page's template where the executed notebook is."""
+    if doctree is not None and (_notebooks(app) / f"{pagename}.ipynb").is_file():
+        context["notebook"] = f"_notebooks/{pagename}.ipynb"
+
+
+def copy_notebooks(app: Sphinx, failed: Exception | None) -> None:
+    """Put the executed notebooks beside the pages."""
+    if failed is None and app.builder.format == "html":
+        for notebook in _notebooks(app).rglob("*.ipynb"):
+            copy = Path(app.outdir) / "_notebooks" / notebook.relative_to(_notebooks(app))
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(notebook, copy)
+
+
+def _notebooks(app: Sphinx) -> Path:
+    return Path(app.outdir).parent / "jupyter_execute"
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", complete_model_page)
+    app.connect("html-page-context", offer_notebook)
+    app.connect("build-finished", copy_notebooks)
