@@ -14,9 +14,11 @@ from erosion.integrator import ENDED, NO_CUT, Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
+from erosion.tiling import alike_together
 
 BLOCK = 256  # lanes of a block on a CPU: their stages fit the second-level cache
 CHUNK = 32  # blocks of one call, walked one after another
+_SHELF = 2**16  # lanes among which to look for neighbours: their parameters fit the second-level cache
 _DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
 _GRAZE = 1e4  # likewise larger, over many turns of a fast spin
 _TIGHTEST = 1e-13  # tolerance of the second time: rounding is near
@@ -56,39 +58,41 @@ def integrate(
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
     copies = indices.shape[1]
 
-    def walk(positions: np.ndarray, rtol: np.ndarray) -> Solution:
-        def chunk(begin: int) -> None:
-            end = min(begin + block * CHUNK, positions.size)
+    def walk(positions: np.ndarray, rtol: np.ndarray, results: Solution) -> None:
+        """Integrate some of the lanes, and note their results."""
+
+        def chunk(some: np.ndarray) -> None:
             # The last block is filled up with copies of its last lane.
-            some = np.minimum(np.arange(begin, begin + block * CHUNK), end - 1)
-            lane, copy = np.divmod(positions[some], copies)
+            filled = np.pad(some, (0, block * CHUNK - some.size), mode="edge")
+            lane, copy = np.divmod(filled, copies)
             of_lanes = [leaf[lane].reshape(-1, block) for leaf in lanes]
             along = [index[copy].reshape(-1, block) for index in indices]
-            tolerance = rtol[some].reshape(-1, block)
-            blocks = -(-(end - begin) // block)
-            found = _compiled_chunk()(model, of_lanes, along, tolerance, blocks, order, names)
+            blocks = -(-some.size // block)
+            found = _compiled_chunk()(model, of_lanes, along, rtol[filled].reshape(-1, block), blocks, order, names)
             for all_, part in zip(jax.tree.leaves(results), jax.tree.leaves(found), strict=True):
-                all_[begin:end] = np.asarray(part).reshape(-1)[: end - begin]
+                all_[some] = np.asarray(part).reshape(-1)[: some.size]
 
-        results = _empty(positions.size, order)
+        def sort(shelf: np.ndarray) -> np.ndarray:
+            return shelf[alike_together([shelf % copies, *(leaf[shelf // copies] for leaf in varying)], block)]
+
         block = _block_size()
-        begins = range(0, positions.size, block * CHUNK)
-        if len(begins) == 1:
-            chunk(0)
-        elif begins:
-            with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
-                list(pool.map(chunk, begins))
-        return results
+        varying = [leaf for leaf in lanes if leaf.strides != (0,)]
+        if not positions.size:
+            return
+        if positions.size <= block:
+            chunk(positions)
+            return
+        with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
+            shelves = np.array_split(positions, -(-positions.size // _SHELF))
+            positions = np.concatenate(list(pool.map(sort, shelves)))
+            list(pool.map(chunk, np.split(positions, range(block * CHUNK, positions.size, block * CHUNK))))
 
     count = lanes[0].size * copies
-    found = walk(np.arange(count), np.broadcast_to(rtol, count))
-    if not twice:
-        return found
-    tighter = _tighter(found, rtol)
-    again = np.flatnonzero(tighter < rtol)
-    better = walk(again, tighter[again])
-    for all_, some in zip(jax.tree.leaves(found), jax.tree.leaves(better), strict=True):
-        all_[again] = some
+    found, tolerance = _empty(count, order), np.broadcast_to(rtol, count)
+    walk(np.arange(count), tolerance, found)
+    if twice:
+        tolerance = _tighter(found, rtol)
+        walk(np.flatnonzero(tolerance < rtol), tolerance, found)
     return found
 
 

@@ -10,7 +10,7 @@ is a tuple of (leaves, lanes) arrays; event functions and their rates are (event
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import diffrax
@@ -20,10 +20,11 @@ import numpy as np
 from jax import lax
 
 from erosion.crossings import Ends, dip_in_step, expected_fall
-from erosion.jets import AtEvent, Cut, Derivatives, Direction, Jets, at_event
-from erosion.model import CuttingModel, cuts_at_all, event_rates
+from erosion.jets import Derivatives, Direction
+from erosion.model import CuttingModel
+from erosion.motion import Motion
 from erosion.parameters import Parameters
-from erosion.plan import Kernel, planned
+from erosion.plan import Kernel
 
 # Prince and Dormand's 8(7) pair, 13 stages, the last of which is the next step's first.
 _TABLEAU = diffrax.Dopri8.tableau
@@ -100,104 +101,31 @@ def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Dire
         directions: see `Jets`; traced ones have shape (lanes,).
         rtol: of volume, end time and derivatives; a scalar, or for each lane its own.
     """
-    block = _Block(model, p, order, directions)
-    scale = block.time_scale()
+    motion = Motion(model, p, order, directions)
+    scale, begins, jet = motion.at_contact()
     lanes = lax.while_loop(
         lambda lanes: jnp.any(lanes.clock[0] <= LOCATING),
-        lambda lanes: _advance(block, scale, rtol, lanes),
-        _begin(block, scale),
+        lambda lanes: _advance(motion, scale, rtol, lanes),
+        _begin(motion, scale, begins, jet),
     )
     clock = Clock(*lanes.clock)
     # Heun's method over the short time left, then Newton's for what is left of that.
-    guess = block.move(clock.left, lanes.jet, lanes.rate)
-    jet = block.move(clock.left / 2, block.move(clock.left / 2, lanes.jet, lanes.rate), block.rate(guess))
-    rate = block.rate(jet)
-    value, slope = jnp.split(block.look(jet, rate), 2)
+    guess = motion.move(clock.left, lanes.jet, lanes.rate)
+    jet = motion.move(clock.left / 2, motion.move(clock.left / 2, lanes.jet, lanes.rate), motion.rate(guess))
+    rate, events = motion.rate_and_events(jet)
+    value, slope = jnp.split(events, 2)
     cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
     remaining = jnp.where(cut, -_pick(value, clock.which) / _pick(slope, clock.which), 0.0)
     end = clock.time + clock.left + remaining
-    time, volume, doubt = block.at_event(block.move(remaining, jet, rate), clock.which, end)
+    time, volume, doubt = motion.at_event(motion.move(remaining, jet, rate), clock.which, end)
     return _finish(clock, time, volume, doubt)
 
 
-class _Block:
-    """Model, parameters and directions of a block; each method is one or a few kernels."""
-
-    def __init__(self, model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...]) -> None:
-        self.model, self.order, self.directions = model, order, directions
-        self.named = all(isinstance(d, str) for d in directions)
-        self.known = (p, () if self.named else directions)
-        one = jax.tree.map(lambda leaf: leaf[0], self.known)
-        shapes = jax.eval_shape(lambda model, known: self._jets(model, known).initial(), model, one)
-        self.structure = jax.tree.structure(shapes[0])
-        rows = [self.structure.num_leaves] * len(shapes)
-        # Made once, so that JAX traces each of them once for the dozen places it is called at.
-        self._rate = self._planned(self._rate_of, rows)
-        self._look = self._planned(self._look_at, rows[:1] * 2)
-        self._end = self._planned(self._end_at, [None, None, *rows])
-        self._move = Kernel(lambda length, u, k: u + length * k)
-
-    def time_scale(self) -> Any:
-        return self._planned(lambda model, known: ([model.scales(known[0]).time],), [])()[0][0]
-
-    def begins(self) -> Any:
-        return self._planned(lambda model, known: ([cuts_at_all(model, known[0]).astype(float)],), [])()[0][0] > 0
-
-    def initial(self) -> tuple[Any, ...]:
-        return self._planned(lambda model, known: self._rows(self._jets(model, known).initial()), [])()
-
-    def rate(self, jet: Sequence[Any]) -> tuple[Any, ...]:
-        """The jet's time derivative."""
-        return self._rate(*jet)
-
-    def move(self, length: Any, jet: Sequence[Any], rate: Sequence[Any]) -> tuple[Any, ...]:
-        return tuple(self._move(length, u, k) for u, k in zip(jet, rate, strict=True))
-
-    def look(self, jet: Sequence[Any], rate: Sequence[Any]) -> Any:
-        """The event functions, then their rates."""
-        return self._look(jet[0], rate[0])[0]
-
-    def at_event(self, jet: Sequence[Any], which: Any, time: Any) -> AtEvent:
-        doubt, *found = self._end(which, time, *jet)[0]
-        parts = (1, 3, 4)[self.order]
-        absent = [None] * (4 - parts)
-        return AtEvent(Derivatives(*found[:parts], *absent), Derivatives(*found[parts:], *absent), doubt)
-
-    def _rate_of(self, model: CuttingModel, known: Any, *rows: Any) -> tuple[list[Any], ...]:
-        return self._rows(self._jets(model, known).rate(self._cuts(rows)))
-
-    def _look_at(self, model: CuttingModel, known: Any, row: Any, rate: Any) -> tuple[list[Any]]:
-        cut, flow = self._cuts([row, rate])
-        values, rates = event_rates(model, cut.state, flow.state, known[0])
-        return ([*values.values(), *(rates[name] for name in values)],)
-
-    def _end_at(self, model: CuttingModel, known: Any, which: Any, time: Any, *rows: Any) -> tuple[list[Any]]:
-        jets = self._jets(model, known)
-        end = at_event(jets, self._cuts(rows), which, time)
-        return ([end.doubt, *jax.tree.leaves((jets.per_unit(end.time), jets.per_unit(end.volume)))],)
-
-    def _planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
-        return planned(lane, self.model, self.known, rows)
-
-    def _jets(self, model: CuttingModel, known: Any) -> Jets:
-        p, directions = known
-        return Jets(model, p, self.order, self.directions if self.named else directions)
-
-    def _rows(self, jet: Sequence[Cut]) -> tuple[list[Any], ...]:
-        return tuple(jax.tree.leaves(member) for member in jet)
-
-    def _cuts(self, rows: Sequence[Any]) -> tuple[Cut, ...]:
-        return tuple(jax.tree.unflatten(self.structure, row) for row in rows)
-
-
-def _begin(block: _Block, scale: Any) -> Lanes:
-    jet = block.initial()
-    rate = block.rate(jet)
-    start = block.look(jet, rate)
+def _begin(motion: Motion, scale: Any, begins: Any, jet: tuple[Any, ...]) -> Lanes:
+    rate, start = motion.rate_and_events(jet)
     finite = jnp.isfinite(scale) & (scale > 0)
     for member in (*jet, *rate, start):
         finite = finite & jnp.all(jnp.isfinite(member), axis=0)
-    begins = block.begins()
     zero = jnp.zeros_like(scale)
     first = _FIRST_STEP * scale
     clock = Clock(
@@ -219,10 +147,9 @@ def _begin(block: _Block, scale: Any) -> Lanes:
     return Lanes(jnp.stack(clock), start, jet, rate)
 
 
-def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
+def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
     """Try one step in every lane, and act on what it was."""
-    jet, rate, error = _step(block, lanes.jet, lanes.rate, lanes.clock)
-    ends = block.look(jet, rate)
+    jet, rate, ends, error = _step(motion, lanes.jet, lanes.rate, lanes.clock)
     # Events that are not numbers, of a motion that is, are an error too: 0·NaN is NaN.
     error = Kernel(
         lambda error, ends, rtol: functools.reduce(lambda e, end: e + 0 * end, ends, error / (_SLACK * rtol))
@@ -236,22 +163,34 @@ def _advance(block: _Block, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
         return jnp.stack(_fences(Clock(*clock), error, past))
 
+    def close(clock: Any, dips: Any, fences: Any) -> Any:
+        mode = Clock(*clock).mode
+        return (mode == LOCATING) | ((mode == ADVANCING) & ((fences[2] > 0) | (dips[0] < 1)))
+
     def expected(clock: Any, start: Any, ends: Any, fences: Any, i: int) -> Any:
         before, after = _events(start, ends)[i]
         root = expected_fall(before, after, Clock(*clock).trial, fences[0], fences[1])
         # Past the trial's end all may still fall; before it, those that have fallen at it.
         return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
 
-    def decide(clock: Any, error: Any, scale: Any, dip: Any, fences: Any, roots: Any) -> Any:
-        return jnp.stack(_decide(Clock(*clock), error, scale, dip, fences, roots))
+    def decide(clock: Any, error: Any, scale: Any, dips: Any, fences: Any, roots: Any) -> Any:
+        return jnp.stack(_decide(Clock(*clock), error, scale, dips, fences, roots))
+
+    def go_on(clock: Any, error: Any, scale: Any, dips: Any) -> Any:
+        return jnp.stack(_go_on(Clock(*clock), error, scale, dips))
+
+    def near_an_end(dip: Any, fence: Any) -> Any:
+        indices = range(ends.shape[0] // 2)
+        roots = [Kernel(functools.partial(expected, i=i))(lanes.clock, lanes.start, ends, fence) for i in indices]
+        return Kernel(decide)(lanes.clock, error, scale, dip, fence, roots)
+
+    def elsewhere(dip: Any, fence: Any) -> Any:
+        return Kernel(go_on)(lanes.clock, error, scale, dip)
 
     dip = Kernel(dips)(lanes.clock, lanes.start, ends)
     fence = Kernel(fences)(lanes.clock, lanes.start, ends, error)
-    roots = [
-        Kernel(functools.partial(expected, i=i))(lanes.clock, lanes.start, ends, fence)
-        for i in range(ends.shape[0] // 2)
-    ]
-    clock = Kernel(decide)(lanes.clock, error, scale, dip, fence, roots)
+    # In most trials no lane of the block is close to its end: lanes that are alike end alike.
+    clock = lax.cond(jnp.any(Kernel(close)(lanes.clock, dip, fence)), near_an_end, elsewhere, dip, fence)
     choose = Kernel(lambda clock, new, old: jnp.where(Clock(*clock).moved > 0, new, old))
     chosen = jax.tree.map(lambda new, old: choose(clock, new, old), (ends, jet, rate), tuple(lanes[1:]))
     return Lanes(clock, *chosen)
@@ -274,11 +213,11 @@ def _good(clock: Clock, error: Any) -> Any:
     return jnp.where(clock.mode == LOCATING, jnp.isfinite(error), error <= 1)
 
 
-def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots: list[Any]) -> list[Any]:
-    """The clock after a trial, and whether the lane moves to the trial's end.
+def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots: list[Any]) -> Clock:
+    """The clock after a trial.
 
     Args:
-        clock: before the trial.
+        clock: before it.
         error: over the tolerance; NaN is an error.
         scale: the model's time scale.
         dips: see `dip_in_step`; the least of all events. A dip that may reach below zero is
@@ -301,46 +240,69 @@ def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots:
     # A locating lane moves on as well, or it would look for ever at both sides of a dip.
     accepted = going & fits & ~past & ~ended
 
-    factor = 0.9 / _eighth_root(error + 1e-30)
-    factor = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2)
-    # Steps cut short to land on a dip say little about the step to take next.
-    step = jnp.where(
-        good & (clock.trial < clock.step), jnp.maximum(factor * clock.trial, clock.step), factor * clock.trial
-    )
-    step = jnp.where(locating, clock.step, step)
+    step = jnp.where(locating, clock.step, _next_step(clock, error, good))
     trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, jnp.where(past, expected, left), step))
-    time = clock.time + jnp.where(accepted | ended, clock.trial, 0.0)
-
     mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
-    mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
+    after = _after(clock, scale, mode, step, trial, good=good, moved=accepted | ended, least=dips[1])
+    mode = jnp.where(going & locating & ~good, FAILED, after.mode)
+    return after._replace(
+        mode=jnp.where(ended, ENDED, mode),
+        high=jnp.where(accepted, high - clock.trial, high),
+        which=jnp.where(ended, which, clock.which),
+        left=jnp.where(ended, left, clock.left),
+    )
+
+
+def _go_on(clock: Clock, error: Any, scale: Any, dips: Any) -> Clock:
+    """The clock after a trial that came close to no event: `_decide` for less."""
+    good = error <= 1
+    step = _next_step(clock, error, good)
+    moved = good & (clock.mode == ADVANCING)
+    return _after(clock, scale, clock.mode, step, step, good=good, moved=moved, least=dips[1])
+
+
+def _next_step(clock: Clock, error: Any, good: Any) -> Any:
+    """The length that the error control would like, of the order of the embedded estimate."""
+    factor = 0.9 / _eighth_root(error + 1e-30)
+    wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * clock.trial
+    # Steps cut short to land on a dip say little about the step to take next.
+    return jnp.where(good & (clock.trial < clock.step), jnp.maximum(wanted, clock.step), wanted)
+
+
+def _after(clock: Clock, scale: Any, mode: Any, step: Any, trial: Any, *, good: Any, moved: Any, least: Any) -> Clock:
+    """The clock with one trial more, and whether the lane gives up."""
+    going = clock.mode <= LOCATING
+    time = clock.time + jnp.where(moved, clock.trial, 0.0)
     rejected = clock.rejected + (going & ~good)
     hopeless = rejected > _REJECTED + (clock.trials - clock.rejected) / 4
-    mode = jnp.where(~(trial > 1e-14 * scale) | (locating & ~good) | hopeless, FAILED, mode)
-    mode = jnp.where(ended, ENDED, mode)
-    return [
-        jnp.where(going, mode, clock.mode),
-        jnp.where(going, time, clock.time),
-        jnp.where(going, trial, clock.trial),
-        step,
-        jnp.where(accepted, high - clock.trial, high),
-        jnp.where(ended, which, clock.which),
-        jnp.where(ended, left, clock.left),
-        clock.trials + going,
-        rejected,
-        jnp.where(accepted | ended, jnp.minimum(clock.margin, dips[1]), clock.margin),
-        (accepted | ended).astype(float),
-    ]
+    mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
+    mode = jnp.where(~(trial > 1e-14 * scale) | hopeless, FAILED, mode)
+    return clock._replace(
+        mode=jnp.where(going, mode, clock.mode),
+        time=time,
+        trial=jnp.where(going, trial, clock.trial),
+        step=step,
+        trials=clock.trials + going,
+        rejected=rejected,
+        margin=jnp.where(moved, jnp.minimum(clock.margin, least), clock.margin),
+        moved=moved.astype(float),
+    )
 
 
-def _step(block: _Block, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, Any]:
-    """One Runge-Kutta step of the length to try: jet and rate at its end, and its relative error."""
+def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, Any, Any]:
+    """One Runge-Kutta step of the length to try: jet, rate and events at its end, and its relative error."""
     stages = [[k] for k in rate]
-    at = jet
-    for row in (*_A[:-1], _B):
-        combine = Kernel(lambda u, ks, clock, row=row: u + Clock(*clock).trial * _combine(row, ks))
-        at = tuple(combine(u, _used(row, ks), clock) for u, ks in zip(jet, stages, strict=True))
-        for ks, k in zip(stages, block.rate(at), strict=True):
+
+    def after(row: np.ndarray) -> tuple[Any, ...]:
+        combine = Kernel(lambda u, ks, clock: u + Clock(*clock).trial * _combine(row, ks))
+        return tuple(combine(u, _used(row, ks), clock) for u, ks in zip(jet, stages, strict=True))
+
+    for row in _A[:-1]:
+        for ks, k in zip(stages, motion.rate(after(row)), strict=True):
             ks.append(k)
+    at = after(_B)
+    last, events = motion.rate_and_events(at)
+    stages = [[*ks, k] for ks, k in zip(stages, last, strict=True)]
 
     def worst(before: Any, after: Any, slopes: Any, stages: Any, clock: Any) -> Any:
         length = Clock(*clock).trial
@@ -357,7 +319,7 @@ def _step(block: _Block, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, Any
         return errors
 
     error = Kernel(worst)(jet, at, rate, [_used(_B_ERROR, ks) for ks in stages], clock)
-    return at, tuple(ks[-1] for ks in stages), error
+    return at, last, events, error
 
 
 def _eighth_root(value: Any) -> Any:

@@ -212,6 +212,8 @@ class _Plan:
         used = {v for operation in within.values() for v in operation.numbers()}
         used |= {v for v in outputs if isinstance(v, int)}
         taken = sorted(used - {*within} - {*places})
+        if not places and not taken:
+            taken = [fixed - 1]  # results of constants alone still have lanes
         places |= {value: (len(like) + i, None) for i, value in enumerate(taken)}
         self.hoisted = self._hoist(before, taken, shared, known)
 
@@ -247,7 +249,7 @@ class _Plan:
     ) -> None:
         """Add the kernel of some results, given where what is stored so far is found."""
         cone, inputs = _cone(within, places, results)
-        inputs = inputs or [next(iter(places))]  # a result of constants alone still has lanes
+        inputs = inputs or [next(iter(places))]
         reads = sorted({places[value][0] for value in inputs})
         rows = [(reads.index(places[value][0]), places[value][1]) for value in inputs]
         steps = {value: within[value] for value in sorted(cone)}

@@ -1,0 +1,91 @@
+"""The motion of a block of lanes: jets as arrays, what they do, each in one or a few kernels.
+
+A jet is a tuple of (unknowns, lanes) arrays, so that one instruction serves several lanes.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+
+from erosion.jets import AtEvent, Cut, Derivatives, Direction, Jets, at_event
+from erosion.model import CuttingModel, cuts_at_all, event_rates
+from erosion.parameters import Parameters
+from erosion.plan import Kernel, planned
+from erosion.reduction import reduced
+
+
+class Motion:
+    """Model, parameters and directions of a block; each method is one or a few kernels."""
+
+    def __init__(self, model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...]) -> None:
+        self.order, self.directions = order, directions
+        self.model = reduced(model, jax.tree.map(lambda leaf: leaf[0], p))
+        self.named = all(isinstance(d, str) for d in directions)
+        self.known = (p, () if self.named else directions)
+        one = jax.tree.map(lambda leaf: leaf[0], self.known)
+        shapes = jax.eval_shape(lambda model, known: self._jets(model, known).initial(), self.model, one)
+        self.structure = jax.tree.structure(shapes[0])
+        rows = [self.structure.num_leaves] * len(shapes)
+        # Made once, so that JAX traces each of them once for the dozen places it is called at.
+        self._rate = self._planned(self._rate_of, rows)
+        self._rate_and_events = self._planned(self._rate_and_events_of, rows)
+        self._end = self._planned(self._end_at, [None, None, *rows])
+        self._move = Kernel(lambda length, u, k: u + length * k)
+
+    def at_contact(self) -> tuple[Any, Any, tuple[Any, ...]]:
+        """The model's time scale, whether the lane starts to cut, and the jet."""
+
+        def contact(model: CuttingModel, known: Any) -> tuple[list[Any], ...]:
+            scale, begins = model.scales(known[0]).time, cuts_at_all(model, known[0])
+            return ([scale, begins.astype(float)], *self._rows(self._jets(model, known).initial()))
+
+        (scale, begins), *jet = self._planned(contact, [])()
+        return scale, begins > 0, tuple(jet)
+
+    def rate(self, jet: Sequence[Any]) -> tuple[Any, ...]:
+        """The jet's time derivative."""
+        return self._rate(*jet)
+
+    def move(self, length: Any, jet: Sequence[Any], rate: Sequence[Any]) -> tuple[Any, ...]:
+        """The jet after a time in which it goes at one rate."""
+        return tuple(self._move(length, u, k) for u, k in zip(jet, rate, strict=True))
+
+    def rate_and_events(self, jet: Sequence[Any]) -> tuple[tuple[Any, ...], Any]:
+        """The jet's time derivative; the event functions, then their rates."""
+        *rate, events = self._rate_and_events(*jet)
+        return tuple(rate), events
+
+    def at_event(self, jet: Sequence[Any], which: Any, time: Any) -> AtEvent:
+        """What became of time and volume there, with derivatives by the parameters."""
+        doubt, *found = self._end(which, time, *jet)[0]
+        parts = (1, 3, 4)[self.order]
+        absent = [None] * (4 - parts)
+        return AtEvent(Derivatives(*found[:parts], *absent), Derivatives(*found[parts:], *absent), doubt)
+
+    def _rate_of(self, model: CuttingModel, known: Any, *rows: Any) -> tuple[list[Any], ...]:
+        return self._rows(self._jets(model, known).rate(self._cuts(rows)))
+
+    def _rate_and_events_of(self, model: CuttingModel, known: Any, *rows: Any) -> tuple[list[Any], ...]:
+        jet = self._cuts(rows)
+        flow = self._jets(model, known).rate(jet)
+        values, rates = event_rates(model, jet[0].state, flow[0].state, known[0])
+        return (*self._rows(flow), [*values.values(), *(rates[name] for name in values)])
+
+    def _end_at(self, model: CuttingModel, known: Any, which: Any, time: Any, *rows: Any) -> tuple[list[Any]]:
+        jets = self._jets(model, known)
+        end = at_event(jets, self._cuts(rows), which, time)
+        return ([end.doubt, *jax.tree.leaves((jets.per_unit(end.time), jets.per_unit(end.volume)))],)
+
+    def _planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
+        return planned(lane, self.model, self.known, rows)
+
+    def _jets(self, model: CuttingModel, known: Any) -> Jets:
+        p, directions = known
+        return Jets(model, p, self.order, self.directions if self.named else directions)
+
+    def _rows(self, jet: Sequence[Cut]) -> tuple[list[Any], ...]:
+        return tuple(jax.tree.leaves(member) for member in jet)
+
+    def _cuts(self, rows: Sequence[Any]) -> tuple[Cut, ...]:
+        return tuple(jax.tree.unflatten(self.structure, row) for row in rows)
