@@ -4,6 +4,7 @@ One verb a module; JAX loads only when a verb computes. Bad input is one line on
 exit status 2, a failed solve exit status 1, never a traceback.
 """
 
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -45,7 +46,8 @@ def _status(arguments: Sequence[str]) -> int:
     os.environ.setdefault("EQX_ON_ERROR", "nan")
     try:
         app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
+            sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         return _say(2, explain(error))
     except InputError as error:
@@ -66,5 +68,6 @@ def _status(arguments: Sequence[str]) -> int:
 
 
 def _say(status: int, message: str) -> int:
-    print("erosion:", " ".join(message.split()), file=sys.stderr)
+    with contextlib.suppress(OSError):  # there may be no place to say it
+        print("erosion:", " ".join(message.split()), file=sys.stderr, flush=True)
     return status
