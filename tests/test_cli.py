@@ -1,5 +1,4 @@
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -100,13 +99,6 @@ def test_help_comes_without_jax():
 def test_the_process_exits_with_the_status():
     assert erosion("run", "--alpha", "95deg").returncode == 2
     assert erosion("--version").stdout.strip() == "0.1.0"
-
-
-def test_single_precision_is_refused():
-    found = erosion("run", env={**os.environ, "JAX_ENABLE_X64": "0"})
-    assert found.returncode == 1
-    assert "erosion needs float64" in found.stderr
-    assert "Traceback" not in found.stderr
 
 
 def test_optimum_is_printed_and_drawn(capsys, tmp_path):

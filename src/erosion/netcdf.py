@@ -6,14 +6,15 @@ from pathlib import Path
 
 import xarray as xr
 
-from erosion.files import written_whole
+from erosion.files import write_whole
 from erosion.provenance import IDENTITY, StoreError, require_same
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path, identity: Mapping[str, str]) -> None:
     """Write a result with its identity; the file is there completely or not at all."""
-    with written_whole(path) as draft:
-        dataset.assign_attrs({IDENTITY: json.dumps(identity)}).to_netcdf(draft, engine="h5netcdf")
+    # In memory first: an HDF5 file that a full disk has cut short ends the process when it is closed.
+    content = dataset.assign_attrs({IDENTITY: json.dumps(identity)}).to_netcdf(None, engine="h5netcdf")
+    write_whole(path, content)
 
 
 def read_netcdf(path: Path, identity: Mapping[str, str]) -> xr.Dataset:
