@@ -127,3 +127,15 @@ def test_compare_lists_models_at_the_case_and_at_their_best(capsys, tmp_path):
     assert one["volume"] == pytest.approx(1.816436352531e-4, rel=1e-9)
     assert other["volume_max"] == pytest.approx(1.050019817361e-4, rel=1e-9)
     assert curves.stat().st_size > 1000
+
+
+def test_compare_prints_a_table(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("COLUMNS", "120")
+    plot = tmp_path / "models.svg"
+    assert _status(["compare", "--models", "linearized", "tan-alpha", "--plot", str(plot)]) == 0
+    out = capsys.readouterr().out
+    assert "Models at α = 20° and at their best" in out
+    assert "31.717474°" in out
+    assert "→ 0°" in out
+    assert out.endswith(f"figure: {plot}\n")
+    assert plot.read_text().startswith("<?xml")

@@ -8,6 +8,7 @@ import _thread
 import contextlib
 import os
 import sys
+import threading
 from collections.abc import Sequence
 
 import cyclopts
@@ -74,7 +75,8 @@ def _status(arguments: Sequence[str]) -> int:
 def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
     """A Ctrl-C that comes while JAX collects garbage is lost in its callback: press it again."""
     if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        _thread.interrupt_main()
+        # A moment later: at once, it would be raised in this hook, and be lost as well.
+        threading.Timer(0.01, _thread.interrupt_main).start()
     else:
         sys.__unraisablehook__(unraisable)
 
