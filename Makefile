@@ -8,13 +8,17 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test bench docs lint format clean
+.PHONY: report test coverage bench docs lint format clean
 
 report: $(STAMP)
 	.venv/bin/erosion report
 
 test: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist loadfile
+
+# The lines of src/ that no test runs, by file.
+coverage: $(STAMP)
+	.venv/bin/pytest --numprocesses 2 --dist loadfile --cov
 
 # Not part of the tests: minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look.
 bench: $(STAMP)

@@ -221,7 +221,7 @@ def test_bounds_are_kept_and_said():
         ({"free": ["nu"]}, r"`free` must name parameters \(k, psi"),
         ({"free": ["alpha"]}, "`free` must not name `alpha`: the data has a column of it"),
         ({"loss": "square"}, "`loss` must be one of linear, soft_l1"),
-        ({"starts": 0}, "`starts` must be at least 1"),
+        ({"starts": 0}, "`starts` must be a whole number of at least 1"),
         ({"bounds": {"r": (1.0, 2.0)}}, "`bounds` must name free parameters, but has 'r'"),
         ({"bounds": {"k": (2.0, 1.0)}}, "`bounds` must give k two ascending values"),
         ({"bounds": {"k": [-1.0, 1.0]}}, "`bounds` must give k two ascending values"),

@@ -63,34 +63,3 @@ def test_several_models_are_ranked(table, capsys):
     out = capsys.readouterr().out
     assert "ΔAICc" in out
     assert out.index("linearized") < out.index("tan-alpha")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nowhere.csv"], "nowhere.csv: cannot be read (No such file or directory)."),
-        (["{table}", "--free", "nu"], "Option `--free` must name parameters"),
-        (["{table}", "--free", ","], "Option `--free` must name one or several"),
-        (["{table}", "--model", "spinning"], "There is no model 'spinning'"),
-        (["{table}", "--models", "linearized,spinning"], "There is no model 'spinning'"),
-        (["{table}", "--loss", "square"], "Option `--loss` must be one of"),
-        (["{table}", "--level", "95"], "Option `--level` must be in (0, 1), but is 95."),
-        (["{table}", "--density", "3 kg"], "Option `--density`"),
-        (["{bad}"], "bad.csv, line 3, column 1 (angle [deg]) must be above 0° and at most 90°, but is 95."),
-        ([], "Option `DATA` must have a value"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(table, tmp_path, capsys, arguments, message):
-    bad = tmp_path / "bad.csv"
-    bad.write_text("angle [deg], erosion [-]\n20,1\n95,2\n")
-    words = [word.format(table=table, bad=bad) for word in arguments]
-    assert _status(["calibrate", *words]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-
-
-def test_a_figure_that_cannot_be_written_is_exit_2(table, capsys):
-    assert _status(["calibrate", str(table), "--plot", "fit.doc", *GUESS]) == 2
-    assert "must end in .svg, .png or .pdf" in capsys.readouterr().err

@@ -67,47 +67,6 @@ def test_a_sweep_is_drawn_and_told_as_a_table(case, tmp_path, capsys):
     assert plot.read_text().startswith("<?xml")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["sweep", "CASE"], "out"),
-        (["sweep", "CASE", "-o", "out.csv"], "must end in .nc or .zarr"),
-        (["sweep", "CASE", "--case", "CASE", "-o", "out.nc"], "must be given once"),
-        (["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:9deg"], 'Option `--alpha` must be "first : last : count"'),
-        (
-            ["sweep", "CASE", "-o", "out.nc", "--alpha", "1deg:99deg:5"],
-            "`--alpha` must be in (0, π/2] rad, but is 1.72788 at index 4",
-        ),
-        (["sweep", "CASE", "-o", "out.zarr", "--chunks", "alpha:3"], "Option `--chunks` must be such as"),
-        (["sweep", "CASE", "-o", "out.nc", "--chunks", "alpha=3"], "need `--out` to end in .zarr"),
-        (["sweep", "CASE", "-o", "out.nc", "--workers", "2"], "need `--out` to end in .zarr"),
-        (["sweep", "CASE", "-o", "out.zarr", "--workers", "0"], "`--workers` must be 1 or more"),
-        (["sweep", "CASE", "-o", "out.zarr", "--workers", "2", "--scheduler", "tcp://x"], "but not both"),
-        (["sweep", "CASE", "-o", "out.nc", "--model", "spinning"], "There is no model"),
-        (["sweep", "-o", "out.nc"], "must include an axis"),
-        (["stream"], "must include a distribution"),
-        (["stream", "CASE", "--v0", "cauchy(1, 2)"], "Option `--v0` must be one of normal"),
-        (["stream", "CASE", "--n", "1.5"], "`--n` must be a positive whole number"),
-        (["stream", "CASE", "-o", "out.csv"], "must end in .nc"),
-        (["stream", "CASE", "--points", "halton"], "`--points` must be"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_2(case, capsys, arguments, message):
-    assert _status([case if part == "CASE" else part for part in arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-
-
-@pytest.mark.parametrize("verb", ["sweep", "stream"])
-def test_unknown_fields_of_a_section_are_named(tmp_path, capsys, verb):
-    path = tmp_path / "case.toml"
-    path.write_text(CASE + f"\n[{verb}]\nspeed = 3\n")
-    assert _status([verb, str(path), "-o", str(tmp_path / "out.nc")]) == 2
-    assert f"field `speed` of [{verb}] is unknown" in capsys.readouterr().err
-
-
 def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
     plot = tmp_path / "stream.svg"
     arguments = ["stream", case, "--no-best-angle", "-o", str(tmp_path / "jet.nc"), "--plot", str(plot), "--json"]

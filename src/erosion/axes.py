@@ -39,11 +39,12 @@ def _range(text: str, dimension: Dimension, system: System) -> np.ndarray:
     if not number.isdecimal() or int(number) < 2 or spacing not in ([], ["log"]):
         raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {text!r}')
     begin, end = (read_quantity(part, dimension, system) for part in (first, last))
-    if not spacing:
-        return np.linspace(begin, end, int(number))
-    if begin * end <= 0:
+    if spacing and begin * end <= 0:
         raise UnitError(f"must have ends of one sign, other than zero, for even ratios, but is {text!r}")
-    return np.geomspace(begin, end, int(number))
+    try:
+        return (np.geomspace if spacing else np.linspace)(begin, end, int(number))
+    except (MemoryError, ValueError) as error:
+        raise UnitError(f"must have values that fit into the memory, but is {text!r}") from error
 
 
 def _one(value: object, dimension: Dimension, system: System) -> float:

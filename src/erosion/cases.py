@@ -12,6 +12,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from erosion.arguments import check_path
 from erosion.parameters import QUANTITIES, Parameters, require_scalars
 from erosion.units import check_system, has_unit, unit_name
 
@@ -38,7 +39,7 @@ def load_case(path: str | Path) -> Parameters:
         CaseError: one sentence naming the file and the field, for a file that cannot be
             read, an unknown or missing key, a wrong dimension or a value out of range.
     """
-    path = Path(path)
+    path = check_path("path", path)
     table = _read(path)
     try:
         return _parameters(table)
@@ -65,7 +66,7 @@ def _read(path: Path) -> dict[str, object]:
         raise CaseError(f"{path}: cannot be read ({error.strerror or error}).") from error
     except UnicodeDecodeError as error:
         raise CaseError(f"{path}: is not a text file in UTF-8.") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
         raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
     except RecursionError as error:
         raise CaseError(f"{path}: is nested too deeply to be a case file.") from error

@@ -41,7 +41,10 @@ class Distribution(ABC):
 
     def __post_init__(self) -> None:
         for name in _fields(self):
-            value = float(getattr(self, name))
+            given = getattr(self, name)
+            if isinstance(given, bool) or not isinstance(given, (int, float, np.integer, np.floating)):
+                raise TypeError(f"Argument `{name}` must be a number, but is {given!r}.")
+            value = float(given)
             object.__setattr__(self, name, value)
             if not math.isfinite(value) or (name in self.positive and value <= 0):
                 wish = "positive and finite" if name in self.positive else "finite"
@@ -196,7 +199,10 @@ class Samples(Distribution):
     source: str = "samples"
 
     def __post_init__(self) -> None:
-        values = np.sort(np.asarray(self.values, float).reshape(-1))
+        try:
+            values = np.sort(np.asarray(self.values, float).reshape(-1))
+        except (TypeError, ValueError):
+            values = np.empty(0)
         if not values.size or not np.isfinite(values).all():
             raise ValueError("Argument `values` must be finite numbers, one or more, but is not.")
         object.__setattr__(self, "values", values)
@@ -270,8 +276,10 @@ def read_samples(path: str | Path, name: str, dimension: Dimension, system: Syst
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
             header, *rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)] or [[]]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"must name a CSV file, but {path} cannot be read ({error})") from error
+    except OSError as error:
+        raise ValueError(f"must name a CSV file, but {str(path)!r} cannot be read ({error.strerror})") from error
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"must name a CSV file, but {str(path)!r} is no table in UTF-8") from error
     heads = [re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", head) for head in header]
     columns = [i for i, head in enumerate(heads) if head is not None and head[1] == name]
     if len(columns) != 1:

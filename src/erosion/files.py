@@ -3,37 +3,61 @@
 import contextlib
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes | memoryview) -> None:
     """Write a file so that it is there completely or not at all."""
-    with _draft(path) as draft:
+    with written_whole(path) as draft:
         draft.write_bytes(content)
+
+
+@contextlib.contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A place beside `path` to write a file or folder to, which comes to `path` when it is whole.
+
+    Raises:
+        OSError: naming `path`, where it cannot be written.
+    """
+    _require_replaceable(path)
+    with _draft(path) as draft:
+        yield draft
         draft.replace(path)
 
 
 def require_writable(path: Path) -> None:
-    """Find out whether `write_whole` can write there, before computing for it.
+    """Find out whether a file can be written there whole, before computing for it.
 
     Raises:
         OSError: naming the path, where it cannot.
     """
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    _require_replaceable(path)
     with _draft(path) as draft:
         draft.touch()
 
 
+def _require_replaceable(path: Path) -> None:
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    # A device or a pipe would be replaced by a file of its name.
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "Not a regular file", str(path))
+
+
 @contextlib.contextmanager
 def _draft(path: Path) -> Iterator[Path]:
-    """A file beside `path`, gone afterwards; errors name `path`."""
+    """A place beside `path`, empty afterwards; errors name `path`."""
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield draft
     except OSError as error:
-        raise type(error)(error.errno, error.strerror, str(path)) from error
+        # Libraries put much of their own into `strerror`.
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise type(error)(error.errno, reason, str(path)) from error
     finally:
+        if draft.is_dir():
+            shutil.rmtree(draft, ignore_errors=True)
         with contextlib.suppress(OSError):
             draft.unlink()

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from erosion.arguments import check_tolerance
 from erosion.cases import dump_case
 from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.optimum import alpha_max
-from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters import QUANTITIES, Parameters, require_parameters, validate
 from erosion.partition import Region
 from erosion.provenance import digest, identity
 from erosion.quantities import RESULTS, Quantity
@@ -216,14 +217,18 @@ def make_grid(
     Raises:
         ValueError, TypeError: one sentence naming the argument.
     """
-    compared = not isinstance(model, (str, Path, CuttingModel))
-    models = _labelled_models([model] if isinstance(model, (str, Path, CuttingModel)) else list(model))
+    several: Any = model if isinstance(model, Sequence) and not isinstance(model, str) else None
+    compared = several is not None
+    models = _labelled_models([model] if several is None else several)
+    require_parameters(p)
     for name in QUANTITIES:
         if np.ndim(getattr(p, name)):
             raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array; give it as an axis.")
     arrays = {name: _axis(name, values) for name, values in axes.items()}
     if not arrays and not compared:
         raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
+    if isinstance(paired, str) or not isinstance(paired, Sequence):
+        raise TypeError(f"Argument `paired` must be a list of axes, but is {paired!r}.")
     lengths = {len(arrays[name]) for name in paired if name in arrays}
     if len(set(paired)) != len(paired) or any(name not in arrays for name in paired) or len(paired) == 1:
         raise ValueError(f"Argument `paired` must name two or more of the axes, but is {list(paired)}.")
@@ -231,19 +236,22 @@ def make_grid(
         raise ValueError(f"Argument `paired` must name axes of one length, but they have {sorted(lengths)}.")
     if derivatives not in (0, 1, 2):
         raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
-    if wrt not in QUANTITIES:
+    if not isinstance(wrt, str) or wrt not in QUANTITIES:
         raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(QUANTITIES)}), but is {wrt!r}.")
-    if not 0 < rtol < 1:
-        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
+    if not isinstance(optimum, bool):
+        raise TypeError(f"Argument `optimum` must be true or false, but is {optimum!r}.")
+    rtol = check_tolerance(rtol)
     events = [name for one in models.values() for name in end_names(_loaded(one))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
-    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, float(rtol), optimum)
+    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, rtol, optimum)
     for name, values in arrays.items():
         validate(p.replace(**{name: values}))
     return grid
 
 
-def _labelled_models(models: list[Model]) -> dict[str, Model]:
+def _labelled_models(models: Sequence[Any]) -> dict[str, Model]:
+    for model in models:
+        load_model(model)
     labels = [model_name(model) if isinstance(model, CuttingModel) else str(model) for model in models]
     if not models:
         raise ValueError("Argument `model` must be a model or several, but is an empty list.")
@@ -270,7 +278,10 @@ def _load_once(model: str | Path, content: bytes) -> CuttingModel:
 def _axis(name: str, values: Any) -> np.ndarray:
     if name not in QUANTITIES:
         raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(QUANTITIES)}.")
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of several lengths
+        array = np.empty(0)
     if array.ndim != 1 or not array.size or array.dtype.kind not in "iuf":
         raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {values!r}.")
     return np.ascontiguousarray(array, np.float64)

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from erosion.arguments import check_tolerance
 from erosion.blocks import integrate, leaf_index
 from erosion.integrator import ENDED, NO_CUT, UNFINISHED, Solution, solve
 from erosion.jets import Derivatives
@@ -113,15 +114,13 @@ def impact(
         raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {wrt!r}.")
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     for name in names:
-        if name not in QUANTITIES:
+        if not isinstance(name, str) or name not in QUANTITIES:
             raise ValueError(f"Argument `wrt` must name parameters ({', '.join(QUANTITIES)}), but has {name!r}.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {wrt!r}.")
     if not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
         raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
-    if not 0 < rtol < 1:
-        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
-    derivatives, rtol = int(derivatives), max(float(rtol), _TINY)
+    derivatives, rtol = int(derivatives), max(check_tolerance(rtol), _TINY)
     lanes, shape = _lanes(p)
     single = isinstance(wrt, str)
     if derivatives == 0 or single:

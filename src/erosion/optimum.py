@@ -22,7 +22,7 @@ from erosion.maxima import STEEPEST, TIGHT, Maxima, Search
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.objectives import MEASURES, OBJECTIVES, Objective
-from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters import QUANTITIES, Parameters, require_parameters, validate
 from erosion.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
 
@@ -183,12 +183,17 @@ def _optimum(
     least: bool,
 ) -> Optimum:
     model = load_model(model)
+    require_parameters(p)
     if isinstance(objective, str):
         if objective not in OBJECTIVES:
             raise ValueError(f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, but is {objective!r}.")
         name, asked = objective, OBJECTIVES[objective](model)
-    else:
+    elif callable(objective):
         name, asked = getattr(objective, "__name__", "objective"), objective(model)
+        if not isinstance(asked, CuttingModel):
+            raise TypeError(f"Argument `objective` must turn a model into one, but makes {asked!r}.")
+    else:
+        raise TypeError(f"Argument `objective` must be a name or a function, but is {objective!r}.")
     low, high = (0.0, STEEPEST) if alpha_range is None else _checked_range(alpha_range)
     p = p.replace(alpha=STEEPEST)
     validate(p)
@@ -226,10 +231,13 @@ def _optimum(
 
 
 def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
-    low, high = (float(end) for end in alpha_range)
+    try:
+        low, high = (float(end) for end in alpha_range)
+    except (TypeError, ValueError):
+        low = high = np.nan
     if not 0 <= low < high <= STEEPEST * (1 + 1e-12):
         raise ValueError(
-            f"Argument `alpha_range` must be two ascending angles within [0, π/2] rad, but is ({low:g}, {high:g})."
+            f"Argument `alpha_range` must be two ascending angles within [0, π/2] rad, but is {alpha_range!r}."
         )
     return low, min(high, STEEPEST)
 

@@ -35,7 +35,10 @@ def _float64(value: Any) -> Any:
         return jnp.asarray(value, jnp.float64)
     if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
         raise TypeError(f"Parameters must be numbers or arrays, but one is {value!r}.")
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # lists of several lengths
+        array = np.empty(0, object)
     if array.dtype.kind not in "iuf":
         raise TypeError(f"Parameters must be real numbers or arrays, but one is {value!r}.")
     return array.astype(np.float64)
@@ -104,7 +107,10 @@ class Parameters(eqx.Module):
                 except ValueError as error:
                     raise ValueError(f"Field `{name}` {error}.") from error
             elif isinstance(value, (int, float)) and not isinstance(value, bool):
-                values[name] = float(value)
+                try:
+                    values[name] = float(value)
+                except OverflowError:  # an integer of more than 308 digits
+                    values[name] = np.inf
             else:
                 raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {value!r}.")
         missing = [name for name in REQUIRED if name not in values]
@@ -128,7 +134,7 @@ class Parameters(eqx.Module):
         Raises:
             ValueError: for a metal that Table 2 lacks.
         """
-        if material not in MATERIALS:
+        if not isinstance(material, str) or material not in MATERIALS:
             known = ", ".join(map(repr, MATERIALS))
             raise ValueError(f"Argument `material` must be one of {known}, but is {material!r}.")
         return self.replace(sigma=MATERIALS[material] * conversion_factor("stress", "inch-pound", self.units))
@@ -210,7 +216,7 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         ValueError: one sentence naming the first field that is not finite or out of range,
             its value and, in an array, the index; or leaves that do not broadcast.
     """
-    _require_parameters(p)
+    require_parameters(p)
     leaves = {name: getattr(p, name) for name in QUANTITIES}
     if any(isinstance(leaf, Tracer) for leaf in leaves.values()):
         return
@@ -243,7 +249,7 @@ def require_scalars(p: Parameters, instead: str = "") -> None:
     Raises:
         ValueError: naming the first field that is an array, and its shape.
     """
-    _require_parameters(p)
+    require_parameters(p)
     for name in QUANTITIES:
         if shape := np.shape(getattr(p, name)):
             raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
@@ -263,7 +269,8 @@ def require_concrete(p: Parameters) -> None:
             )
 
 
-def _require_parameters(p: object) -> None:
+def require_parameters(p: object) -> None:
+    """Refuse what is no `Parameters`, by a `TypeError`."""
     if not isinstance(p, Parameters):
         raise TypeError(f"Argument `p` must be Parameters, but is {p!r}.")
 

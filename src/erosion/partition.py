@@ -32,6 +32,8 @@ def block_shape(
             block[dim] = math.ceil(whole[dim] / pieces)
             room //= block[dim]
         return tuple(block[dim] for dim in whole)
+    if not isinstance(chunks, Mapping):
+        raise TypeError(f"Argument `chunks` must give lengths by dimension, but is {chunks!r}.")
     for dim, length in chunks.items():
         if dim not in whole:
             raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(whole)}), but has {dim!r}.")

@@ -6,8 +6,6 @@ when it is whole, so a block counts only when all of it is there.
 """
 
 import json
-import os
-import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,8 +14,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from erosion.files import require_writable, written_whole
 from erosion.grids import Grid
-from erosion.netcdf import check_folder, read_netcdf, write_netcdf
+from erosion.netcdf import read_netcdf, write_netcdf
 from erosion.partition import Region, regions
 from erosion.provenance import IDENTITY, StoreError, require_same
 
@@ -47,6 +46,7 @@ class MemoryStore(Store):
 
     Raises:
         StoreError: for a file that exists and holds something else.
+        OSError: where no file can be written.
     """
 
     def __init__(self, grid: Grid, block: Sequence[int], path: Path | None = None) -> None:
@@ -55,7 +55,7 @@ class MemoryStore(Store):
             self._dataset = read_netcdf(path, grid.identity())
             return
         if path is not None:
-            check_folder(path)
+            require_writable(path)
         self._dataset = grid.labelled(
             {
                 name: np.full([grid.lengths[dim] for dim in variable.dims], variable.empty)
@@ -113,7 +113,6 @@ class ZarrStore(Store):
     def _create(self, identity: Mapping[str, str]) -> None:
         import dask.array
 
-        check_folder(self._path)
         lengths = {dim: (n, cut) for dim, n, cut in zip(self._grid.dims, self._grid.shape, self._block, strict=True)}
         lazy, encoding = {}, {}
         for name, variable in self._grid.variables().items():
@@ -122,13 +121,10 @@ class ZarrStore(Store):
             encoding[name] = {"fill_value": variable.empty}
         template = self._grid.labelled(lazy)
         template.attrs[IDENTITY] = json.dumps(identity)
-        draft = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
-        try:
+        require_writable(self._path)  # zarr would make folders
+        with written_whole(self._path) as draft:
             # Coordinates and metadata alone: no block is computed.
             template.to_zarr(draft, mode="w-", compute=False, encoding=encoding, consolidated=False, zarr_format=3)
-            draft.rename(self._path)
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
 
 
 def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from erosion.arguments import check_path, check_tolerance, check_whole
+from erosion.files import require_writable
 from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
-from erosion.netcdf import check_folder, read_netcdf, write_netcdf
+from erosion.netcdf import read_netcdf, write_netcdf
 from erosion.nozzle import best_nozzle_angle
 from erosion.parameters import QUANTITIES, Parameters, validate
 from erosion.particles import Particles
@@ -88,9 +90,11 @@ def stream(
     """
     require_float64()
     model = load_model(model)
+    validate(p)
     particles = Particles(p, distributions)
-    _check(p, n, points, store)
-    path = None if store is None else Path(store)
+    n, seed, rtol = check_whole("n", n, 1), check_whole("seed", seed, 0), check_tolerance(rtol)
+    path = None if store is None else check_path("store", store)
+    _check(p, points, path)
     ends = (MISS, *end_names(model))
     laws = ", ".join(f"{name} {law!r}" for name, law in distributions.items())
     known = (
@@ -99,8 +103,8 @@ def stream(
     tally = None
     if path is not None and path.exists():
         tally = Tally.from_dataset(read_netcdf(path, known))
-    elif path is not None:
-        check_folder(path)
+    if path is not None:
+        require_writable(path)
     whole = -(-n // REPLICATES)
     report = progress or (lambda what, done, total: None)
 
@@ -141,17 +145,14 @@ def stream(
     return found
 
 
-def _check(p: Parameters, n: int, points: str, store: str | Path | None) -> None:
-    validate(p)
+def _check(p: Parameters, points: str, path: Path | None) -> None:
     for name in QUANTITIES:
         if np.ndim(getattr(p, name)):
             raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array.")
-    if not isinstance(n, int) or n < 1:
-        raise ValueError(f"Argument `n` must be a positive whole number, but is {n!r}.")
     if points not in ("sobol", "random"):
         raise ValueError(f'Argument `points` must be "sobol" or "random", but is {points!r}.')
-    if store is not None and Path(store).suffix != ".nc":
-        raise ValueError(f"Argument `store` must end in .nc, but is {store}.")
+    if path is not None and path.suffix != ".nc":
+        raise ValueError(f"Argument `store` must end in .nc, but is {path}.")
 
 
 def _tally(model: CuttingModel, particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol: float) -> Tally:

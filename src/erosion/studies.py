@@ -29,7 +29,9 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
     Raises:
         ValueError, TypeError: as `sweep`.
     """
-    return sweep(list(models), p, alpha=_angles(alpha), derivatives=2, optimum=True)
+    if isinstance(models, str) or not isinstance(models, Sequence):
+        raise TypeError(f"Argument `models` must be a list of models, but is {models!r}.")
+    return sweep(models, p, alpha=_angles(alpha), derivatives=2, optimum=True)
 
 
 def regimes(model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = None) -> xr.Dataset:

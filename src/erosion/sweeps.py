@@ -12,6 +12,7 @@ from typing import Any
 
 import xarray as xr
 
+from erosion.arguments import check_path
 from erosion.grids import Grid, Model, make_grid
 from erosion.parameters import Parameters
 from erosion.partition import Region, block_shape
@@ -75,7 +76,7 @@ def sweep(
         SweepInterrupted: after Ctrl-C, if there is a store.
     """
     require_float64()
-    path = None if store is None else Path(store)
+    path = None if store is None else check_path("store", store)
     if chunks is not None and (path is None or path.suffix != ".zarr"):
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, paired=paired, derivatives=derivatives, wrt=wrt, rtol=rtol, optimum=optimum)

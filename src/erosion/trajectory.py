@@ -19,6 +19,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 import erosion.flow as flow
+from erosion.arguments import check_tolerance, check_whole
 from erosion.events import find_root, first_fall
 from erosion.model import CuttingModel, State
 from erosion.models import load_model, model_name
@@ -220,10 +221,13 @@ def simulate(
     validate(p)
     require_concrete(p)
     require_scalars(p, "; for many impacts use `erosion.impact`")
-    if not 0 < rtol < 1:
-        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol}.")
-    if not isinstance(points, (int, np.integer)) or points < 2:
-        raise ValueError(f"Argument `points` must be a whole number of at least 2, but is {points!r}.")
+    rtol, points = check_tolerance(rtol), check_whole("points", points, 2)
+    for name, given, kind in (
+        ("solver", solver, diffrax.AbstractSolver),
+        ("stepsize_controller", stepsize_controller, diffrax.AbstractAdaptiveStepSizeController),
+    ):
+        if given is not None and not isinstance(given, kind):
+            raise TypeError(f"Argument `{name}` must be a diffrax.{kind.__name__}, but is {given!r}.")
     trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
     for message in trajectory.warnings:
         warnings.warn(message, TurnWarning, stacklevel=2)

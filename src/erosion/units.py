@@ -7,6 +7,7 @@ tables and axis labels.
 
 import functools
 import re
+import tokenize
 import types
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -127,7 +128,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         raise
     # pint lets errors of its tokenizer and of Python's arithmetic through as they are.
     except (pint.errors.PintError, ArithmeticError, AssertionError, AttributeError, SyntaxError, TypeError, ValueError,
-            LookupError, RecursionError) as error:  # fmt: skip
+            LookupError, RecursionError, tokenize.TokenError) as error:  # fmt: skip
         raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
 
 

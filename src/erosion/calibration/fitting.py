@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from erosion.arguments import check_whole
 from erosion.calibration.forward import Forward, check_free
 from erosion.calibration.least_squares import LOSSES, fit, make_problem
 from erosion.calibration.measurements import Measurements, read_measurements
@@ -59,8 +60,7 @@ def calibrate(
     forward = Forward(model, p, check_free(free, measured), measured, _density(density, measured, p))
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
-    if starts < 1:
-        raise ValueError(f"Argument `starts` must be at least 1, but is {starts}.")
+    starts = check_whole("starts", starts, 1)
     needed = len(forward.names) + (measured.uncertainty is None)
     if len(measured) < needed:
         raise ValueError(
@@ -85,6 +85,6 @@ def _density(density: float | str | None, data: Measurements, p: Parameters) -> 
             density = read_quantity(density, "density", p.units)
         except UnitError as error:
             raise ValueError(f"Argument `density` {error}.") from error
-    if not (np.isfinite(density) and density > 0):
-        raise ValueError(f"Argument `density` must be positive and finite, but is {density:g}.")
+    if not isinstance(density, (int, float, np.number)) or not (np.isfinite(density) and density > 0):
+        raise ValueError(f"Argument `density` must be positive and finite, but is {density!r}.")
     return float(density)

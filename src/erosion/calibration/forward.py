@@ -117,12 +117,14 @@ def check_free(free: Sequence[str], data: Measurements) -> tuple[str, ...]:
     Raises:
         ValueError: for a name that is no parameter, or one that the data fixes.
     """
+    if not isinstance(free, Sequence):
+        raise TypeError(f"Argument `free` must be a list of parameters, but is {free!r}.")
     names = (free,) if isinstance(free, str) else tuple(free)
-    if not names or len(set(names)) != len(names):
-        raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
     for name in names:
-        if name not in QUANTITIES:
+        if not isinstance(name, str) or name not in QUANTITIES:
             raise ValueError(f"Argument `free` must name parameters ({', '.join(QUANTITIES)}), but has {name!r}.")
         if name == "alpha" or name in data.conditions:
             raise ValueError(f"Argument `free` must not name `{name}`: the data has a column of it.")
+    if not names or len(set(names)) != len(names):
+        raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
     return names

@@ -63,6 +63,12 @@ class Problem:
         deviation = self.deviation
         return (predicted - self.data.erosion) / deviation, rates / deviation[:, None]
 
+    def misfit(self, theta: np.ndarray) -> float:
+        """Half the sum of squares; infinite where impacts fail or it is too large for a number."""
+        with np.errstate(over="ignore"):
+            half = 0.5 * float(np.sum(self.residuals(theta)[0] ** 2))
+        return half if np.isfinite(half) else np.inf
+
 
 @dataclasses.dataclass(frozen=True)
 class Solution:
@@ -139,8 +145,7 @@ def _hopped(problem: Problem, best: Solution) -> Solution:
         reach = np.linspace(1.0, _REACH, _DRAWN)[:, None]
         draws = best.theta + reach * spread * rng.standard_normal((_DRAWN, modes.shape[1])) @ modes.T
         draws = np.clip(draws, problem.lower, problem.upper)
-        misfits = np.array([0.5 * np.sum(problem.residuals(theta)[0] ** 2) for theta in draws])
-        misfits[~np.isfinite(misfits)] = np.inf
+        misfits = np.array([problem.misfit(theta) for theta in draws])
         lowest = int(np.argmin(misfits))
         if misfits[lowest] >= best.cost:
             return best
@@ -207,7 +212,7 @@ def _starts(problem: Problem, count: int) -> list[np.ndarray]:
     spread = low + (high - low) * qmc.LatinHypercube(free, rng=0).random(max(count - 1, 0))
     begins = [start, *(np.concatenate([row, start[free:]]) for row in spread)]
     begins = [_scaled(problem, theta) for theta in begins]
-    misfits = [np.sum(problem.residuals(theta)[0] ** 2) for theta in begins]
+    misfits = [problem.misfit(theta) for theta in begins]
     ranked = [i for i in np.argsort(misfits[1:]) + 1 if np.isfinite(misfits[i])]
     return [begins[0], *(begins[i] for i in ranked[: _FOLLOWED - 1])]
 

@@ -118,8 +118,11 @@ def rank_models(
     """
     measured = read_measurements(data, p.units)
     fits, failures = [], []
-    for name in available_models() if models is None else models:
-        model = load_model(name)
+    chosen = list(available_models()) if models is None else list(models)
+    names = [str(one) for one in chosen if isinstance(one, (str, Path))]
+    if not chosen or len(set(names)) != len(names):
+        raise ValueError(f"Argument `models` must name one or several different models, but is {chosen}.")
+    for model in [load_model(one) for one in chosen]:
         progress(f"fitting {model_name(model)}")
         try:
             fits.append(calibrate(model, p, measured, free, **options))

@@ -4,8 +4,11 @@ One verb a module; JAX loads only when a verb computes. Bad input is one line on
 exit status 2, a failed solve exit status 1, never a traceback.
 """
 
+import _thread
+import contextlib
 import os
 import sys
+import threading
 from collections.abc import Sequence
 
 import cyclopts
@@ -44,9 +47,11 @@ def _status(arguments: Sequence[str]) -> int:
     # Read when equinox is imported. With its error checks (host callbacks) in a program, JAX
     # would not keep the compiled program for the next start; every verb checks outcomes itself.
     os.environ.setdefault("EQX_ON_ERROR", "nan")
+    usual, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
+            sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         return _say(2, explain(error))
     except InputError as error:
@@ -63,9 +68,21 @@ def _status(arguments: Sequence[str]) -> int:
     # A plug-in's own code may raise anything, anywhere in a computation.
     except Exception as error:  # noqa: BLE001
         return _say(1, f"{type(error).__name__}: {error}")
+    finally:
+        sys.unraisablehook = usual
     return 0
 
 
+def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
+    """A Ctrl-C that comes while JAX collects garbage is lost in its callback: press it again."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        # A moment later: at once, it would be raised in this hook, and be lost as well.
+        threading.Timer(0.01, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
 def _say(status: int, message: str) -> int:
-    print("erosion:", " ".join(message.split()), file=sys.stderr)
+    with contextlib.suppress(OSError):  # there may be no place to say it
+        print("erosion:", " ".join(message.split()), file=sys.stderr, flush=True)
     return status

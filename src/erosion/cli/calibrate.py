@@ -10,9 +10,11 @@ from erosion.cli.options import (
     InputError,
     JsonOption,
     ModelOption,
+    WholeOption,
     parameters_as_json,
     print_json,
     print_table,
+    require_outputs,
     start_engine,
     user_errors,
     warn,
@@ -34,7 +36,7 @@ def calibrate(
     loss: Annotated[
         str, Parameter(help='"linear"; "soft_l1", "huber", "cauchy" or "arctan" with outliers.')
     ] = "linear",
-    starts: Annotated[int, Parameter(help="Points to begin from.")] = 32,
+    starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None,
     level: Annotated[float, Parameter(help="Of the confidence intervals.")] = 0.95,
     profile: Annotated[str | None, Parameter(help="Also the likelihood's profile along this parameter.")] = None,
     plot: Annotated[Path | None, Parameter(help="Draw data, fits and band into this file (.svg, .png, .pdf).")] = None,
@@ -43,30 +45,37 @@ def calibrate(
     json: JsonOption = False,
 ) -> None:
     """Fit a model's parameters to measured erosion, or rank models by how well they fit."""
-    p = (case or CaseOptions()).parameters()
+    case = case or CaseOptions()
+    p = case.parameters()
+    if not 0 < level < 1:
+        raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
+    names = [name.strip() for name in free.split(",") if name.strip()]
+    require_outputs(openfoam, fluent, plot=plot, inputs=(data, case.case))
     start_engine()
     from rich.console import Console
 
     from erosion.calibration import rank_models, read_measurements, to_fluent, to_openfoam
+    from erosion.calibration.forward import SCALE
 
-    if not 0 < level < 1:
-        raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
-    names = [name.strip() for name in free.split(",") if name.strip()]
     several = None if models is None or models == "all" else [one.strip() for one in models.split(",") if one.strip()]
     console = Console(stderr=True, highlight=False)
     with user_errors(), console.status("reading") as status:
+        measured = read_measurements(data, p.units)
+        along = (*names, SCALE) if measured.free_scale else names
+        if profile is not None and profile not in along:
+            raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
         ranking = rank_models(
             p,
-            read_measurements(data, p.units),
+            measured,
             names,
             models=[model] if models is None else several,
             progress=status.update,
             density=density,
             loss=loss,
-            starts=starts,
+            starts=32 if starts is None else starts,
         )
         best = ranking.best
-        along = None if profile is None else best.profile(profile)
+        drawn = None if profile is None else best.profile(profile)
     written = []
     with user_errors():
         if plot is not None:
@@ -89,16 +98,16 @@ def calibrate(
                 {**_as_json(one, level), "weight": weight, "tied_with": ranking.tied_with(name)}
                 for name, one, weight in zip(ranking.names, ranking.fits, ranking.weights, strict=True)
             ]
-        if along is not None:
-            content["profile"] = _profile_as_json(along, level)
+        if drawn is not None:
+            content["profile"] = _profile_as_json(drawn, level)
         print_json(content)
         return
     if models is not None:
         print_table(ranking.title, ranking.rows(), ranking.headings)
     print_table(best.title, best.rows(level))
-    if along is not None:
-        low, high = along.interval(level)
-        print(f"profile of {along.name}, {level:.0%}: {low:.6g} … {high:.6g}")
+    if drawn is not None:
+        low, high = drawn.interval(level)
+        print(f"profile of {drawn.name}, {level:.0%}: {low:.6g} … {high:.6g}")
     for path in written:
         print(f"written: {path}")
 

@@ -13,6 +13,7 @@ from erosion.cli.options import (
     parameters_as_json,
     print_json,
     print_table,
+    require_outputs,
     start_engine,
     user_errors,
     warn,
@@ -32,16 +33,14 @@ def compare(
 ) -> None:
     """Set models side by side: V at the case's angle, and where each removes most."""
     p = (case or CaseOptions()).parameters()
-    if plot is not None:
-        from erosion.plotting.style import require_plot_path
-
-        with user_errors():
-            require_plot_path(plot)
     if output is not None and output.suffix != ".nc":
         raise InputError(f"Option `--output` must name a file that ends in .nc, but is {output}.")
+    require_outputs(output, plot=plot)
     from erosion.models import available_models
 
-    names = models or list(available_models())
+    names = list(available_models()) if models is None else models
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"Option `--models` must name one or several different models, but is {' '.join(names)!r}.")
     for name in names:
         load(name)
     start_engine()

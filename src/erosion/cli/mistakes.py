@@ -16,6 +16,9 @@ def explain(error: cyclopts.CycloptsError) -> str:
             return f"Option `{error.token.keyword}` must be given once, but is given several times."
         case exceptions.MissingArgumentError(argument=argument) if argument is not None:
             return f"Option `{error.keyword or argument.name}` must have a value, but has none."
+        # What a converter of ours says; cyclopts has no words of its own here.
+        case exceptions.CoercionError(argument=argument, msg=str() as said) if argument is not None:
+            return f"Option `{argument.name}` {said}."
         case exceptions.CoercionError(argument=argument, token=token) if argument is not None and token is not None:
             return f"Option `{argument.name}` must have a value that makes sense, but has {token.value!r}: see --help."
         case exceptions.UnknownCommandError(unused_tokens=[word, *_]) if error.app is not None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import JsonOption, print_json, user_errors
+from erosion.cli.options import JsonOption, print_json, print_rich, user_errors
 
 if TYPE_CHECKING:
     from erosion.models.registry import ModelInfo
@@ -42,7 +42,6 @@ def models(
 
 def _print_table(found: "Mapping[str, ModelInfo]") -> None:
     from rich import box
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -53,4 +52,4 @@ def _print_table(found: "Mapping[str, ModelInfo]") -> None:
     for name, info in found.items():
         said = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
         table.add_row(Text(name), said)
-    Console(highlight=False).print(table)
+    print_rich(table)

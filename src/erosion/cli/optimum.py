@@ -14,6 +14,7 @@ from erosion.cli.options import (
     parameters_as_json,
     print_json,
     print_table,
+    require_outputs,
     start_engine,
     user_errors,
     warn,
@@ -50,11 +51,7 @@ def optimum(
     p = case.parameters()
     chosen = load(model)
     between = None if alpha_range is None else _angles(alpha_range, p)
-    if plot is not None:
-        from erosion.plotting.style import require_plot_path
-
-        with user_errors():
-            require_plot_path(plot)
+    require_outputs(plot=plot)
     start_engine()
     from erosion.optimum import alpha_max, alpha_min
 

@@ -122,6 +122,44 @@ ModelOption = Annotated[
 JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON and nothing else.")]
 
 
+def read_whole(number: Any) -> int:
+    """A whole number as text or TOML has it: 32, 1e6; 1.5 is refused, not rounded."""
+    with contextlib.suppress(OverflowError, TypeError, ValueError):
+        if not isinstance(number, bool) and float(number) == (value := int(float(number))):
+            return int(number) if str(number).isdecimal() else value
+    raise ValueError(f"must be a whole number such as 1e6, but is {number!r}")
+
+
+WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: read_whole(tokens[0].value))]
+
+
+def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Sequence[Path | None] = ()) -> None:
+    """Know before computing that what a verb is to write can be written, each into a file of its own.
+
+    Args:
+        outputs: files that are replaced.
+        plot: a figure's file.
+        inputs: files that must stay as they are.
+
+    Raises:
+        InputError: one sentence naming the file.
+    """
+    from erosion.files import require_writable
+
+    with user_errors():
+        if plot is not None:
+            from erosion.plotting.style import require_plot_path
+
+            require_plot_path(plot)
+        for path in outputs:
+            if path is not None:
+                require_writable(path)
+    named = [path.resolve() for path in (*inputs, plot, *outputs) if path is not None]
+    for i, path in enumerate(named):
+        if path in named[:i]:
+            raise InputError(f"{path}: is named twice, but every file must be another.")
+
+
 def load(name: str) -> "CuttingModel":
     """The model by name or path."""
     from erosion.models import load_model
@@ -141,8 +179,8 @@ def user_errors(*also: type[Exception]) -> Iterator[None]:
 
 def sentence(error: Exception) -> str:
     """What an error says, without Python's "[Errno 2]"."""
-    if isinstance(error, OSError) and error.strerror and error.filename:
-        return f"{error.filename}: {error.strerror}."
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename or 'The output cannot be written'}: {error.strerror}."
     return str(error) or type(error).__name__
 
 
@@ -176,11 +214,20 @@ def print_table(
     numbers: "Collection[int]" = (2,),
 ) -> None:
     """A table on stdout, in colour where it is a terminal; the columns `numbers` are flush right."""
-    from rich.console import Console
-
     from erosion.tables import HEADINGS, to_rich
 
-    Console(highlight=False).print(to_rich(title, rows, headings or HEADINGS, numbers))
+    print_rich(to_rich(title, rows, headings or HEADINGS, numbers))
+
+
+def print_rich(table: Any) -> None:
+    """A rich table on stdout."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    # rich would end the process, with status 1, where the reader of a pipe has gone.
+    with console.capture() as captured:
+        console.print(table)
+    print(captured.get(), end="")
 
 
 def warn(message: str) -> None:

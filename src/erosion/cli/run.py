@@ -13,6 +13,7 @@ from erosion.cli.options import (
     parameters_as_json,
     print_json,
     print_table,
+    require_outputs,
     start_engine,
     user_errors,
     warn,
@@ -29,11 +30,7 @@ def run(
     """Follow one impact to the end of its cut: when, how, and how much is removed."""
     p = (case or CaseOptions()).parameters()
     chosen = load(model)
-    if plot is not None:
-        from erosion.plotting.style import require_plot_path
-
-        with user_errors():
-            require_plot_path(plot)
+    require_outputs(plot=plot)
     start_engine()
     import warnings
 

@@ -9,8 +9,11 @@ from erosion.cli.options import (
     CaseOptions,
     InputError,
     JsonOption,
+    WholeOption,
     print_json,
     print_table,
+    read_whole,
+    require_outputs,
     start_engine,
     user_errors,
     with_file,
@@ -28,8 +31,8 @@ def stream(
     *,
     case: CaseOptions | None = None,
     model: Annotated[str | None, Parameter(help="A model's name, or the path of a Python file.")] = None,
-    n: Annotated[str | None, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
-    seed: Annotated[int | None, Parameter(help="The same seed gives the same stream.")] = None,
+    n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
+    seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None,
     points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None,
     best_angle: Annotated[bool, Parameter(help="Look for the nozzle's angle that removes most.")] = True,
     out: Annotated[Path | None, Parameter(name=("--out", "-o"), help="Keep it in out.nc, to go on from.")] = None,
@@ -47,7 +50,11 @@ def stream(
     options = with_file(case, file)
     section = options.section("stream", ("model", "n", "seed", "points"))
     p, laws = _case_and_laws(options, section)
-    count = _whole(section.get("n", 2**20) if n is None else n)
+    try:
+        count = read_whole(section.get("n", 2**20)) if n is None else n
+    except ValueError as error:
+        raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
+    require_outputs(plot=plot)
     start_engine()
     from erosion.streams import StreamInterrupted
     from erosion.streams import stream as compute
@@ -98,16 +105,6 @@ def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
         except ValueError as error:
             raise InputError(f"{what} {error}.") from error
     return p.replace(**scalars), laws
-
-
-def _whole(number: Any) -> int:
-    try:
-        value = float(number)
-    except (TypeError, ValueError):
-        value = 0.5
-    if value != value // 1 or value < 1:
-        raise InputError(f"Option `--n` must be a positive whole number such as 1e6, but is {number!r}.")
-    return int(value)
 
 
 def _show(found: "Stream", json: bool) -> None:

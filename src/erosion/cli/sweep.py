@@ -11,8 +11,10 @@ from erosion.cli.options import (
     CaseOptions,
     InputError,
     JsonOption,
+    WholeOption,
     print_json,
     print_table,
+    require_outputs,
     start_engine,
     user_errors,
     warn,
@@ -32,11 +34,11 @@ def sweep(
     case: CaseOptions | None = None,
     model: Annotated[list[str] | None, Parameter(help="A model's name or path; give several for a comparison.")] = None,
     paired: Annotated[str | None, Parameter(help='Axes that go together: "alpha,v0".')] = None,
-    derivatives: Annotated[int | None, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
+    derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
     wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
     optimum: Annotated[bool | None, Parameter(help="Also the best angle, over the other axes.")] = None,
     chunks: Annotated[str | None, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')] = None,
-    workers: Annotated[int | None, Parameter(help="With out.zarr, work in this many processes.")] = None,
+    workers: Annotated[WholeOption, Parameter(help="With out.zarr, work in this many processes.")] = None,
     scheduler: Annotated[
         str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")
     ] = None,
@@ -55,13 +57,14 @@ def sweep(
         raise InputError(f"Option `--out` must end in .nc or .zarr, but is {out}.")
     if out.suffix != ".zarr" and not (workers is scheduler is chunks is None):
         raise InputError(f"Options `--chunks`, `--workers` and `--scheduler` need `--out` to end in .zarr, not {out}.")
+    require_outputs(plot=plot)
     p, axes = _case_and_axes(options, section)
     start_engine()
     from erosion.grids import make_grid
     from erosion.sweeps import sweep as compute
 
     arguments: dict[str, Any] = {
-        "paired": tuple(paired.replace(" ", "").split(",")) if paired else tuple(section.get("paired", ())),
+        "paired": tuple(paired.replace(" ", "").split(",")) if paired else section.get("paired", ()),
         "derivatives": section.get("derivatives", 0) if derivatives is None else derivatives,
         "wrt": wrt or section.get("wrt", "alpha"),
         "optimum": section.get("optimum", False) if optimum is None else optimum,
@@ -136,7 +139,11 @@ def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
         raise InputError(f"Option `--workers` must be 1 or more, but is {workers}.")
     with contextlib.ExitStack() as stack:
         target = scheduler if workers is None else stack.enter_context(local_cluster(workers))
-        stack.enter_context(Client(target))
+        try:
+            client = Client(target)
+        except (OSError, ValueError) as error:
+            raise InputError(f"Option `--scheduler` must be a cluster that answers, not {target} ({error}).") from error
+        stack.enter_context(client)
         yield
 
 

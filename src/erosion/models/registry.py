@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from erosion.arguments import check_path
 from erosion.model import CuttingModel
 from erosion.models.as_printed import AsPrinted
 from erosion.models.contract import flaw
@@ -86,7 +87,7 @@ def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
         if entry.name not in found:
             found[entry.name] = _listed(entry.name, functools.partial(_entry, entry))
     if path is not None:
-        folder = Path(path)
+        folder = check_path("path", path)
         if not folder.exists():
             raise ModelError(f"{folder}: there is no such file or folder of models.")
         files = sorted(folder.glob("*.py")) if folder.is_dir() else [folder]

@@ -13,7 +13,8 @@ from erosion.kernel import impact
 from erosion.objectives import MEASURES
 from erosion.optimum import ASIDE, SHALLOWEST, Optimum
 from erosion.parameters import QUANTITIES
-from erosion.plotting.style import DIM, ENDS, INK, PALETTE, house_style, new_axes, readable_scale, typeset
+from erosion.plotting.curves import describe, mark_best, star
+from erosion.plotting.style import DIM, ENDS, INK, house_style, new_axes, readable_scale, typeset
 from erosion.quantities import RESULTS
 
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
@@ -84,7 +85,8 @@ def plot_optimum(optimum: Optimum) -> Figure:
         handles.append(Line2D([], [], color=DIM, linestyle=(0, (2, 2)), linewidth=1.2, label="jump"))
     if np.isfinite(optimum.value) and optimum.kind != "none":
         mark_best(ax, optimum, scale.size)
-        handles.append(_star(optimum, f"{'least' if optimum.least else 'greatest'}: {describe(optimum)}"))
+        label = f"{'least' if optimum.least else 'greatest'}: {describe(optimum)}"
+        handles.append(Line2D([], [], label=label, **star(optimum)))
     if len(optimum.candidates) > 1:
         handles.append(
             Line2D([], [], marker="o", color="white", markeredgecolor=INK, linestyle="", label="other candidates")
@@ -95,27 +97,6 @@ def plot_optimum(optimum: Optimum) -> Figure:
     _finish(ax, optimum)
     fig.legend(handles=handles, loc="outside lower center", ncols=2)
     return fig
-
-
-def describe(optimum: Optimum) -> str:
-    """An optimum in a few words: "at 25.57°", "as α → 0", "just below the jump at 40.00°"."""
-    if optimum.kind == "none":
-        return "nothing is cut"
-    if optimum.alpha == 0:
-        return "approached as α → 0"
-    at = f"{np.rad2deg(optimum.alpha):.2f}°"
-    return f"just {optimum.side} the jump at {at}" if optimum.kind == "jump" else f"at {at}"
-
-
-def mark_best(ax: Axes, optimum: Optimum, size: float, color: str = PALETTE["orange"]) -> None:
-    """A star where the optimum is; hollow where it is only approached."""
-    ax.plot([np.rad2deg(optimum.alpha)], [optimum.value / size], "*", markersize=14, zorder=6, clip_on=False,
-            color=color if optimum.attained else "white", markeredgecolor=INK, markeredgewidth=0.8)  # fmt: skip
-
-
-def _star(optimum: Optimum, label: str) -> Line2D:
-    color = PALETTE["orange"] if optimum.attained else "white"
-    return Line2D([], [], marker="*", color=color, markeredgecolor=INK, markersize=12, linestyle="", label=label)
 
 
 def _largest(curve: Sequence[Piece]) -> float:

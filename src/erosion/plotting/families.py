@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from erosion.maxima import Jump
-from erosion.optimum import ASIDE
 from erosion.parameters import QUANTITIES
+from erosion.plotting.curves import with_gaps
 from erosion.plotting.style import ENDS, FAINT, INK, PALETTE, angle_axis, house_style, legend_below, readable_scale
 from erosion.quantities import RESULTS
 from erosion.units import System
@@ -55,17 +54,6 @@ class BestAngles(NamedTuple):
     alpha: np.ndarray
     at_jump: np.ndarray
     line: bool = True
-
-
-def broken_at(jumps: Sequence[Jump], angles: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The curve with both sides of each jump put in, and NaN between them."""
-    for jump in jumps:
-        at = int(np.searchsorted(angles, jump.alpha))
-        angles = np.insert(angles, at, [jump.alpha - ASIDE, np.nan, jump.alpha + ASIDE])
-        volume = np.insert(volume, at, [jump.below, np.nan, jump.above])
-        # The next search needs ascending angles.
-        angles[at + 1] = jump.alpha
-    return np.where(np.isnan(volume), np.nan, angles), volume
 
 
 @house_style()
@@ -133,8 +121,7 @@ def plot_best_angles(
         label, x, alpha = exact
         apart = np.flatnonzero(np.abs(np.diff(alpha)) > _APART) + 1
         ax.plot(
-            np.insert(x, apart, np.nan),
-            np.rad2deg(np.insert(alpha, apart, np.nan)),
+            *with_gaps(apart, x, np.rad2deg(alpha)),
             color=PALETTE["sky"],
             linewidth=7,
             alpha=0.5,
@@ -146,7 +133,7 @@ def plot_best_angles(
         highest = max([highest, *degrees[np.isfinite(degrees)]])
         if line:
             apart = np.flatnonzero((np.abs(np.diff(alpha)) > _APART) | (np.diff(at_jump.astype(int)) != 0)) + 1
-            ax.plot(np.insert(x, apart, np.nan), np.insert(degrees, apart, np.nan), color=color, linewidth=1.7)
+            ax.plot(*with_gaps(apart, x, degrees), color=color, linewidth=1.7)
         marker, size = _MARKERS[i % len(_MARKERS)], 4 if line else 6.5
         ax.plot(x[~at_jump], degrees[~at_jump], marker, color=color, markersize=size, label=label,
                 markeredgecolor=color if line else INK, markeredgewidth=0.6)  # fmt: skip
@@ -195,7 +182,7 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
         ended_by: shape (n,).
     """
     changes = np.flatnonzero(ended_by[1:] != ended_by[:-1]) + 1
-    ax.plot(*(np.insert(np.rad2deg(some), changes, np.nan) for some in (angles, turn)), color=FAINT, linewidth=1.5)
+    ax.plot(*with_gaps(changes, np.rad2deg(angles), np.rad2deg(turn)), color=FAINT, linewidth=1.5)
     for end in dict.fromkeys(str(end) for end in ended_by):
         shown = ended_by == end
         ax.plot(np.rad2deg(angles[shown]), np.rad2deg(turn[shown]), "o", color=ENDS.get(end, INK), markersize=5,

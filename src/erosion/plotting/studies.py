@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -12,6 +11,7 @@ from matplotlib.patches import Patch
 
 from erosion.grids import in_words
 from erosion.parameters import QUANTITIES
+from erosion.plotting.curves import Best, broken, describe, mark_best
 from erosion.plotting.style import ENDS, INK, STYLES, house_style, new_axes, new_figure, readable_scale, typeset
 from erosion.quantities import RESULTS
 from erosion.units import System
@@ -31,9 +31,10 @@ def plot_comparison(comparison: xr.Dataset) -> Figure:
         one = comparison.isel(model=i)
         x, y = broken(degrees, volume[i], np.deg2rad(1) * one.dvolume.values)
         ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8)
-        if np.isfinite(one.alpha_max):
-            mark_best(ax, one, scale.size, color)
-        label = f"{name}: {describe_best(one)}"
+        best = _best(one)
+        if np.isfinite(best.alpha):
+            mark_best(ax, best, scale.size, color)
+        label = f"{name}: {describe(best)}"
         handles.append(Line2D([], [], color=color, linestyle=line, linewidth=1.8, label=label))
     ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
     ax.set_xlim(0 if degrees[0] < 1 else degrees[0], degrees[-1])
@@ -86,38 +87,10 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     return fig
 
 
-def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A curve with NaN put in where it jumps: where it changes by far more than its slopes say.
-
-    Args:
-        x: along the axis, shape (n,).
-        y: the curve, likewise.
-        slope: dy/dx, shape (n,).
-    """
-    h = np.diff(x)
-    unexplained = np.abs(np.diff(y) - h * (slope[1:] + slope[:-1]) / 2)
-    expected = h * (np.abs(slope[1:]) + np.abs(slope[:-1]))
-    jumps = np.flatnonzero((unexplained > 0.01 * np.nanmax(np.abs(y))) & (unexplained > expected)) + 1
-    return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
-
-
-def describe_best(one: xr.Dataset) -> str:
-    """A model's best angle in a few words: "at 25.57°", "as α → 0", "at a jump, 40.00°"."""
-    kind = in_words(one.alpha_max_kind)
-    if kind == "none":
-        return "nothing is cut"
-    if float(one.alpha_max) == 0:
-        return "as α → 0"
-    return f"{'at a jump, ' if kind == 'jump' else 'at '}{np.rad2deg(float(one.alpha_max)):.2f}°"
-
-
-def mark_best(ax: Axes, one: xr.Dataset, size: float, color: str) -> None:
-    """A star at a model's best angle; hollow where the greatest is only approached."""
-    kind = in_words(one.alpha_max_kind)
-    approached = kind == "jump" or float(one.alpha_max) == 0
-    ax.plot([np.rad2deg(float(one.alpha_max))], [float(one.volume_max) / size], "*", markersize=13, zorder=6,
-            clip_on=False, color="white" if approached else color, markeredgecolor=color if approached else INK,
-            markeredgewidth=1.2 if approached else 0.7)  # fmt: skip
+def _best(one: xr.Dataset) -> Best:
+    """A model's best angle in a comparison, which does not say on which side of a jump it lies."""
+    alpha, kind = float(one.alpha_max), str(in_words(one.alpha_max_kind))
+    return Best(alpha, float(one.volume_max), kind, attained=kind != "jump" and alpha != 0)
 
 
 def _angle_axis(axis: Any) -> None:

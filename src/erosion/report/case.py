@@ -16,7 +16,8 @@ from erosion.model import ClosedForm
 from erosion.models import Linearized
 from erosion.optimum import Optimum, alpha_max
 from erosion.parameters import Parameters
-from erosion.plotting.families import Curve, broken_at
+from erosion.plotting.curves import broken_at
+from erosion.plotting.families import Curve
 from erosion.report.families import Families, families_of
 from erosion.report.spins import Spins, over_spins
 from erosion.trajectory import Trajectory, TurnWarning, simulate

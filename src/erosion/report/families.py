@@ -10,7 +10,8 @@ from erosion.kernel import impact
 from erosion.maxima import Jump
 from erosion.optimum import alpha_max
 from erosion.parameters import MATERIALS, QUANTITIES, Parameters
-from erosion.plotting.families import Curve, broken_at
+from erosion.plotting.curves import broken_at
+from erosion.plotting.families import Curve
 from erosion.report.text import number
 from erosion.units import System, conversion_factor, unit_name
 

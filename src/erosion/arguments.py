@@ -1,0 +1,31 @@
+"""Checks of arguments that many verbs take: tolerances, whole numbers, paths, cases."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_NUMBERS = (int, float, np.integer, np.floating)
+
+
+def check_tolerance(rtol: Any) -> float:
+    """`rtol` as a float; a `ValueError` where it is not in (0, 1)."""
+    if not isinstance(rtol, _NUMBERS) or not 0 < rtol < 1:
+        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol!r}.")
+    return float(rtol)
+
+
+def check_whole(name: str, value: Any, least: int) -> int:
+    """The argument as an int; a `ValueError` where it is no whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ValueError(f"Argument `{name}` must be a whole number of at least {least}, but is {value!r}.")
+    return int(value)
+
+
+def check_path(name: str, value: Any) -> Path:
+    """The argument as a path; a `TypeError` or `ValueError` where it cannot be one."""
+    if not isinstance(value, (str, Path)):
+        raise TypeError(f"Argument `{name}` must be a path, but is {value!r}.")
+    if "\0" in str(value):
+        raise ValueError(f"Argument `{name}` must be a path, but {str(value)!r} holds a zero byte.")
+    return Path(value)

@@ -1,0 +1,81 @@
+"""Curves that jump, and their best point: broken, told and marked the same in every figure."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from erosion.maxima import Jump
+from erosion.optimum import ASIDE, Optimum
+from erosion.plotting.style import INK, PALETTE
+
+
+class Best(NamedTuple):
+    """What a figure says of an optimum; the names are those of `Optimum`, which serves as well."""
+
+    alpha: float
+    value: float
+    kind: str
+    attained: bool
+    side: str = ""
+
+
+def describe(best: Best | Optimum) -> str:
+    """An optimum in a few words: "at 25.57°", "as α → 0", "just below the jump at 40.00°"."""
+    if best.kind == "none":
+        return "nothing is cut"
+    if best.alpha == 0:
+        return "as α → 0"
+    at = f"{np.rad2deg(best.alpha):.2f}°"
+    if best.kind != "jump":
+        return f"at {at}"
+    return f"just {best.side} the jump at {at}" if best.side else f"at the jump, {at}"
+
+
+def star(best: Best | Optimum, color: str = PALETTE["orange"]) -> dict[str, Any]:
+    """How its marker looks, in a figure and in a legend: hollow where it is only approached."""
+    return {
+        "marker": "*",
+        "markersize": 13,
+        "linestyle": "",
+        "color": color if best.attained else "white",
+        "markeredgecolor": INK if best.attained else color,
+        "markeredgewidth": 0.7 if best.attained else 1.2,
+    }
+
+
+def mark_best(ax: Axes, best: Best | Optimum, size: float, color: str = PALETTE["orange"]) -> None:
+    """A star where the optimum is; the axis shows its value over `size`."""
+    ax.plot([np.rad2deg(best.alpha)], [best.value / size], zorder=6, clip_on=False, **star(best, color))
+
+
+def with_gaps(before: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The arrays with NaN put in before each of these indices, so that no line is drawn there."""
+    return tuple(np.insert(array, before, np.nan) for array in arrays)
+
+
+def broken_at(jumps: Sequence[Jump], angles: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The curve with both sides of each jump put in, and NaN between them."""
+    for jump in jumps:
+        at = int(np.searchsorted(angles, jump.alpha))
+        angles = np.insert(angles, at, [jump.alpha - ASIDE, np.nan, jump.alpha + ASIDE])
+        volume = np.insert(volume, at, [jump.below, np.nan, jump.above])
+        # The next search needs ascending angles.
+        angles[at + 1] = jump.alpha
+    return np.where(np.isnan(volume), np.nan, angles), volume
+
+
+def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A sampled curve with NaN put in where it must jump: where it changes by far more than its slopes say.
+
+    Args:
+        x: along the axis, shape (n,).
+        y: the curve, likewise.
+        slope: dy/dx, shape (n,).
+    """
+    h = np.diff(x)
+    unexplained = np.abs(np.diff(y) - h * (slope[1:] + slope[:-1]) / 2)
+    expected = h * (np.abs(slope[1:]) + np.abs(slope[:-1]))
+    jumps = np.flatnonzero((unexplained > 0.01 * np.nanmax(np.abs(y))) & (unexplained > expected)) + 1
+    return with_gaps(jumps, x, y)

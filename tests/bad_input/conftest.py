@@ -1,0 +1,61 @@
+"""A folder of files that are not what they should be, and no computing."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+import erosion
+
+CASE = erosion.dump_case(erosion.TABLE_1)
+TABLE = "angle [deg], volume [in^3], uncertainty [in^3]\n10,1e-4,1e-6\n20,1.8e-4,1e-6\n30,2.1e-4,1e-6\n60,1.1e-4,1e-6\n"
+ALL_BYTES = bytes(range(256))
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory) -> Path:
+    """Good files, broken files, and folders in the place of files."""
+    folder = tmp_path_factory.mktemp("workshop")
+    for name in ("bytes.toml", "bytes.nc", "bytes.csv", "bytes.py"):
+        (folder / name).write_bytes(ALL_BYTES)
+    for name in ("empty.toml", "empty.nc", "empty.csv"):
+        (folder / name).touch()
+    for name in ("folder", "folder.nc", "folder.zarr", "folder.svg", "folder.toml"):
+        (folder / name).mkdir()
+    (folder / "file").write_text("text")
+    (folder / "file.zarr").write_text("text")
+    (folder / "case.toml").write_text(CASE)
+    (folder / "sand.csv").write_text(TABLE)
+    (folder / "bad.csv").write_text("angle [deg], erosion [-]\n20,1\n95,2\n")
+    (folder / "weights.csv").write_text("angle [deg], mass_loss [mg]\n20,1\n30,2\n40,3\n")
+    (folder / "mute.py").write_text('"""A file without a model."""\n')
+    (folder / "raises.py").write_text("raise SystemExit(3)\n")
+    os.mkfifo(folder / "pipe")
+    return folder
+
+
+@pytest.fixture
+def in_workshop(workshop, monkeypatch):
+    """Work there, and leave everything as it was; the path is the folder's."""
+    before = _contents(workshop)
+    monkeypatch.chdir(workshop)
+    yield workshop
+    assert _contents(workshop) == before
+
+
+@pytest.fixture
+def no_computing(monkeypatch):
+    """What is wrong with the input must be known before the first impact."""
+    import erosion.flow
+    import erosion.kernel
+
+    def computed(*arguments, **options):
+        raise AssertionError("computed before the input was checked")
+
+    monkeypatch.setattr(erosion.kernel, "integrate", computed)
+    monkeypatch.setattr(erosion.flow, "solve", computed)
+
+
+def _contents(folder: Path) -> dict[str, bytes | None]:
+    paths = (path for path in sorted(folder.rglob("*")) if path.parent.name != "__pycache__")
+    return {str(path): path.read_bytes() if path.is_file() else None for path in paths if path.name != "__pycache__"}

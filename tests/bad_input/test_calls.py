@@ -1,0 +1,189 @@
+"""Bad arguments in Python: one sentence in the house's voice, whatever comes in."""
+
+import pytest
+
+import erosion
+from tests.bad_input.conftest import CASE
+from tests.bad_input.unchecked import without_type_checks
+
+ROWS = [
+    ("erosion.load_case(3)", "TypeError", "Argument `path` must be a path, but is 3."),
+    ("erosion.load_case(None)", "TypeError", "Argument `path` must be a path, but is None."),
+    (r"erosion.load_case('a\0b')", "ValueError", "Argument `path` must be a path, but 'a\\x00b' holds a zero byte."),
+    ("erosion.load_case('')", "CaseError", ".: cannot be read (Is a directory)."),
+    ("erosion.Parameters(k=1)", "TypeError", "missing 7 required"),
+    ("erosion.Parameters(**{name: 1 for name in 'k psi r b m v0 sigma alpha beta'.split()})", "TypeError", "'beta'"),
+    ("P.replace(k='2')", "TypeError", "Parameters must be numbers or arrays, but one is '2'."),
+    ("P.replace(k=[[1, 2], [3]])", "TypeError", "Parameters must be real numbers or arrays, but one is [[1, 2], [3]]."),
+    ("P.replace(k=10**400)", "TypeError", "Parameters must be real numbers"),
+    ("P.replace(k=1j)", "TypeError", "Parameters must be numbers"),
+    ("P.replace(k=np.array(['2020-01-01'], 'M8[D]'))", "TypeError", "Parameters must be real numbers"),
+    ("P.replace(beta=1)", "TypeError", "Argument `beta` is not a parameter"),
+    ("P.to(3)", "ValueError", "Argument `units` must be one of 'inch-pound', 'si', but is 3."),
+    ("P.with_material(['copper'])", "ValueError", "Argument `material` must be one of 'mild steel'"),
+    ("erosion.validate(None)", "TypeError", "Argument `p` must be Parameters, but is None."),
+    ("erosion.dump_case({})", "TypeError", "Argument `p` must be Parameters, but is {}."),
+    ("erosion.impact('finnie', None)", "TypeError", "Argument `p` must be Parameters, but is None."),
+    ("erosion.impact('finnie', P.replace(alpha=20))", "ValueError", "np.deg2rad(20) in Python"),
+    (
+        "erosion.impact('finnie', P.replace(alpha=[1, 1], k=[1, 2, 3]))",
+        "ValueError",
+        "must broadcast against each other",
+    ),
+    ("erosion.impact(3, P)", "ModelError", "Argument `model` must be a model, its name or a path, but is 3."),
+    (r"erosion.impact('a\0b.py', P)", "ModelError", "there is no such model file."),
+    ("erosion.impact('finnie', P, rtol='a')", "ValueError", "Argument `rtol` must be in (0, 1), but is 'a'."),
+    ("erosion.impact('finnie', P, rtol=np.array([1e-3, 1e-4]))", "ValueError", "Argument `rtol` must be in (0, 1)"),
+    ("erosion.impact('finnie', P, rtol=0)", "ValueError", "Argument `rtol` must be in (0, 1), but is 0."),
+    (
+        "erosion.impact('finnie', P, derivatives='1')",
+        "ValueError",
+        "Argument `derivatives` must be 0, 1 or 2, but is '1'.",
+    ),
+    (
+        "erosion.impact('finnie', P, derivatives=1, wrt=3)",
+        "TypeError",
+        "Argument `wrt` must be the name of a parameter",
+    ),
+    ("erosion.impact('finnie', P, derivatives=1, wrt=[['k']])", "ValueError", "Argument `wrt` must name parameters (k"),
+    ("erosion.impact('finnie', P, derivatives=1, wrt=['k', 'k'])", "ValueError", "several different parameters"),
+    ("erosion.volume('finnie', P.replace(k=[1, 2]))", "ValueError", "Argument `k` must be a scalar here"),
+    ("erosion.simulate('finnie', P, rtol='a')", "ValueError", "Argument `rtol` must be in (0, 1), but is 'a'."),
+    (
+        "erosion.simulate('finnie', P, points=1.5)",
+        "ValueError",
+        "Argument `points` must be a whole number of at least 2",
+    ),
+    (
+        "erosion.simulate('finnie', P, solver=3)",
+        "TypeError",
+        "Argument `solver` must be a diffrax.AbstractSolver, but is 3.",
+    ),
+    ("erosion.simulate('finnie', P, stepsize_controller=3)", "TypeError", "must be a diffrax.AbstractAdaptiveStepSize"),
+    ("erosion.simulate('finnie', P.replace(k=[1, 2]))", "ValueError", "for many impacts use `erosion.impact`"),
+    ("erosion.alpha_max('finnie', None)", "TypeError", "Argument `p` must be Parameters, but is None."),
+    (
+        "erosion.alpha_max('finnie', P, alpha_range='ab')",
+        "ValueError",
+        "two ascending angles within [0, π/2] rad, but is 'ab'",
+    ),
+    (
+        "erosion.alpha_max('finnie', P, alpha_range=3)",
+        "ValueError",
+        "two ascending angles within [0, π/2] rad, but is 3.",
+    ),
+    ("erosion.alpha_max('finnie', P, alpha_range=(0.1,))", "ValueError", "must be two ascending angles"),
+    ("erosion.alpha_max('finnie', P, objective=3)", "TypeError", "`objective` must be a name or a function, but is 3."),
+    (
+        "erosion.alpha_max('finnie', P, objective=lambda m: None)",
+        "TypeError",
+        "must turn a model into one, but makes None.",
+    ),
+    ("erosion.compare('finnie', P)", "TypeError", "Argument `models` must be a list of models, but is 'finnie'."),
+    ("erosion.compare(3, P)", "TypeError", "Argument `models` must be a list of models, but is 3."),
+    ("erosion.compare(['finnie'], None)", "TypeError", "Argument `p` must be Parameters, but is None."),
+    ("erosion.regimes('finnie', P.replace(k=[1, 2]))", "ValueError", "Argument `k` must be a scalar here"),
+    ("erosion.sweep(None, P, alpha=[0.1])", "ModelError", "Argument `model` must be a model, its name or a path"),
+    ("erosion.sweep('finnie', None, alpha=[0.1])", "TypeError", "Argument `p` must be Parameters, but is None."),
+    (
+        "erosion.sweep('finnie', P, alpha=[[0.1, 0.2], [0.3]])",
+        "ValueError",
+        "`alpha` must be a one-dimensional list of numbers",
+    ),
+    ("erosion.sweep('finnie', P, alpha='abc')", "ValueError", "`alpha` must be a one-dimensional list of numbers"),
+    ("erosion.sweep('finnie', P, speed=[1])", "TypeError", "Argument `speed` is not a parameter; they are k, psi"),
+    (
+        "erosion.sweep('finnie', P, alpha=[0.1], rtol='a')",
+        "ValueError",
+        "Argument `rtol` must be in (0, 1), but is 'a'.",
+    ),
+    ("erosion.sweep('finnie', P, alpha=[0.1], wrt=['k'])", "ValueError", "Argument `wrt` must name a parameter"),
+    (
+        "erosion.sweep('finnie', P, alpha=[0.1], paired='alpha')",
+        "TypeError",
+        "Argument `paired` must be a list of axes",
+    ),
+    ("erosion.sweep('finnie', P, alpha=[0.1], optimum='no')", "TypeError", "Argument `optimum` must be true or false"),
+    (
+        "erosion.sweep('finnie', P, alpha=[0.1], chunks=3, store='x.zarr')",
+        "TypeError",
+        "must give lengths by dimension",
+    ),
+    ("erosion.sweep('finnie', P, alpha=[0.1], store=3)", "TypeError", "Argument `store` must be a path, but is 3."),
+    (
+        "erosion.stream('finnie', None, v0=Normal(4400, 1))",
+        "TypeError",
+        "Argument `p` must be Parameters, but is None.",
+    ),
+    ("erosion.stream('finnie', P, v0=3)", "TypeError", "Argument `v0` must be a distribution such as Normal(1, 0.1)"),
+    ("erosion.stream('finnie', P, n=1e6, v0=Normal(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
+    ("erosion.stream('finnie', P, n=True, v0=Normal(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
+    (
+        "erosion.stream('finnie', P, seed='a', v0=Normal(4400, 1))",
+        "ValueError",
+        "Argument `seed` must be a whole number",
+    ),
+    (
+        "erosion.stream('finnie', P, seed=-1, v0=Normal(4400, 1))",
+        "ValueError",
+        "`seed` must be a whole number of at least 0",
+    ),
+    ("erosion.stream('finnie', P, rtol='a', v0=Normal(4400, 1))", "ValueError", "Argument `rtol` must be in (0, 1)"),
+    (
+        "erosion.stream('finnie', P, store=3, v0=Normal(4400, 1))",
+        "TypeError",
+        "Argument `store` must be a path, but is 3.",
+    ),
+    ("Normal('a', 1)", "TypeError", "Argument `mean` must be a number, but is 'a'."),
+    ("Normal([1, 2], 1)", "TypeError", "Argument `mean` must be a number, but is [1, 2]."),
+    ("Samples('abc')", "ValueError", "Argument `values` must be finite numbers, one or more, but is not."),
+    ("Samples([])", "ValueError", "Argument `values` must be finite numbers, one or more, but is not."),
+    ("erosion.calibrate('finnie', P, None, free=['k'])", "MeasurementError", "`data` must be the path of a CSV file"),
+    (
+        "erosion.calibrate('finnie', None, DATA, free=['k'])",
+        "TypeError",
+        "Argument `p` must be Parameters, but is None.",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, free=3)",
+        "TypeError",
+        "Argument `free` must be a list of parameters, but is 3.",
+    ),
+    ("erosion.calibrate('finnie', P, DATA, free=[['k']])", "ValueError", "Argument `free` must name parameters (k"),
+    (
+        "erosion.calibrate('finnie', P, DATA, free=['k'], starts='a')",
+        "ValueError",
+        "Argument `starts` must be a whole number",
+    ),
+    ("erosion.calibrate('finnie', P, DATA, free=['k'], loss=3)", "ValueError", "Argument `loss` must be one of linear"),
+    (
+        "erosion.calibrate('finnie', P, DATA, free=['k'], density=[1])",
+        "ValueError",
+        "`density` must be positive and finite",
+    ),
+    ("erosion.read_measurements(DATA, 'cgs')", "ValueError", "Argument `units` must be one of 'inch-pound', 'si'"),
+    ("erosion.available_models(3)", "TypeError", "Argument `path` must be a path, but is 3."),
+]
+
+
+@pytest.fixture(scope="module")
+def raised(tmp_path_factory):
+    """By expression, what it raises."""
+    folder = tmp_path_factory.mktemp("calls")
+    (folder / "case.toml").write_text(CASE)
+    expressions = [expression for expression, _, _ in ROWS]
+    yield dict(zip(expressions, without_type_checks("python", expressions, folder), strict=True))
+    assert [path.name for path in folder.iterdir()] == ["case.toml"]
+
+
+@pytest.mark.parametrize(("expression", "error", "message"), ROWS, ids=[expression for expression, _, _ in ROWS])
+def test_a_bad_argument_is_one_sentence(raised, expression, error, message):
+    name, said = raised[expression]
+    assert name == error, said
+    assert message in said
+    assert "\n" not in said
+
+
+def test_every_path_door_refuses_what_is_no_path():
+    with pytest.raises(ValueError, match="holds a zero byte"):
+        erosion.available_models("a\0b")

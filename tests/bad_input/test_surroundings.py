@@ -1,0 +1,159 @@
+"""What surrounds a command goes wrong: full disks, readers that leave, Ctrl-C, single precision."""
+
+import contextlib
+import os
+import resource
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import erosion
+from erosion.cli import _status
+from erosion.files import write_whole
+from erosion.grids import make_grid
+from erosion.netcdf import write_netcdf
+from erosion.plotting.style import save_plot
+from erosion.stores import ZarrStore
+
+CONTENT = np.random.default_rng(1).random(10_000)
+
+
+@contextlib.contextmanager
+def full_disk():
+    """Writing stops after a hundred bytes of a file, here by the system's limit, in earnest by a full disk."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, usual[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+
+
+WRITERS = {
+    "text": lambda path: write_whole(path, CONTENT.tobytes()),
+    "fit.svg": lambda path: save_plot(Figure(), path),
+    "fit.png": lambda path: save_plot(Figure(), path),
+    "fit.pdf": lambda path: save_plot(Figure(), path),
+    "out.nc": lambda path: write_netcdf(xr.Dataset({"v": ("n", CONTENT)}), path, {}),
+}
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["over an older file", "new"])
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_what_was_there(tmp_path, name, there):
+    path = tmp_path / name
+    if there:
+        path.write_text("old")
+    with full_disk(), pytest.raises(OSError, match="File too large") as caught:
+        WRITERS[name](path)
+    assert caught.value.filename == str(path)
+    assert [one.read_text() for one in tmp_path.iterdir()] == (["old"] if there else [])
+
+
+def test_a_block_that_could_not_be_written_is_computed_again(tmp_path):
+    grid = make_grid("linearized", erosion.TABLE_1, {"alpha": np.linspace(0.1, 1, len(CONTENT))})
+    store = ZarrStore(grid, grid.shape, tmp_path / "out.zarr")
+    codes = np.ones(len(CONTENT), np.int8)
+    (region,) = store.missing()
+    with full_disk(), pytest.raises(OSError, match="File too large"):
+        store.write(region, {"volume": CONTENT, "t_c": CONTENT, "ended_by": codes})
+    assert store.missing() == [region]
+    store.write(region, {"volume": CONTENT, "t_c": CONTENT, "ended_by": codes})
+    assert store.missing() == []
+    np.testing.assert_array_equal(store.dataset().volume, CONTENT)
+
+
+COMMAND = [sys.executable, "-m", "erosion"]
+
+
+def test_a_reader_that_leaves_is_no_error():
+    for arguments in (["models"], ["models", "--json"]):
+        reader, writer = os.pipe()
+        os.close(reader)
+        found = subprocess.run([*COMMAND, *arguments], stdout=writer, stderr=subprocess.PIPE, timeout=120, check=False)
+        os.close(writer)
+        assert (found.returncode, found.stderr) == (0, b"")
+
+
+def test_an_output_that_is_full_is_one_line():
+    with open("/dev/full", "w") as full:  # noqa: PTH123 (a device)
+        found = subprocess.run([*COMMAND, "models"], stdout=full, stderr=subprocess.PIPE, timeout=120, check=False)
+        assert found.returncode == 1
+        assert found.stderr == b"erosion: The output cannot be written: No space left on device.\n"
+        # Where nothing can be said, the status still tells.
+        found = subprocess.run([*COMMAND, "run", "--alpha", "0"], stderr=full, timeout=120, check=False)
+        assert found.returncode == 2
+
+
+def test_a_closed_output_is_no_error():
+    command = f"{' '.join(COMMAND)} models >&-"
+    found = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, timeout=120, check=False)
+    assert (found.returncode, found.stderr) == (0, b"")
+
+
+def test_single_precision_is_refused():
+    environment = {**os.environ, "JAX_ENABLE_X64": "0"}
+    found = subprocess.run([*COMMAND, "run"], env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert found.returncode == 1
+    assert found.stderr.startswith("erosion: erosion needs float64, but JAX's 64-bit mode is off; unset JAX_ENABLE_X64")
+    assert found.stderr.count("\n") == 1
+
+
+# Ctrl-C comes in whatever the command is doing then; the work would take hours.
+INTERRUPTED = {
+    "sweep": ["--alpha", "1deg:90deg:10000", "--v0", "10 m/s:900 m/s:3000", "-o", "out.nc"],
+    "stream": ["--v0", "normal(4400, 40)", "--n", "1e11", "-o", "out.nc"],
+    "calibrate": ["sand.csv", "--models", "all", "--starts", "1000000"],
+    "report": ["--out", "page"],
+}
+PRESS = """
+import os, signal, sys, threading
+from erosion.cli import main
+timer = threading.Timer(3, os.kill, (os.getpid(), signal.SIGINT))
+timer.daemon = True
+timer.start()
+main(sys.argv[1:])
+"""
+
+
+def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
+    running = {}
+    for verb, arguments in INTERRUPTED.items():
+        folder = tmp_path / verb
+        folder.mkdir()
+        (folder / "sand.csv").write_text("angle [deg], erosion [-]\n" + "".join(f"{i},{i}\n" for i in range(1, 90)))
+        command = [sys.executable, "-c", PRESS, verb, *arguments]
+        running[verb] = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
+    for verb, process in running.items():
+        _, said = process.communicate(timeout=240)
+        assert process.returncode == 130, (verb, said)
+        assert said.startswith("erosion: interrupted"), (verb, said)
+        assert said.count("\n") == 1, (verb, said)
+        assert not list((tmp_path / verb).rglob("*.part"))
+        assert not (tmp_path / verb / "page" / "index.html").exists()
+        if (tmp_path / verb / "out.nc").exists():
+            xr.load_dataset(tmp_path / verb / "out.nc", engine="h5netcdf")
+
+
+def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
+    """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""
+    import erosion.trajectory
+
+    class Swallows:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    def simulate(*arguments):
+        thing = Swallows()
+        del thing
+        time.sleep(10)
+        return "never comes here"
+
+    monkeypatch.setattr(erosion.trajectory, "simulate", simulate)
+    assert _status(["run"]) == 130
+    assert capsys.readouterr().err == "erosion: interrupted\n"
