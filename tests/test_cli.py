@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from erosion.cli import _status
+from erosion.cli.options import print_table
 
 ROOT = Path(__file__).parent.parent
 
@@ -139,3 +140,13 @@ def test_compare_prints_a_table(capsys, monkeypatch, tmp_path):
     assert "→ 0°" in out
     assert out.endswith(f"figure: {plot}\n")
     assert plot.read_text().startswith("<?xml")
+
+
+def test_a_table_keeps_units_and_names_whole(capsys):
+    """rich takes brackets for markup and shortens names, unless told otherwise."""
+    row = ("rotating-velocity-aligned-full-torque", "0.5", "rebound")
+    print_table("Title [m]", [row], ("model", "V [in³]", "ends by"), (1,))
+    printed = capsys.readouterr().out
+    assert "Title [m]" in printed
+    assert "V [in³]" in printed
+    assert row[0] in printed

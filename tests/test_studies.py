@@ -4,6 +4,7 @@ import pytest
 import erosion
 from erosion.plotting.angles import pieces, plot_optimum
 from erosion.plotting.curves import broken
+from erosion.plotting.shapes import plot_against_correlations
 from erosion.plotting.studies import plot_comparison, plot_regimes
 from erosion.plotting.style import render
 from tests.reference import closed_form
@@ -75,3 +76,13 @@ def test_a_batch_of_optima_is_not_one_figure():
     best = erosion.alpha_max("rotating", P.replace(k=np.array([1.0, 2.0])))
     with pytest.raises(ValueError, match="Argument `optimum` must be of one set of parameters"):
         plot_optimum(best)
+
+
+def test_shapes_lie_over_each_other(comparison):
+    ax = plot_against_correlations(comparison, ["dnv", "oka"]).axes[0]
+    labels = ax.get_legend_handles_labels()[1]
+    assert labels[:2] == ["DNV RP-O501 (2015): 34.7°", "Oka (SiO₂, Hv = 1.8 GPa): 33.9°"]
+    assert len(labels) == 2 + comparison.sizes["model"]
+    for line in ax.get_lines():
+        # The grid of angles misses the greatest by little.
+        assert 0.999 < np.nanmax(line.get_ydata()) <= 1 + 1e-12

@@ -11,6 +11,7 @@ import numpy as np
 from jax.core import Tracer
 
 HEADINGS = ("quantity", "", "value", "unit", "meaning")
+WIDTH = 120  # characters of a line of text
 
 
 class Row(NamedTuple):
@@ -56,7 +57,7 @@ def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] =
 
     buffer = io.StringIO()
     # In a notebook rich would show the table there and leave the buffer empty.
-    console = Console(file=buffer, width=120, highlight=False, color_system=None, force_jupyter=False)
+    console = Console(file=buffer, width=WIDTH, highlight=False, color_system=None, force_jupyter=False)
     console.print(to_rich(title, rows, headings))
     return "\n".join(line.rstrip() for line in buffer.getvalue().rstrip().splitlines())
 
@@ -69,11 +70,13 @@ def to_rich(
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
+    # As `Text`, because rich takes what is in brackets, like a unit, for its own markup.
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
     for i, heading in enumerate(headings):
         last = i == len(headings) - 1
         side = "right" if i in numbers else "left"
-        table.add_column(heading, justify=side, no_wrap=i > 0 and not last, style="dim" if last else "")
+        keep, style = i > 0 and not last, "dim" if last else ""
+        table.add_column(Text(heading), justify=side, no_wrap=keep, overflow="fold", style=style)
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     return table

@@ -112,6 +112,8 @@ QUESTIONS = [
     ("optimum --alpha-range '1 kg' 30deg", "Option `--alpha-range` must be an angle"),
     ("optimum --alpha-range 1deg", "Option `--alpha-range` must have a value, but has none."),
     ("optimum --objective beauty", "Option `--objective` must be one of volume"),
+    ("compare --correlations dnv", "Option `--correlations` needs `--plot`: it lays them over the models"),
+    ("compare --plot x.svg --correlations dnw", "Option `--correlations` must name some of finnie-cfd, dnv, "),
     ("compare --models", "Option `--models` must name one or several different models, but is ''."),
     ("compare --models finnie finnie", "must name one or several different models, but is 'finnie finnie'."),
     ("compare --models nothing", "There is no model 'nothing'"),

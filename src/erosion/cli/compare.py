@@ -28,6 +28,15 @@ def compare(
         Parameter(consume_multiple=True, negative="", help="Names or paths of files; all built-in models without it."),
     ] = None,
     plot: Annotated[Path | None, Parameter(help="Also draw V(α) of all into this file (.svg, .png, .pdf).")] = None,
+    correlations: Annotated[
+        list[str] | None,
+        Parameter(
+            consume_multiple=True,
+            negative="",
+            help="In the figure, angle functions of engineers beside the models, each over its own greatest value: "
+            "finnie-cfd, dnv, dnv-polynomial, ecrc, oka, arabnejad; or all.",
+        ),
+    ] = None,
     output: Annotated[Path | None, Parameter(name=["-o", "--output"], help="Also keep the curves (.nc).")] = None,
     json: JsonOption = False,
 ) -> None:
@@ -36,6 +45,7 @@ def compare(
     if output is not None and output.suffix != ".nc":
         raise InputError(f"Option `--output` must name a file that ends in .nc, but is {output}.")
     require_outputs(output, plot=plot)
+    overlay = _correlations(correlations, plot)
     from erosion.models import available_models
 
     names = list(available_models()) if models is None else models
@@ -74,11 +84,12 @@ def compare(
         with user_errors():
             write_netcdf(found, output, {})
     if plot is not None:
+        from erosion.plotting.shapes import plot_against_correlations
         from erosion.plotting.studies import plot_comparison
         from erosion.plotting.style import save_plot
 
         with user_errors():
-            save_plot(plot_comparison(found), plot)
+            save_plot(plot_against_correlations(found, overlay) if overlay else plot_comparison(found), plot)
     for line in lines:
         if line["ended_by"] in ("failed", "unfinished"):
             warn(f"{line['model']}: its impact could not be computed.")
@@ -103,6 +114,22 @@ def compare(
     for path, what in ((plot, "figure"), (output, "curves")):
         if path is not None:
             print(f"{what}: {path}")
+
+
+def _correlations(wanted: list[str] | None, plot: Path | None) -> list[str]:
+    """The correlations to draw, all of them known."""
+    if wanted is None:
+        return []
+    if plot is None:
+        raise InputError("Option `--correlations` needs `--plot`: it lays them over the models in its figure.")
+    from erosion.correlations import CORRELATIONS
+
+    names = list(CORRELATIONS) if wanted == ["all"] else wanted
+    unknown = [name for name in names if name not in CORRELATIONS]
+    if unknown or not names:
+        known = ", ".join(CORRELATIONS)
+        raise InputError(f"Option `--correlations` must name some of {known}, or all, but has {' '.join(unknown)!r}.")
+    return names
 
 
 def _angle(alpha: float) -> str:

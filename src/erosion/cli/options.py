@@ -223,7 +223,10 @@ def print_rich(table: Any) -> None:
     """A rich table on stdout."""
     from rich.console import Console
 
-    console = Console(highlight=False)
+    from erosion.tables import WIDTH
+
+    # Where no one says how wide it is, nothing need be shortened.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
     # rich would end the process, with status 1, where the reader of a pipe has gone.
     with console.capture() as captured:
         console.print(table)

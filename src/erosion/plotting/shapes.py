@@ -1,0 +1,61 @@
+"""The shapes of models' V(α) beside what engineers measured: each over its own greatest value."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from erosion.correlations import CORRELATIONS
+from erosion.plotting.curves import broken
+from erosion.plotting.families import Curve
+from erosion.plotting.style import DIM, STYLES, angle_axis, house_style, legend_below, new_axes
+
+_DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
+
+
+@house_style()
+def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) -> Axes:
+    """Models' V/V_max in colour and correlations' F/F_max in grey, over the angle of attack.
+
+    Args:
+        ax: empty axes.
+        curves: of models; those that cut nothing are left out.
+        correlations: names in `erosion.CORRELATIONS`.
+    """
+    angles = np.linspace(0, np.pi / 2, 361)
+    for i, name in enumerate(correlations):
+        one = CORRELATIONS[name]
+        label = f"{one.title}: {np.rad2deg(one.alpha_max):.1f}°"
+        ax.plot(np.rad2deg(angles), np.asarray(one.normalised(angles)), color=DIM, linewidth=1.3,
+                linestyle=_DASHES[i % len(_DASHES)], label=label)  # fmt: skip
+    for (color, line), curve in zip(STYLES, (curve for curve in curves if curve.best is not None), strict=False):
+        alpha, greatest = curve.best or (0.0, 1.0)
+        best = f"{np.rad2deg(alpha):.1f}°" if alpha else "as α → 0"
+        ax.plot(np.rad2deg(curve.angles), curve.volume / greatest, color=color, linestyle=line, linewidth=2,
+                label=f"{curve.label}: {best}")  # fmt: skip
+    ax.set_ylabel("over the greatest of its own")
+    ax.set_ylim(0, 1.05)
+    angle_axis(ax)
+    legend_below(ax, 2)
+    return ax
+
+
+@house_style()
+def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str]) -> Figure:
+    """The models of `erosion.compare` beside engineering correlations, each over its own greatest value.
+
+    Args:
+        comparison: what `erosion.compare` returns.
+        correlations: names in `erosion.CORRELATIONS`.
+    """
+    curves = []
+    for name in comparison.model.values:
+        one = comparison.sel(model=name)
+        angles, volume = broken(one.alpha.values, one.volume.values, one.dvolume.values)
+        best = (float(one.alpha_max), float(one.volume_max))
+        curves.append(Curve(str(name), angles, volume, best if np.isfinite(best).all() and best[1] > 0 else None))
+    fig, ax = new_axes(6.6, 4.4 + 0.11 * (len(curves) + len(correlations)))
+    plot_shapes(ax, curves, correlations)
+    return fig
