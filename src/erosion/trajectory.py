@@ -250,7 +250,9 @@ def _follow(
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
     steps = flow.solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
-    ends = np.append(0.0, steps.ends[np.isfinite(steps.ends)])
+    # Numpy from here: JAX would compile a program for every number of steps.
+    ends = np.asarray(steps.ends)
+    ends = np.append(0.0, ends[np.isfinite(ends)])
 
     def dense(t: np.ndarray) -> Any:
         return flow.interpolate(steps.solution, sizes, jnp.asarray(t))
@@ -273,7 +275,7 @@ def _follow(
 
     # From the start of the step in which the cut ends, steps of full order to any time in it.
     begun = int(np.searchsorted(ends, found.low, side="right")) - 1
-    before = start if begun == 0 else jax.tree.map(lambda leaf: leaf[begun - 1], steps.states)
+    before = start if begun == 0 else jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[begun - 1]), steps.states)
 
     def reach(t: float) -> Any:
         if t <= ends[begun]:
@@ -299,8 +301,8 @@ def _looks(
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
-    # Padded to a power of two, so that few lengths are ever compiled.
-    padded = np.append(t, np.full((1 << (len(t) - 1).bit_length()) - len(t), t[-1]))
+    # Padded to a power of two, of which most cuts need the same, so that few lengths are ever compiled.
+    padded = np.append(t, np.full((1 << max(10, (len(t) - 1).bit_length())) - len(t), t[-1]))
     values, rates, _ = flow.look(model, p, dense(padded)[0])
     cut = {name: np.asarray(array)[: len(t)] for name, array in values.items()}
     return t, cut, {name: np.asarray(array)[: len(t)] for name, array in rates.items()}
