@@ -15,6 +15,7 @@ import cyclopts
 
 from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
+from erosion.cli.explore import explore
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
@@ -34,7 +35,7 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, report, models, verify):
+for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore, models, verify):
     app.command(verb)
 
 

@@ -28,7 +28,7 @@ from erosion.quantities import RESULTS, Quantity
 from erosion.trajectory import Trajectory
 from erosion.units import System
 
-_HISTORIES = (
+HISTORIES = (
     ("x", "x_tip", Quantity("x", "along the surface", "length")),
     ("y", "depth", Quantity("y", "depth", "length")),
     ("vx", "vx_tip", Quantity("ẋ", "forward speed", "speed")),
@@ -55,7 +55,7 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
     exact = None if closed is None else closed.state(t, p)
     body = trajectory.states if isinstance(trajectory.states, State) else None
     turns = body is not None and not np.allclose(body.x, trajectory.x_tip, rtol=1e-9, atol=0)
-    for panel, (of_body, of_tip, quantity) in zip(panels, _HISTORIES, strict=True):
+    for panel, (of_body, of_tip, quantity) in zip(panels, HISTORIES, strict=True):
         tip = getattr(trajectory, of_tip)
         scale = readable_scale(quantity.dimension, p.units, _largest(tip))
         if exact is not None:
@@ -92,7 +92,7 @@ def plot_path(ax: Axes, trajectory: Trajectory) -> Axes:
     ax.plot(x[-1:], depth[-1:], "s", color=ENDS.get(trajectory.ended_by, INK), markersize=7, clip_on=False, zorder=5,
             label="nothing is cut" if trajectory.ended_by == "no-cut" else f"end: {trajectory.ended_by}")  # fmt: skip
     ax.set_ylim(1.22 * deepest, -0.12 * deepest)
-    ax.set_xlabel(f"x of the tip, {_HISTORIES[0][2].meaning}  [{along.unit}]")
+    ax.set_xlabel(f"x of the tip, {HISTORIES[0][2].meaning}  [{along.unit}]")
     ax.set_ylabel(f"depth of the tip  [{down.unit}]")
     legend_below(ax, columns=4)
     return ax
@@ -143,7 +143,7 @@ def plot_end_times(
         degrees, t_c / time.size, color=DIM, alpha=0.4, linewidth=9, solid_capstyle="butt", label="actual end $t_c$"
     )
     for name, times in candidates.items():
-        ax.plot(degrees, times / time.size, color=ENDS.get(name, INK), label=_EVENT_LABELS.get(name, name))
+        ax.plot(degrees, times / time.size, color=ENDS.get(name, INK), label=EVENT_LABELS.get(name, name))
     if real_part is not None:
         ax.plot(degrees, real_part / time.size, color=ENDS["stop"], linestyle=(0, (4, 4)), alpha=0.7,
                 label="ẋ = 0: real part, complex root")  # fmt: skip
@@ -218,7 +218,7 @@ def plot_volume(
     return ax
 
 
-_EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
+EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
 
 
 def _largest(values: Any) -> float:

@@ -1,0 +1,41 @@
+"""`erosion explore`: the page on which every slider changes the cut."""
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from erosion.cli.options import CaseOptions, InputError, start_engine, user_errors
+
+_PORT = 8080
+
+
+def explore(
+    *,
+    case: CaseOptions | None = None,
+    model: Annotated[
+        list[str] | None,
+        Parameter(name="--model", negative="", help="Also offer the model in this Python file; may be repeated."),
+    ] = None,
+    port: Annotated[
+        int | None, Parameter(help=f"Listen on this port of 127.0.0.1; {_PORT}, or a free one, without it.")
+    ] = None,
+    browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
+) -> None:
+    """Explore cuts in the browser: sliders, live plots, exports. Stop it with Ctrl+C."""
+    p = (case or CaseOptions()).parameters()
+    for path in model or []:
+        if not path.endswith(".py"):
+            raise InputError(f"Option `--model` must be the path of a Python file here, but is {path!r}.")
+    if port is not None and not 0 <= port < 65536:
+        raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
+    start_engine()
+    try:
+        from erosion.explorer.server import explore as serve
+    except ModuleNotFoundError as error:
+        raise InputError(f"The explorer needs {error.name}: pip install 'erosion[explorer]'.") from error
+    from erosion.models import load_model
+
+    with user_errors():
+        for path in model or []:
+            load_model(path)
+    serve(p, model or [], port=port, show=browser)

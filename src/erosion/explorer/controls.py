@@ -1,0 +1,120 @@
+"""The parameters and models of a tab, as elements to work with."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from nicegui import ui
+
+from erosion.explorer.elements import Field
+from erosion.explorer.sliders import SPIN_PRESETS, at_position, position, range_of, text_of, unit_of, with_spin
+from erosion.explorer.state import Case, State
+from erosion.explorer.views.look import styles
+from erosion.parameters import MATERIALS, QUANTITIES, TABLE_1
+from erosion.units import SYSTEMS
+
+_ORDER = ("alpha", *(name for name in QUANTITIES if name != "alpha"))
+
+
+class Controls:
+    """Presets, parameters and models.
+
+    Args:
+        start: what reset goes back to; sliders reach about its case.
+        summaries: by name, what each model is.
+        go: is given the state that the reader asks for.
+    """
+
+    def __init__(self, start: State, summaries: Mapping[str, str], go: Callable[[State], None]) -> None:
+        self._start, self._go, self._state = start, go, start
+        self._showing = False
+        self._shown_fields: dict[str, tuple[str, str, float]] = {}
+        with ui.element("div").classes("presets"):
+            ui.button("Reset", on_click=lambda: go(start)).props("dense no-caps outline")
+            ui.button("Table 1", on_click=self._table_1).props("dense no-caps outline")
+            with ui.button("Metal").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
+                for material in MATERIALS:
+                    ui.menu_item(material, on_click=lambda _, metal=material: self._metal(metal))
+            with ui.button("Spin").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
+                for s in SPIN_PRESETS:
+                    ui.menu_item(f"s = {s:g}".replace("-", "−"), on_click=lambda _, s=s: self._with(with_spin, s))
+            self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
+            self._units.props('dense no-caps unelevated aria-label="Units"')
+        self._fields = {name: self._field(name) for name in _ORDER}
+        with ui.element("div").classes("models").props('role=group aria-label="Models"'):
+            ui.html("Models", tag="h2", sanitize=False)
+            self._shown = ui.select(list(start.models), label="cut drawn of", value=start.shown)
+            self._shown.props("dense options-dense").on_value_change(self._draw_other)
+            self._boxes = {name: self._box(name, summaries) for name in summaries}
+
+    def show(self, state: State) -> None:
+        """Show a state; nothing is asked for by that."""
+        self._showing, self._state = True, state
+        first = self._start.case.to(state.case.units)
+        for name, field in self._fields.items():
+            shown = text_of(name, state.case), unit_of(name, state.case), position(name, state.case, first)
+            if self._shown_fields.get(name) != shown:
+                field.show(*shown)
+                self._shown_fields[name] = shown
+        self._units.set_value(state.case.units)
+        for name, box in self._boxes.items():
+            box.set_value(name in state.models)
+        self._shown.set_options(list(state.models), value=state.shown)
+        self._showing = False
+
+    def _field(self, name: str) -> Field:
+        quantity = QUANTITIES[name]
+
+        def slide(at: float) -> None:
+            first = self._start.case.to(self._state.case.units)
+            self._ask(name, lambda: at_position(name, at, self._state.case, first))
+
+        def entry(text: str) -> None:
+            self._ask(name, lambda: self._state.case.read(name, text))
+
+        return Field(name, quantity.symbol, quantity.meaning, range_of(name), slide, entry)
+
+    def _ask(self, name: str, case: Callable[[], Case]) -> None:
+        """Go to a case, or say at the parameter why not."""
+        self._shown_fields.pop(name, None)
+        try:
+            state = dataclasses.replace(self._state, case=case())
+        except ValueError as error:
+            self._fields[name].complain(str(error).removeprefix(f"Field `{name}` "))
+            return
+        self._go(state)
+
+    def _box(self, name: str, summaries: Mapping[str, str]) -> ui.checkbox:
+        with ui.element("div").classes("model"):
+            ui.html(f"<i style='background:{styles(summaries)[name][0]}'></i>", sanitize=False)
+            box = ui.checkbox(name, on_change=lambda event: self._check(name, bool(event.value))).props("dense")
+            box.tooltip(summaries[name])
+        return box
+
+    def _check(self, name: str, checked: bool) -> None:
+        if self._showing:
+            return
+        models = tuple(one for one in self._boxes if (checked if one == name else one in self._state.models))
+        if not models:
+            ui.notify("At least one model stays checked.")
+            self.show(self._state)
+            return
+        self._go(self._state.checking(models))
+
+    def _draw_other(self, event: Any) -> None:
+        if not self._showing and event.value in self._state.models:
+            self._go(dataclasses.replace(self._state, shown=event.value))
+
+    def _convert(self, event: Any) -> None:
+        if not self._showing:
+            self._go(dataclasses.replace(self._state, case=self._state.case.to(event.value)))
+
+    def _table_1(self) -> None:
+        self._go(dataclasses.replace(self._state, case=Case.of(TABLE_1).to(self._state.case.units)))
+
+    def _metal(self, material: str) -> None:
+        case = Case.of(self._state.case.parameters().with_material(material))
+        self._go(dataclasses.replace(self._state, case=case))
+
+    def _with(self, change: Callable[[float, Case], Case], number: float) -> None:
+        self._go(dataclasses.replace(self._state, case=change(number, self._state.case)))

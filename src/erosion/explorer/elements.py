@@ -1,0 +1,78 @@
+"""The page's own elements: what they are told and what they tell."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from erosion.explorer.sliders import Range
+
+
+class Field(ui.element, component="web/field.js"):
+    """A parameter's entry and slider.
+
+    Args:
+        name: the parameter.
+        symbol, meaning: its label.
+        range_: of the slider's positions.
+        on_slide: is given the position.
+        on_entry: is given the text.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        symbol: str,
+        meaning: str,
+        range_: Range,
+        on_slide: Callable[[float], None],
+        on_entry: Callable[[str], None],
+    ) -> None:
+        super().__init__()
+        labels = {"id": name, "symbol": symbol, "meaning": meaning}
+        self.props.update(labels | {"low": range_.low, "high": range_.high, "step": range_.step})
+        self.on("slide", lambda event: on_slide(_number(event)))
+        self.on("entry", lambda event: on_entry(str(event.args)))
+
+    def show(self, text: str, unit: str, position: float) -> None:
+        """Show a number, and nothing wrong with it."""
+        self.run_method("show", text, unit, position)
+
+    def complain(self, why: str) -> None:
+        """Mark the entry and say what is wrong with it."""
+        self.run_method("complain", why)
+
+
+class Cut(ui.element, component="web/cut.js"):
+    """The cut drawn to scale, to be played."""
+
+    def draw(self, content: Mapping[str, Any], key: str) -> None:
+        """Draw a cut; `key` says when that is done."""
+        self.run_method("draw", content, key)
+
+
+class Plot(ui.element, component="web/plot.js"):
+    """An ECharts plot with upright handles.
+
+    Args:
+        height: of it, in CSS.
+        follows: whether its fixed handles follow the time of the cut.
+        on_pick: is given where a handle is moved to.
+    """
+
+    def __init__(self, height: str, *, follows: bool = False, on_pick: Callable[[float], None] | None = None) -> None:
+        super().__init__()
+        self.props.update({"height": height, "follows": follows})
+        if on_pick is not None:
+            self.on("pick", lambda event: on_pick(_number(event)))
+
+    def draw(
+        self, option: Mapping[str, Any] | None, handles: Sequence[Mapping[str, Any]], label: str, key: str
+    ) -> None:
+        """Draw an option of ECharts, or move the handles alone; `key` says when that is done."""
+        self.run_method("draw", option, handles, label, key)
+
+
+def _number(event: GenericEventArguments) -> float:
+    return float(event.args)

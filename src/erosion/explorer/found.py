@@ -1,0 +1,131 @@
+"""What is known of a state: what is needed at once, and what takes longer."""
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from erosion.explorer.answers import Answer, Answers, Spins
+from erosion.explorer.state import Case, State
+from erosion.kernel import Impact
+from erosion.optimum import Optimum
+from erosion.trajectory import Trajectory
+
+Ready = Callable[[Answer, str], bool]
+"""Whether an answer about a model is compiled, so that it takes milliseconds."""
+
+
+@dataclasses.dataclass
+class Found:
+    """Answers about one state, by model; what is not known yet is missing.
+
+    Args:
+        state: asked about.
+        cut: of the model shown.
+        points: at the state's angle.
+        curves: over all angles.
+        best: angles of greatest removal.
+        ends: of the model shown, when each event alone would end the cut, over all angles.
+        spins: angles of greatest removal over the spin.
+        sensitivities: of the angle of greatest removal of the model shown.
+        errors: what could not be computed, as sentences.
+    """
+
+    state: State
+    cut: Trajectory | None = None
+    points: dict[str, Impact] = dataclasses.field(default_factory=dict)
+    curves: dict[str, Impact] = dataclasses.field(default_factory=dict)
+    best: dict[str, Optimum] = dataclasses.field(default_factory=dict)
+    ends: Mapping[str, np.ndarray] | None = None
+    spins: dict[str, Spins] = dataclasses.field(default_factory=dict)
+    sensitivities: Mapping[str, Any] | None = None
+    errors: list[str] = dataclasses.field(default_factory=list)
+
+    def in_order(self, answers: Mapping[str, Any]) -> list[tuple[str, Any]]:
+        """Answers in the order of the state's models."""
+        return [(model, answers[model]) for model in self.state.models if model in answers]
+
+
+class Step(NamedTuple):
+    """One more thing to find out.
+
+    Args:
+        answer, model, case: what is asked.
+        keep: puts the answer where it belongs.
+        compiled: the answer whose program this one runs.
+        views: names of those to draw again; none where all wait for it.
+    """
+
+    answer: Answer
+    model: str
+    case: Case
+    keep: Callable[[Any], None]
+    compiled: Answer
+    views: tuple[str, ...]
+
+
+def at_once(answers: Answers, state: State, ready: Ready) -> Found:
+    """What takes milliseconds, of models that are compiled, and what is known already."""
+    found = Found(state)
+    for step in (*_first(answers, found), *_second(answers, found)):
+        known = step.answer.known(step.model, step.case)
+        if known is not None:
+            step.keep(known)
+        elif not step.views and ready(step.compiled, step.model):
+            take(found, step)
+    return found
+
+
+def later(answers: Answers, found: Found, ready: Ready) -> Iterator[Step]:
+    """What takes longer and is not known yet, the nearest at hand first."""
+    for step in _second(answers, found):
+        if step.answer.known(step.model, step.case) is None and ready(step.compiled, step.model):
+            yield step
+
+
+def all_ready(answers: Answers, state: State, ready: Ready) -> bool:
+    """Whether everything that moves with a slider is compiled."""
+    # A list, for asking begins the compiling of each.
+    compiled = [ready(step.compiled, step.model) for step in _first(answers, Found(state))]
+    return all(compiled)
+
+
+def take(found: Found, step: Step) -> None:
+    """Take a step; an error becomes a sentence."""
+    try:
+        step.keep(step.answer(step.model, step.case))
+    # A plug-in's own code may raise anything; the page says so and goes on.
+    except Exception as error:  # noqa: BLE001
+        found.errors.append(f"{step.model}: {' '.join(str(error).split()) or type(error).__name__}")
+
+
+def _first(answers: Answers, found: Found) -> Iterator[Step]:
+    state = found.state
+    over_angles = state.case.at_any_angle()
+    for model in sorted(state.models, key=lambda name: name != state.shown):
+        yield Step(answers.curve, model, over_angles, _into(found.curves, model), answers.curve, ())
+        yield Step(answers.point, model, state.case, _into(found.points, model), answers.curve, ())
+        if model == state.shown:
+            yield Step(answers.cut, model, state.case, _as(found, "cut"), answers.cut, ())
+
+
+def _second(answers: Answers, found: Found) -> Iterator[Step]:
+    state, shown = found.state, found.state.shown
+    over_angles, over_spins = state.case.at_any_angle(), state.case.at_any_spin()
+    order = sorted(state.models, key=lambda name: name != shown)
+    for model in order:
+        yield Step(answers.best, model, over_angles, _into(found.best, model), answers.curve, ("volumes", "numbers"))
+    yield Step(answers.ends, shown, over_angles, _as(found, "ends"), answers.ends, ("end_times",))
+    yield Step(answers.sensitivities, shown, over_angles, _as(found, "sensitivities"), answers.sensitivities,
+               ("sensitivities",))  # fmt: skip
+    for model in order:
+        yield Step(answers.spins, model, over_spins, _into(found.spins, model), answers.curve, ("spins",))
+
+
+def _into(kept: dict[str, Any], model: str) -> Callable[[Any], None]:
+    return lambda answer: kept.update({model: answer})
+
+
+def _as(found: Found, name: str) -> Callable[[Any], None]:
+    return lambda answer: setattr(found, name, answer)

@@ -1,0 +1,64 @@
+"""Handing out: link, figures, data, case and Python lines."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from nicegui import ui
+
+from erosion.explorer import exports
+from erosion.explorer.answers import Answers
+from erosion.explorer.state import State
+
+_OUTLINE = "dense no-caps outline"
+
+
+class Sharing:
+    """The buttons that hand something out.
+
+    Args:
+        answers: of all models.
+        sources: by name, what `erosion.load_model` takes.
+        state: the tab's present state.
+    """
+
+    def __init__(self, answers: Answers, sources: Mapping[str, str], state: Callable[[], State]) -> None:
+        self._answers, self._sources, self._state = answers, sources, state
+        ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
+        with ui.button("Export", icon="download").props(_OUTLINE), ui.menu():
+            for name, (title, _) in exports.FIGURES.items():
+                for suffix in ("svg", "png"):
+                    self._item(f"{title} ({suffix.upper()})", f"{name}.{suffix}", exports.figure, name, suffix)
+            ui.separator()
+            self._item("Curves over α (CSV)", "curves.csv", exports.curves_csv)
+            self._item("Motion of the model drawn (CSV)", "motion.csv", exports.motion_csv)
+            self._item("All numbers (JSON)", "explorer.json", exports.results_json)
+            ui.separator()
+            self._item("The case (TOML)", "case.toml", lambda _, state: exports.case_toml(state))
+            ui.menu_item("Python lines…", self._show_python)
+        ui.button("Dark", icon="contrast", on_click=lambda: ui.run_javascript("Quasar.Dark.toggle()")).props(_OUTLINE)
+        with ui.dialog() as self._python, ui.card().classes("panel"):
+            self._lines = ui.code("", language="python").classes("w-full")
+            with ui.row():
+                ui.button("Close", on_click=self._python.close).props("dense no-caps flat")
+
+    def _item(self, title: str, file: str, make: Callable[..., bytes], *arguments: Any) -> None:
+        async def hand_out() -> None:
+            try:
+                content = await asyncio.to_thread(make, *arguments, self._answers, self._state())
+            # A plug-in's own code may raise anything; the page says so and goes on.
+            except Exception as error:  # noqa: BLE001
+                ui.notify(f"{file}: {error}", type="negative")
+                return
+            ui.download.content(content, file)
+
+        ui.menu_item(title, hand_out)
+
+    async def _copy_link(self) -> None:
+        origin = await ui.run_javascript("location.origin")
+        ui.clipboard.write(f"{origin}/?{self._state().query()}")
+        ui.notify("Link copied.")
+
+    def _show_python(self) -> None:
+        self._lines.set_content(exports.python_lines(self._state(), self._sources))
+        self._python.open()

@@ -1,0 +1,193 @@
+"""One browser tab: its state, its controls and its views, and the work between them."""
+
+import asyncio
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from nicegui import background_tasks, ui
+
+from erosion.explorer import found as finding
+from erosion.explorer.answers import Answers
+from erosion.explorer.controls import Controls
+from erosion.explorer.elements import Cut, Plot
+from erosion.explorer.found import Found
+from erosion.explorer.latest import LatestWins
+from erosion.explorer.preparation import Preparation
+from erosion.explorer.sharing import Sharing
+from erosion.explorer.sliders import at_position, with_spin
+from erosion.explorer.state import State
+from erosion.explorer.views import VIEWS
+
+_REST = 0.12  # s; after so long without a change the slower answers are begun
+
+_TITLES: Mapping[str, str] = {
+    "cut": "The cut, to scale",
+    "volumes": "Removed volume over the angle of attack",
+    "numbers": "Numbers",
+    "histories": "The tip over time",
+    "end_times": "End of the cut over the angle of attack",
+    "spins": "Best angle over the spin",
+    "sensitivities": "What moves the best angle",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Service:
+    """What all tabs share.
+
+    Args:
+        answers: of all models.
+        preparation: which of them are compiled.
+        start: the state of a tab without a link.
+        summaries: by name, what each model is.
+        sources: by name, what `erosion.load_model` takes.
+    """
+
+    answers: Answers
+    preparation: Preparation
+    start: State
+    summaries: Mapping[str, str]
+    sources: Mapping[str, str]
+
+
+class Tab:
+    """The page's elements and what happens to them.
+
+    Args:
+        service: what all tabs share.
+        state: to begin with.
+    """
+
+    def __init__(self, service: Service, state: State) -> None:
+        self.service, self.state = service, state
+        self._models = list(service.summaries)
+        self._drawn: dict[str, Any] = {}
+        self._at_once = LatestWins(self._show_at_once, self._start)
+        self._later = LatestWins(self._show_later, self._start)
+        with ui.element("header").classes("bar"):
+            ui.html("erosion explorer", tag="h1", sanitize=False)
+            self._sharing = Sharing(service.answers, service.sources, lambda: self.state)
+        with ui.element("main").classes("explorer") as self._main:
+            with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
+                with ui.element("div").classes("status").props("role=status"):
+                    self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
+                    self._status = ui.label()
+                self._controls = Controls(service.start, service.summaries, self._go)
+            with ui.element("div").classes("views"):
+                self._elements = {name: self._view(name) for name in VIEWS}
+
+    def begin(self) -> None:
+        """Show the state, and follow what is compiled."""
+        loop = asyncio.get_running_loop()
+
+        def prepared() -> None:
+            loop.call_soon_threadsafe(self._prepared)
+
+        listeners = self.service.preparation.listeners
+        listeners.add(prepared)
+        ui.context.client.on_delete(lambda: listeners.discard(prepared))
+        self._go(self.state)
+
+    def say(self, sentence: str) -> None:
+        """Tell the reader."""
+        with self._main:
+            ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button="Close")
+
+    def _view(self, name: str) -> Any:
+        with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
+            ui.html(_TITLES[name], tag="h2", sanitize=False)
+            if name == "cut":
+                return Cut()
+            if name == "numbers":
+                return ui.html("", sanitize=False)
+            if name == "histories":
+                return Plot("420px", follows=True)
+            if name == "spins":
+                return Plot("360px", on_pick=lambda s: self._go(self._with_case(with_spin(s, self.state.case))))
+            if name == "sensitivities":
+                return Plot("360px")
+            return Plot("420px", on_pick=self._pick_angle)
+
+    def _pick_angle(self, degrees: float) -> None:
+        self._go(self._with_case(at_position("alpha", degrees, self.state.case, self.service.start.case)))
+
+    def _with_case(self, case: Any) -> State:
+        return dataclasses.replace(self.state, case=case)
+
+    def _go(self, state: State) -> None:
+        """Show another state."""
+        self.state = state
+        self._controls.show(state)
+        self._at_once.offer(state)
+        self._later.offer(state)
+
+    def _start(self, work: Any) -> None:
+        background_tasks.create(work, context=self._main)
+
+    def _ready(self, answer: Any, model: str) -> bool:
+        return self.service.preparation.ready(answer, model)
+
+    def _prepared(self) -> None:
+        if not self._main.is_deleted:
+            self._at_once.offer(self.state)
+            self._later.offer(self.state)
+
+    async def _show_at_once(self, state: State) -> None:
+        def work() -> tuple[Found, dict[str, Any]]:
+            found = finding.at_once(self.service.answers, state, self._ready)
+            return found, {name: view(found, self._models) for name, view in VIEWS.items()}
+
+        found, contents = await asyncio.to_thread(work)
+        self._draw(contents, found)
+        self._tell_progress(found)
+
+    async def _show_later(self, state: State) -> None:
+        await asyncio.sleep(_REST)
+        if self._later.waiting:
+            return
+        ui.navigate.history.replace(f"/?{state.query()}")
+        answers = self.service.answers
+        found = await asyncio.to_thread(finding.at_once, answers, state, self._ready)
+        for step in finding.later(answers, found, self._ready):
+
+            def work(step: finding.Step = step) -> dict[str, Any]:
+                finding.take(found, step)
+                return {name: VIEWS[name](found, self._models) for name in step.views}
+
+            contents = await asyncio.to_thread(work)
+            if self._later.waiting:
+                return
+            self._draw(contents, found)
+            self._tell_progress(found)
+
+    def _draw(self, contents: Mapping[str, Any], found: Found) -> None:
+        if self._main.is_deleted:
+            return
+        key = found.state.query()
+        for name, content in contents.items():
+            element = self._elements[name]
+            if content is None:
+                continue
+            if isinstance(element, Plot):
+                option, handles, label = content
+                same = self._drawn.get(name) == option
+                element.draw(None if same else option, handles, label, key)
+                self._drawn[name] = option
+            elif isinstance(element, Cut):
+                (picture,) = content
+                element.draw(picture, key)
+            elif self._drawn.get(name) != content:
+                element.set_content(*content)
+                self._drawn[name] = content
+
+    def _tell_progress(self, found: Found) -> None:
+        done, begun = self.service.preparation.progress()
+        ready = finding.all_ready(self.service.answers, found.state, self._ready)
+        failures = [failure for name in found.state.models if (failure := self.service.preparation.failure(name))]
+        errors = list(dict.fromkeys([*failures, *found.errors]))
+        self._progress.set_visibility(done < begun)
+        self._progress.set_value(done / max(begun, 1))
+        preparing = f"Preparing models: {done} of {begun} programs compiled" if done < begun else ""
+        self._status.set_text(" · ".join([*errors, *([preparing] if preparing else [])]))
+        self._main.props(f"data-ready={'true' if ready else 'false'}")

@@ -1,0 +1,98 @@
+"""V(α) with its maxima, jumps and regimes; and t_c(α) with its candidates (Laverty, Figure 9)."""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from erosion.explorer.found import Found
+from erosion.explorer.views.look import (
+    DEGREES,
+    STAR,
+    Option,
+    angle_axis,
+    angle_handle,
+    axis,
+    frame,
+    gaps,
+    line,
+    styles,
+    with_gaps,
+)
+from erosion.optimum import Optimum
+from erosion.plotting.angles import describe
+from erosion.plotting.motion import EVENT_LABELS
+from erosion.plotting.style import DIM, ENDS, readable_scale
+from erosion.quantities import RESULTS
+
+_APART = 0.05  # of the longest cut; neighbouring times further apart are of different crossings
+
+
+def volumes(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """V(α) of the checked models, the angle's handle, and the same in words."""
+    largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in found.curves.values()]
+    scale = readable_scale("volume", found.state.case.units, max(largest, default=0.0))
+    series = []
+    for model, curve in found.in_order(found.curves):
+        color, dashes = styles(models)[model]
+        before, best = gaps(curve), found.best.get(model)
+        marks = {} if best is None else _marks(best, scale.size, color, shown=model == found.state.shown)
+        volume = with_gaps(curve.volume / scale.size, before)
+        series.append(line(model, with_gaps(DEGREES, before), volume, color, dashes, **marks))
+    quantity = RESULTS["volume"]
+    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
+    said = [f"{model} removes most {describe(best)}" for model, best in found.in_order(found.best)]
+    label = "; ".join([f"{quantity.meaning} over the angle of attack", *said])
+    return frame(angle_axis(), y_axis, series), [angle_handle(found.state)], label
+
+
+def end_times(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """t_c(α) of the checked models, with both candidates of the one shown."""
+    curves = found.curves
+    largest = max([float(np.nanmax(curve.t_c, initial=0.0)) for curve in curves.values()], default=0.0)
+    scale = readable_scale("time", found.state.case.units, largest)
+    series = []
+    for model, curve in found.in_order(curves):
+        color, dashes = styles(models)[model]
+        before = gaps(curve)
+        t_c = with_gaps(curve.t_c / scale.size, before)
+        series.append(line(model, with_gaps(DEGREES, before), t_c, color, dashes))
+    for event, times in (found.ends or {}).items():
+        color = ENDS.get(event, DIM)
+        label = EVENT_LABELS.get(event, event)
+        thin = {"color": color, "type": [4, 4], "width": 1.8}
+        # A candidate far beyond every end would flatten the rest; where it jumps there is no line.
+        times = np.where(times > 1.6 * largest, np.nan, times)
+        before = np.flatnonzero(np.abs(np.diff(times)) > _APART * largest) + 1
+        x, y = with_gaps(DEGREES, before), with_gaps(times / scale.size, before)
+        series.append(line(label, x, y, color, lineStyle=thin, z=1))
+    quantity = RESULTS["t_c"]
+    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
+    label = f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end {found.state.shown}"
+    return frame(angle_axis(), y_axis, series), [angle_handle(found.state)], label
+
+
+def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[str, Any]:
+    """A star at the maximum, hollow where it is only approached; jumps; regimes of the model shown."""
+    jumps = [
+        [{"coord": [float(np.rad2deg(jump.alpha)), end / size]} for end in (jump.below, jump.above)]
+        for jump in best.jumps
+    ]
+    dashes = {"color": color, "type": [2, 3], "width": 1.4}
+    marks: dict[str, Any] = {"markLine": {"silent": True, "symbol": "none", "lineStyle": dashes, "data": jumps}}
+    if best.kind != "none" and np.isfinite(best.value):
+        fill = {"color": color if best.attained else "transparent", "borderColor": color, "borderWidth": 2}
+        at = {"coord": [float(np.rad2deg(best.alpha)), float(best.value) / size], "itemStyle": fill}
+        marks["markPoint"] = {"silent": True, "symbol": STAR, "symbolSize": 18, "label": {"show": False}, "data": [at]}
+    if shown:
+        areas = [
+            [
+                {"xAxis": float(np.rad2deg(regime.low)), "name": regime.ended_by,
+                 "itemStyle": {"color": ENDS.get(regime.ended_by, DIM), "opacity": 0.09}},
+                {"xAxis": float(np.rad2deg(regime.high))},
+            ]
+            for regime in best.regimes
+        ]  # fmt: skip
+        label = {"position": "insideTop", "color": "inherit", "fontSize": 12}
+        marks["markArea"] = {"silent": True, "label": label, "data": areas}
+    return marks

@@ -1,0 +1,63 @@
+"""The angle of greatest removal over the spin, and its sensitivities."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from erosion.explorer.answers import SPINS
+from erosion.explorer.found import Found
+from erosion.explorer.sliders import SPINS as SPIN_SLIDER
+from erosion.explorer.views.look import Option, axis, frame, line, points, styles
+from erosion.parameters import QUANTITIES
+from erosion.plotting.style import PALETTE
+from erosion.quantities import RESULTS
+
+_APART = 4.0  # degrees; neighbouring maxima further apart are different ones: no line between
+
+
+def spins(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """α_max over s = r φ̇₀/v₀ of the checked models; hollow where it sits at a jump of V(α)."""
+    series = []
+    for model, best in found.in_order(found.spins):
+        color, dashes = styles(models)[model]
+        degrees = np.rad2deg(best.alpha)
+        at_jump = best.kind == "jump"
+        apart = np.flatnonzero((np.abs(np.diff(degrees)) > _APART) | (np.diff(at_jump.astype(int)) != 0)) + 1
+        series.append(line(model, np.insert(SPINS, apart, np.nan), np.insert(degrees, apart, np.nan), color, dashes))
+        hollow = {"color": "transparent", "borderColor": color, "borderWidth": 1.6}
+        marks = {"type": "scatter", "name": f"{model}, at a jump", "itemStyle": hollow, "symbolSize": 8}
+        if at_jump.any():
+            series.append(marks | {"data": points(SPINS[at_jump], degrees[at_jump]), "animation": False})
+    quantity = QUANTITIES["phidot0"]
+    x_axis = axis("s = r φ̇₀/v₀  initial spin", min=float(SPINS[0]), max=float(SPINS[-1]), interval=0.3,
+                  axisLabel={"formatter": "{value}"})  # fmt: skip
+    result = RESULTS["alpha_max"]
+    y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15, nameGap=38,
+                  axisLabel={"formatter": "{value}°"})  # fmt: skip
+    numbers = found.state.case.numbers()
+    s = numbers["phidot0"] * numbers["r"] / numbers["v0"]
+    handle = {"x": s, "movable": True, "low": SPIN_SLIDER.low, "high": SPIN_SLIDER.high, "step": SPIN_SLIDER.step,
+              "label": f"{quantity.meaning}, in the plot", "text": f"s = {s:.3g}"}  # fmt: skip
+    return frame(x_axis, y_axis, series), [handle], f"{result.meaning} over the {quantity.meaning}"
+
+
+def sensitivities(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str] | None:
+    """How far α_max moves when each parameter grows by 1 % (the spin: s by 0.01), in degrees."""
+    if found.sensitivities is None:
+        return None
+    numbers = found.state.case.numbers()
+    sizes = numbers | {"phidot0": numbers["v0"] / numbers["r"]}
+    names = [name for name in reversed(list(QUANTITIES)) if name != "alpha"]
+    moves = [float(np.rad2deg(0.01 * sizes[name] * found.sensitivities[name])) for name in names]
+    bars = [round(move, 6) if np.isfinite(move) else None for move in moves]
+    widest = max([abs(bar) for bar in bars if bar is not None], default=0.0)
+    x_axis = axis("move of α_max for + 1 % (spin: s + 0.01)", axisLabel={"formatter": "{value}°"}, splitNumber=4,
+                  **({} if widest else {"min": -1, "max": 1}))  # fmt: skip
+    labels = [QUANTITIES[name].symbol for name in names]
+    y_axis = {"type": "category", "data": labels, "axisTick": {"show": False}, "axisLabel": {"interval": 0}}
+    series = [{"type": "bar", "name": "α_max", "data": bars, "itemStyle": {"color": PALETTE["green"]},
+               "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
+    grid = {"left": 40, "right": 24, "top": 12, "bottom": 46}
+    said = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
+    option = frame(x_axis, y_axis, series, grid=grid, legend={"show": False})
+    return option, [], f"move of the angle of greatest removal for one per cent more: {said or 'none'}"

@@ -1,0 +1,117 @@
+// The cut as it happens, drawn to scale: target, removed area, path of the tip, and the erodent turning.
+// An angular grain; corners as (angle from the tip, distance from the centre of mass over r).
+const GRAIN = [[0, 1], [52, 0.78], [108, 0.95], [163, 0.8], [221, 0.97], [300, 0.8]];
+const GHOSTS = [0, 0.25, 0.5, 0.75, 1];
+const SECONDS = 5; // of a whole cut, played
+
+export default {
+  template: `<div class="cut">
+    <svg ref="svg" :viewBox="box.join(' ')" role="img" :aria-label="label" preserveAspectRatio="xMidYMid meet">
+      <rect class="target" :x="box[0]" y="0" :width="box[2]" :height="Math.max(0, box[1] + box[3])" />
+      <polygon class="all" :points="area(1)" /><polygon class="removed" :points="area(fraction)" />
+      <line class="surface" :x1="box[0]" :x2="box[0] + box[2]" y1="0" y2="0" />
+      <polygon v-for="g in ghosts" :key="g" class="ghost" :points="grain(g)" />
+      <polyline class="path" :points="path()" />
+      <polygon class="grain" :points="grain(fraction)" />
+      <line class="arm" v-bind="arm()" /><circle class="mass" v-bind="mass()" :r="size * 0.05" />
+      <circle class="tip" v-bind="tip()" :r="size * 0.05" />
+      <g v-if="bar" class="bar" :transform="'translate(' + (box[0] + box[2] * 0.98 - bar.size) + ' ' + (box[1] + box[3] * 0.93) + ')'">
+        <line x1="0" :x2="bar.size" y1="0" y2="0" />
+        <text :x="bar.size / 2" :y="-box[3] * 0.025" :font-size="letters" text-anchor="middle">{{ bar.text }}</text></g>
+    </svg>
+    <div class="cut-time"><button type="button" class="cut-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'"
+      :disabled="!moves"><svg viewBox="0 0 24 24" aria-hidden="true"><path :d="playing ? 'M6 5h4v14H6zM14 5h4v14h-4z' : 'M8 5v14l11-7z'"/></svg></button>
+      <input type="range" min="0" max="1" step="0.005" :value="fraction" aria-label="Time in the cut" :aria-valuetext="time"
+        :disabled="!moves" @input="scrub"><output>{{ time }}</output></div></div>`,
+  data: () => ({
+    t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, box: [0, 0, 1, 1],
+    fraction: 1, playing: false, letters: 0.1,
+  }),
+  computed: {
+    moves() { return this.t.length > 1; },
+    ghosts() { return this.moves ? GHOSTS : []; },
+    time() {
+      const end = this.t.length ? this.t[this.t.length - 1] : 0;
+      return `t = ${((this.fraction * end) / this.unit).toFixed(2)} ${this.units}`;
+    },
+  },
+  mounted() {
+    this.sizes = new ResizeObserver(() => this.frame());
+    this.sizes.observe(this.$refs.svg);
+  },
+  beforeUnmount() { this.sizes.disconnect(); cancelAnimationFrame(this.request); },
+  methods: {
+    draw(cut, key) {
+      Object.assign(this, cut);
+      this.frame();
+      this.tell();
+      requestAnimationFrame(() => {
+        this.$el.dataset.drawn = key;
+        this.$el.dispatchEvent(new CustomEvent("drawn", { detail: key }));
+      });
+    },
+    frame() {
+      if (!this.x.length) return;
+      // Room for the grain at both ends, and for the shape of the picture on the page.
+      let left = Math.min(...this.x) - 1.3 * this.size, right = Math.max(...this.x) + 1.5 * this.size;
+      let top = -2.15 * this.size, foot = Math.max(...this.depth) + 0.75 * this.size;
+      const { width, height } = this.$refs.svg.getBoundingClientRect();
+      const shape = height > 0 ? width / height : 2;
+      if ((right - left) / (foot - top) < shape) {
+        const more = (shape * (foot - top) - (right - left)) / 2;
+        left -= more; right += more;
+      } else {
+        const more = (right - left) / shape - (foot - top);
+        top -= more * 0.4; foot += more * 0.6;
+      }
+      this.box = [left, top, right - left, foot - top];
+      this.letters = (14 * (right - left)) / Math.max(width, 1);
+    },
+    at(fraction) {
+      const place = fraction * (this.t.length - 1), i = Math.min(Math.floor(place), Math.max(this.t.length - 2, 0));
+      const mix = (all) => (i + 1 < all.length ? all[i] + (place - i) * (all[i + 1] - all[i]) : all[0] ?? 0);
+      return { i, x: mix(this.x), y: mix(this.depth), phi: mix(this.phi) };
+    },
+    grain(fraction) {
+      const { x, y, phi } = this.at(fraction), r = this.size;
+      const middle = [x + r * Math.cos(phi), y - r * Math.sin(phi)];
+      return GRAIN.map(([angle, distance]) => {
+        // From the tip, which lies from the centre of mass in the direction φ + π.
+        const way = phi + Math.PI + (angle * Math.PI) / 180;
+        return `${middle[0] + distance * r * Math.cos(way)},${middle[1] - distance * r * Math.sin(way)}`;
+      }).join(" ");
+    },
+    area(fraction) {
+      const { i, x, y } = this.at(fraction), points = [];
+      for (let n = 0; n <= i; n++) points.push(`${this.x[n]},${this.depth[n]}`);
+      return [...points, `${x},${y}`, `${x},0`, `${this.x[0] ?? 0},0`].join(" ");
+    },
+    path() { return this.x.map((x, n) => `${x},${this.depth[n]}`).join(" "); },
+    tip() { const { x, y } = this.at(this.fraction); return { cx: x, cy: y }; },
+    mass() {
+      const { x, y, phi } = this.at(this.fraction);
+      return { cx: x + this.size * Math.cos(phi), cy: y - this.size * Math.sin(phi) };
+    },
+    arm() { const a = this.tip(), b = this.mass(); return { x1: a.cx, y1: a.cy, x2: b.cx, y2: b.cy }; },
+    scrub(event) { this.playing = false; this.fraction = Number(event.target.value); this.tell(); },
+    toggle() {
+      this.playing = !this.playing;
+      if (!this.playing) return;
+      if (this.fraction >= 1) this.fraction = 0;
+      let before = performance.now();
+      const step = (now) => {
+        if (!this.playing) return;
+        this.fraction = Math.min(1, this.fraction + (now - before) / 1000 / SECONDS);
+        before = now;
+        this.tell();
+        if (this.fraction >= 1) this.playing = false;
+        else this.request = requestAnimationFrame(step);
+      };
+      this.request = requestAnimationFrame(step);
+    },
+    tell() {
+      const end = this.t.length ? this.t[this.t.length - 1] : 0;
+      window.dispatchEvent(new CustomEvent("cut-time", { detail: this.fraction * end }));
+    },
+  },
+};

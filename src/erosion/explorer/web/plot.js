@@ -1,0 +1,96 @@
+// A plot (ECharts as NiceGUI bundles it) with upright handles that a hand or the keyboard can move.
+import { echarts } from "nicegui-echart";
+
+const variable = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
+
+function theme() {
+  const ink = variable("--ink"), faint = variable("--faint"), dim = variable("--dim");
+  const axis = {
+    axisLine: { show: true, lineStyle: { color: dim } },
+    axisTick: { lineStyle: { color: dim } },
+    axisLabel: { color: ink, fontSize: 13 },
+    splitLine: { lineStyle: { color: faint } },
+    nameTextStyle: { color: ink, fontSize: 13 },
+  };
+  return {
+    backgroundColor: "transparent",
+    textStyle: { color: ink, fontFamily: "inherit" },
+    valueAxis: axis,
+    categoryAxis: axis,
+    legend: { textStyle: { color: ink, fontSize: 13 } },
+    title: { textStyle: { color: ink } },
+    tooltip: {
+      backgroundColor: variable("--surface"), borderColor: dim, textStyle: { color: ink, fontSize: 13 },
+    },
+  };
+}
+
+export default {
+  template: `<div class="plot" :style="{height}"><div ref="chart" class="plot-chart" role="img" :aria-label="label"></div>
+    <div v-for="(h, i) in handles" :key="i" ref="handle" class="plot-handle" :class="{fixed: !h.movable}"
+      :role="h.movable ? 'slider' : 'presentation'" :tabindex="h.movable ? 0 : -1"
+      :aria-label="h.label" :aria-valuemin="h.low" :aria-valuemax="h.high" :aria-valuenow="h.x" :aria-valuetext="h.text"
+      :style="place(h)" @pointerdown="grab($event, h)" @pointermove="move($event, h)" @pointerup="held = null"
+      @pointercancel="held = null" @keydown="key($event, h)"><span v-if="h.movable" class="plot-grip"></span></div></div>`,
+  props: { height: String, follows: Boolean },
+  data: () => ({ handles: [], label: "", held: null, layout: 0 }),
+  mounted() {
+    this.chart = echarts.init(this.$refs.chart, theme());
+    this.$el.chart = this.chart;
+    this.sizes = new ResizeObserver(() => { this.chart.resize(); this.layout++; });
+    this.sizes.observe(this.$el);
+    this.scheme = new MutationObserver(() => this.chart.setTheme(theme()));
+    this.scheme.observe(document.body, { attributes: true, attributeFilter: ["class"] });
+    this.follow = (event) => this.handles.forEach((h) => { if (!h.movable) h.x = event.detail / h.unit; });
+    if (this.follows) window.addEventListener("cut-time", this.follow);
+  },
+  beforeUnmount() {
+    window.removeEventListener("cut-time", this.follow);
+    this.sizes.disconnect();
+    this.scheme.disconnect();
+    this.chart.dispose();
+  },
+  methods: {
+    draw(option, handles, label, key) {
+      if (option) this.chart.setOption(option, { replaceMerge: ["series"] });
+      // A handle in the hand stays there.
+      this.handles = handles.map((h, i) => (this.held === i ? { ...h, x: this.handles[i].x } : { index: i, ...h }));
+      this.label = label;
+      this.layout++;
+      requestAnimationFrame(() => {
+        this.$el.dataset.drawn = key;
+        this.$el.dispatchEvent(new CustomEvent("drawn", { detail: key }));
+      });
+    },
+    grid(h) {
+      return this.chart.getModel().getComponent("grid", h.grid || 0).coordinateSystem.getRect();
+    },
+    place(h) {
+      this.layout; // read, so that a new layout places handles again
+      if (!this.chart || !this.chart.getOption()) return {};
+      const x = this.chart.convertToPixel({ gridIndex: h.grid || 0 }, [h.x, 0])[0], box = this.grid(h);
+      const shown = Number.isFinite(x) && x > box.x - 1 && x < box.x + box.width + 1;
+      return { left: `${x}px`, top: `${box.y}px`, height: `${box.height}px`, display: shown ? "block" : "none" };
+    },
+    grab(event, h) {
+      if (!h.movable) return;
+      event.target.setPointerCapture(event.pointerId);
+      this.held = h.index;
+    },
+    move(event, h) {
+      if (this.held !== h.index || !h.movable) return;
+      const left = event.clientX - this.$refs.chart.getBoundingClientRect().left;
+      this.pick(h, this.chart.convertFromPixel({ gridIndex: h.grid || 0 }, [left, 0])[0]);
+    },
+    key(event, h) {
+      const steps = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 20, PageDown: -20 }[event.key];
+      if (!h.movable || !steps) return;
+      event.preventDefault();
+      this.pick(h, h.x + steps * h.step);
+    },
+    pick(h, x) {
+      h.x = Math.min(h.high, Math.max(h.low, Math.round(x / h.step) * h.step));
+      this.$emit("pick", h.x);
+    },
+  },
+};

@@ -1,0 +1,81 @@
+"""What a hand does on the page, and what an eye sees there."""
+
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+from playwright.sync_api import Page
+
+import erosion
+from erosion.parameters import QUANTITIES
+
+SLIDE = """([name, positions]) => {
+  const slider = document.getElementById(name + '-slider');
+  for (const position of positions) {
+    slider.value = position;
+    slider.dispatchEvent(new Event('input', { bubbles: true }));
+  }
+}"""
+
+# From the slider's event to the frame in which each of these has drawn another state.
+SLIDE_AND_TIME = """async ([name, position, views]) => {
+  const slider = document.getElementById(name + '-slider');
+  const begun = performance.now();
+  const drawn = views.map((view) => new Promise((done) => {
+    const element = document.querySelector('.view-' + view + ' > :is(.plot, .cut)');
+    element.addEventListener('drawn', () => done(performance.now() - begun), { once: true });
+  }));
+  slider.value = position;
+  slider.dispatchEvent(new Event('input', { bubbles: true }));
+  return Math.max(...(await Promise.all(drawn)));
+}"""
+
+SERIES = """(view) => document.querySelector('.view-' + view + ' .plot').chart.getOption().series.map(
+  (one) => ({ name: one.name, data: one.data, best: one.markPoint?.data?.[0]?.coord }))"""
+
+
+SETTLED = """([name, shown]) => {
+  if (document.getElementById(name + '-entry').value !== shown) return false;
+  const keys = ['.view-cut .cut', '.view-volumes .plot', '.view-histories .plot']
+    .map((view) => document.querySelector(view).dataset.drawn);
+  const number = Number(new URLSearchParams(keys[0]).get(name)) * (name === 'alpha' ? 180 / Math.PI : 1);
+  return keys.every((key) => key === keys[0]) && location.search.slice(1) === keys[0]
+    && Math.abs(number - Number(shown)) <= 1e-5 * Math.abs(number);
+}"""
+
+
+def slide(page: Page, name: str, *positions: float) -> None:
+    """Move a parameter's slider, as fast as the browser can."""
+    page.evaluate(SLIDE, [name, list(positions)])
+
+
+def enter(page: Page, name: str, text: str) -> None:
+    """Type a parameter's number."""
+    page.fill(f"#{name}-entry", text)
+    page.press(f"#{name}-entry", "Enter")
+
+
+def settle(page: Page, name: str, shown: str) -> None:
+    """Wait until a parameter shows this, and everything that moves with a slider and the link say so too."""
+    page.wait_for_function(SETTLED, arg=[name, shown])
+
+
+def parameters(page: Page) -> erosion.Parameters:
+    """The parameters in the page's link."""
+    query = {name: values[0] for name, values in parse_qs(urlsplit(page.url).query).items()}
+    return erosion.Parameters(**{name: float(query[name]) for name in QUANTITIES}, units=query["units"])
+
+
+def curve(page: Page, view: str, model: str) -> np.ndarray:
+    """What is drawn of a model, shape (points, 2), without the gaps."""
+    found = [one for one in page.evaluate(SERIES, view) if one["name"] == model]
+    assert len(found) == 1
+    return np.array([point for point in found[0]["data"] if None not in point], dtype=float)
+
+
+def star(page: Page, model: str) -> Any:
+    """Where a model's angle of greatest removal is drawn."""
+    handle = page.wait_for_function(
+        f"(model) => ({SERIES})('volumes').find((one) => one.name === model)?.best", arg=model
+    )
+    return handle.json_value()

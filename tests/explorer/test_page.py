@@ -1,0 +1,249 @@
+"""The explorer in a real browser."""
+
+import json
+import socket
+import statistics
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+import erosion
+from erosion.cli import _status
+from tests.explorer.driving import SLIDE_AND_TIME, curve, enter, parameters, settle, slide, star
+
+# Numbers are drawn with 5 digits behind the point of readable units.
+ATOL = 1e-5
+
+
+def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
+    slide(page, "k", -0.25)
+    settle(page, "k", "0.9457")
+    p = parameters(page)
+    assert float(p.k) == 0.9457
+    for model in ("linearized", "rotating"):
+        degrees, volume = curve(page, "volumes", model).T
+        hits = erosion.impact(model, p.replace(alpha=np.deg2rad(degrees)), derivatives=2)
+        np.testing.assert_allclose(volume, hits.volume / 1e-4, atol=ATOL)
+        np.testing.assert_allclose(curve(page, "end_times", model)[:, 1], hits.t_c / 1e-6, atol=ATOL)
+        best = erosion.alpha_max(model, p)
+        assert star(page, model) == pytest.approx([np.rad2deg(best.alpha), best.volume / 1e-4], rel=1e-9)
+    row = page.locator(".numbers tr.shown")
+    here = erosion.impact("rotating", p, derivatives=2)
+    expect(row).to_contain_text(f"{here.t_c / 1e-6:.5g} µs")
+    expect(row).to_contain_text(str(here.ended_by))
+    expect(row).to_contain_text("jump")
+
+
+def test_histories_and_cut_are_the_simulation(page: Page) -> None:
+    slide(page, "alpha", 45)
+    settle(page, "alpha", "45")
+    cut = erosion.simulate("rotating", parameters(page))
+    t, x = [
+        np.array(values)
+        for values in zip(
+            *page.evaluate("() => document.querySelector('.view-histories .plot').chart.getOption().series[1].data"),
+            strict=True,
+        )
+    ]
+    np.testing.assert_allclose(t, cut.t / 1e-6, atol=ATOL)
+    np.testing.assert_allclose(x, cut.x_tip / 1e-3, atol=ATOL)
+    assert page.get_by_role("img", name=f"rotating: {cut.ended_by} after").count() == 1
+
+
+def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
+    time = page.locator(".cut-time output")
+    end = time.inner_text()
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_function(f"() => document.querySelector('.cut-time output').innerText !== '{end}'")
+    page.get_by_role("button", name="Pause").click()
+    grain = page.locator(".cut .grain").get_attribute("points")
+    page.get_by_label("Time in the cut").fill("0")
+    expect(time).to_have_text("t = 0.00 µs")
+    assert page.locator(".cut .grain").get_attribute("points") != grain
+
+
+def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:
+    handle = page.get_by_role("slider", name="angle of attack, in the plot").first
+    box = handle.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 120, box["y"] + 40, steps=5)
+    page.mouse.up()
+    page.wait_for_function("() => Number(document.getElementById('alpha-entry').value) > 30")
+    assert float(page.input_value("#alpha-slider")) == float(page.input_value("#alpha-entry"))
+
+
+def test_everything_works_by_keyboard(page: Page) -> None:
+    page.focus("#alpha-slider")
+    page.keyboard.press("ArrowRight")
+    settle(page, "alpha", "20.25")
+    page.get_by_role("slider", name="angle of attack, in the plot").first.focus()
+    page.keyboard.press("ArrowLeft")
+    settle(page, "alpha", "20")
+    page.focus("#alpha-entry")
+    page.keyboard.press("ControlOrMeta+A")
+    page.keyboard.type("30\n")
+    settle(page, "alpha", "30")
+    unnamed = page.evaluate(
+        """() => [...document.querySelectorAll('input, button, [role=slider], [role=checkbox], [role=img]')]
+        .filter((e) => e.offsetParent && !e.labels?.length && !e.ariaLabel && !e.innerText.trim())
+        .map((e) => e.outerHTML)"""
+    )
+    assert unnamed == []
+
+
+def test_a_link_carries_the_whole_state(page: Page) -> None:
+    page.get_by_role("checkbox", name="as-printed").click()
+    page.get_by_role("button", name="si", exact=True).click()
+    enter(page, "v0", "0.12345678901234567 km/s")
+    settle(page, "v0", "123.457")
+    other = page.context.new_page()
+    other.goto(page.url)
+    other.wait_for_selector("main[data-ready=true]")
+    settle(other, "v0", "123.457")
+    assert other.url == page.url
+    assert float(parameters(other).v0) == 123.45678901234567
+    assert parameters(other).units == "si"
+    np.testing.assert_array_equal(curve(other, "volumes", "as-printed"), curve(page, "volumes", "as-printed"))
+
+
+def test_a_link_may_be_written_by_hand(page: Page, address: str) -> None:
+    page.goto(f"{address}?alpha=30 deg&v0=100 m/s&models=linearized")
+    settle(page, "alpha", "30")
+    assert page.input_value("#v0-entry") == "3937.01"
+    page.goto(f"{address}?alpha=95 deg")
+    expect(page.get_by_text("The link cannot be used: Field `alpha` must be in (0, π/2]")).to_be_visible()
+    page.goto(f"{address}?models=/etc/passwd.py")
+    expect(page.get_by_text("which is not one of the models here")).to_be_visible()
+    assert page.input_value("#alpha-entry") == "20"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("v0", "fast", "must be a speed"),
+        ("v0", "-3", "must be positive and finite, but is -3"),
+        ("alpha", "95", "must be in (0, π/2]"),
+        ("k", "2 kg", "must be a pure number"),
+        ("phidot0", "nan", "must be a finite number"),
+        ("sigma", "", "must be a stress"),
+    ],
+)
+def test_bad_input_marks_the_field_and_changes_nothing(page: Page, name: str, text: str, why: str) -> None:
+    settle(page, "alpha", "20")
+    before = page.url
+    good = page.input_value(f"#{name}-entry")
+    enter(page, name, text)
+    expect(page.locator(f"#{name}-why")).to_contain_text(why)
+    assert page.get_attribute(f"#{name}-entry", "aria-invalid") == "true"
+    slide(page, "b", 0.1, 0)
+    settle(page, "b", "0.04")
+    assert page.url == before
+    page.press(f"#{name}-entry", "Escape")
+    assert page.input_value(f"#{name}-entry") == good
+    expect(page.locator(f"#{name}-why")).to_be_empty()
+
+
+def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
+    other = page.context.new_page()
+    other.goto(address)
+    other.wait_for_selector("main[data-ready=true]")
+    slide(page, "k", 0.5)
+    slide(other, "alpha", 60)
+    settle(page, "k", "8.944")
+    settle(other, "alpha", "60")
+    assert page.input_value("#alpha-entry") == "20"
+    assert other.input_value("#k-entry") == "2"
+    assert curve(page, "volumes", "linearized")[:, 1].max() != curve(other, "volumes", "linearized")[:, 1].max()
+
+
+def test_presets_and_reset(page: Page) -> None:
+    page.get_by_role("button", name="Metal").click()
+    page.get_by_text("copper").click()
+    settle(page, "sigma", "10000")
+    page.get_by_role("button", name="Spin").click()
+    page.get_by_text("s = −0.25").click()
+    settle(page, "phidot0", "-27500")
+    page.get_by_role("button", name="Reset").click()
+    settle(page, "sigma", "200000")
+    assert page.input_value("#phidot0-entry") == "0"
+
+
+def test_two_hundred_rapid_events_end_in_the_final_state(page: Page) -> None:
+    rng = np.random.default_rng(1)
+    slide(page, "sigma", *rng.uniform(-0.5, 0.5, 199), 0.1)
+    settle(page, "sigma", f"{200e3 * 20**0.1:.4g}".replace("e+05", "00"))
+    degrees, volume = curve(page, "volumes", "linearized").T
+    hits = erosion.impact("linearized", parameters(page).replace(alpha=np.deg2rad(degrees)), derivatives=2)
+    np.testing.assert_allclose(volume, hits.volume / 1e-4, atol=ATOL)
+
+
+def test_a_slider_moves_the_plots_without_delay(page: Page) -> None:
+    times = [page.evaluate(SLIDE_AND_TIME, ["v0", 0.005 * n, ["cut", "volumes", "histories"]]) for n in range(1, 16)]
+    # `python -m benchmarks.explorer` measures; this only notices a page that waits, on a busy machine too.
+    assert statistics.median(times) < 500
+
+
+def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    enter(page, "alpha", "33.3")
+    settle(page, "alpha", "33.3")
+
+    def download(title: str) -> Path:
+        page.get_by_role("button", name="Export").click()
+        with page.expect_download() as found:
+            page.get_by_text(title, exact=True).click()
+        path = tmp_path / found.value.suggested_filename
+        found.value.save_as(path)
+        return path
+
+    exported = json.loads(download("All numbers (JSON)").read_text())
+    case = download("The case (TOML)")
+    capsys.readouterr()
+    assert _status(["run", "--case", str(case), "--model", "rotating", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["parameters"] == exported["parameters"]
+    assert exported["models"]["rotating"]["volume"] == pytest.approx(found["volume"], rel=1e-9)
+    lines = download("Curves over α (CSV)").read_text().splitlines()
+    assert lines[0].split(",")[:2] == ["alpha [deg]", "linearized volume [in³]"]
+    assert float(lines[1].split(",")[1]) == exported["models"]["linearized"]["curve"]["volume"][0]
+    assert len(download("Motion of the model drawn (CSV)").read_text().splitlines()) == 202
+    assert download("The cut and its histories (SVG)").read_bytes().startswith(b"<?xml")
+    for title in (
+        "V(α) of the checked models",
+        "V(α) with its maxima, jumps and regimes",
+        "t_c(α) with both candidates",
+    ):
+        assert download(f"{title} (PNG)").read_bytes().startswith(b"\x89PNG")
+
+
+def test_only_this_machine_is_spoken_to(page: Page, server: tuple, address: str) -> None:
+    asked = []
+    other = page.context.new_page()
+    other.on("request", lambda request: asked.append(request.url))
+    other.goto(address)
+    other.wait_for_selector("main[data-ready=true]")
+    slide(other, "k", 0.2)
+    settle(other, "k", "3.641")
+    assert len(asked) > 10
+    assert [
+        url for url in asked if not url.startswith((address, address.replace("http", "ws"), "data:", "blob:"))
+    ] == []
+    port = int(address.rstrip("/").rsplit(":", 1)[1])
+    assert listening_on(server[0].pid) == {("127.0.0.1", port)}
+
+
+def listening_on(pid: int) -> set[tuple[str, int]]:
+    """Addresses that a process listens on, from Linux's own tables."""
+    own = {str(path.readlink()) for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()}
+    found = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            place, state, inode = (line.split()[i] for i in (1, 3, 9))
+            if state == "0A" and f"socket:[{inode}]" in own:
+                ip, port = place.split(":")
+                numeric = socket.inet_ntoa(bytes.fromhex(ip)[::-1]) if table == "tcp" else ip
+                found.add((numeric, int(port, 16)))
+    return found
