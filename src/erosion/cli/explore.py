@@ -30,12 +30,9 @@ def explore(
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
     start_engine()
     try:
-        from erosion.explorer.server import explore as serve
+        from erosion.explorer.server import free_port, offer, serve
     except ModuleNotFoundError as error:
         raise InputError(f"The explorer needs {error.name}: pip install 'erosion[explorer]'.") from error
-    from erosion.models import load_model
-
     with user_errors():
-        for path in model or []:
-            load_model(path)
-    serve(p, model or [], port=port, show=browser)
+        service, port = offer(p, model or []), free_port(port)
+    serve(service, port=port, show=browser)

@@ -136,7 +136,7 @@ import erosion
 
 p = erosion.{state.case.parameters()!r}
 for model in ({names},):
-    hit = erosion.impact(model, p, derivatives=1)
+    hit = erosion.impact(model, p, derivatives=2)
     best = erosion.alpha_max(model, p)
     print(model, hit.volume, hit.dvolume, hit.t_c, hit.ended_by, np.rad2deg(best.alpha), best.kind)
 

@@ -1,12 +1,13 @@
 """The page's server, on this machine alone."""
 
+import asyncio
 import socket
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from fastapi import Request
-from nicegui import app, ui
+from nicegui import app, background_tasks, ui
 
 from erosion.explorer.answers import Answers
 from erosion.explorer.found import all_ready
@@ -24,21 +25,14 @@ _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
 
 
-def explore(p: Parameters, plug_ins: Sequence[str] = (), *, port: int | None = None, show: bool = True) -> None:
+def serve(service: Service, *, port: int, show: bool = True) -> None:
     """Serve the explorer until it is interrupted.
 
     Args:
-        p: the case to begin with, all scalars.
-        plug_ins: paths of models to offer besides those known by name.
-        port: to listen on; any free one for 0; 8080, or a free one where it is taken, without it.
+        service: what it offers.
+        port: a free one of this machine.
         show: open a browser.
-
-    Raises:
-        ModelError: for a plug-in that cannot be loaded.
-        OSError: where the port cannot be had.
     """
-    port = _free(port)
-    service = _service(p, plug_ins)
     # The page says it in words.
     warnings.simplefilter("ignore", TurnWarning)
 
@@ -56,24 +50,48 @@ def explore(p: Parameters, plug_ins: Sequence[str] = (), *, port: int | None = N
         if complaint:
             tab.say(complaint)
 
-    def started() -> None:
+    async def announce() -> None:
+        await _listening(port)
         print(f"http://{HOST}:{port}/", flush=True)
+        # Not before, for compiling would slow the start of the server.
         all_ready(service.answers, service.start, service.preparation.ready)
 
-    app.on_startup(started)
+    app.on_startup(lambda: background_tasks.create(announce()))
     app.on_shutdown(service.preparation.close)
     ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
 
 
-def _service(p: Parameters, plug_ins: Sequence[str]) -> Service:
-    known: Mapping[str, tuple[str, str]] = {
-        name: (name, info.summary) for name, info in available_models().items() if info.error is None
-    }
-    extra = {Path(path).stem: (path, next(iter(available_models(path).values())).summary) for path in plug_ins}
-    offered = {**known, **extra}
+async def _listening(port: int) -> None:
+    """Wait until the server answers, which is a moment after its start."""
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(HOST, port)
+        except ConnectionError:
+            await asyncio.sleep(0.02)
+        else:
+            writer.close()
+            return
+
+
+def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
+    """Every model known by name, and plug-ins.
+
+    Args:
+        p: the case to begin with, all scalars.
+        plug_ins: paths of models to offer besides those known by name; they are shown first.
+
+    Raises:
+        ModelError: for a plug-in that cannot be loaded.
+    """
+    offered = {name: (name, info.summary) for name, info in available_models().items() if info.error is None}
+    plugged = []
+    for path in plug_ins:
+        info = next(iter(available_models(path).values()))
+        plugged.append(path if Path(path).stem in offered else Path(path).stem)
+        offered[plugged[-1]] = (path, info.summary)
     answers = Answers({name: load_model(source) for name, (source, _) in offered.items()})
     case = Case.of(p)
-    start = State(case, tuple(name for name in offered if name in (*_CHECKED, *extra)), next(iter(extra), _SHOWN))
+    start = State(case, tuple(name for name in offered if name in (*_CHECKED, *plugged)), next(iter(plugged), _SHOWN))
     return Service(
         answers=answers,
         preparation=Preparation(case),
@@ -83,17 +101,21 @@ def _service(p: Parameters, plug_ins: Sequence[str]) -> Service:
     )
 
 
-def _free(port: int | None) -> int:
-    """The port if it can be had."""
+def free_port(port: int | None) -> int:
+    """The port if it can be had, any free one for 0; for None 8080, or a free one where that is taken.
+
+    Raises:
+        ValueError: where it cannot be had.
+    """
     if port is None:
         try:
-            return _free(_PORT)
-        except OSError:
-            return _free(0)
+            return free_port(_PORT)
+        except ValueError:
+            return free_port(0)
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
         except OSError as error:
-            raise OSError(f"Argument `port` must be free, but {port} cannot be had ({error.strerror}).") from error
+            raise ValueError(f"Argument `port` must be free, but {port} cannot be had ({error.strerror}).") from error
         return probe.getsockname()[1]

@@ -20,6 +20,7 @@ from erosion.explorer.state import State
 from erosion.explorer.views import VIEWS
 
 _REST = 0.12  # s; after so long without a change the slower answers are begun
+_PATIENCE = 0.4  # s; what takes longer is said to be computed
 
 _TITLES: Mapping[str, str] = {
     "cut": "The cut, to scale",
@@ -67,12 +68,12 @@ class Tab:
         self._later = LatestWins(self._show_later, self._start)
         with ui.element("header").classes("bar"):
             ui.html("erosion explorer", tag="h1", sanitize=False)
+            with ui.element("div").classes("status").props("role=status"):
+                self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
+                self._status = ui.label()
             self._sharing = Sharing(service.answers, service.sources, lambda: self.state)
         with ui.element("main").classes("explorer") as self._main:
             with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
-                with ui.element("div").classes("status").props("role=status"):
-                    self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
-                    self._status = ui.label()
                 self._controls = Controls(service.start, service.summaries, self._go)
             with ui.element("div").classes("views"):
                 self._elements = {name: self._view(name) for name in VIEWS}
@@ -138,7 +139,9 @@ class Tab:
             found = finding.at_once(self.service.answers, state, self._ready)
             return found, {name: view(found, self._models) for name, view in VIEWS.items()}
 
+        patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
         found, contents = await asyncio.to_thread(work)
+        patience.cancel()
         self._draw(contents, found)
         self._tell_progress(found)
 

@@ -93,6 +93,6 @@ def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[st
             ]
             for regime in best.regimes
         ]  # fmt: skip
-        label = {"position": "insideTop", "color": "inherit", "fontSize": 12}
+        label = {"position": "top", "color": "inherit", "fontSize": 13}
         marks["markArea"] = {"silent": True, "label": label, "data": areas}
     return marks

@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from erosion.explorer.found import Found
-from erosion.explorer.views.look import Option, axis, line
+from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.model import State as Body
 from erosion.plotting.motion import HISTORIES
 from erosion.plotting.style import PALETTE, Scale, readable_scale
@@ -63,10 +63,9 @@ def histories(found: Found, models: Collection[str]) -> tuple[Option, list[Optio
             series.append(line("centre of mass", t, y, PALETTE["orange"], "dashed", **where))
         series.append(line("tip", t, tip / scale.size, PALETTE["blue"], **where))
     handles = [{"grid": i, "x": float(t[-1]), "unit": time.size, "movable": False, "label": ""} for i in range(4)]
-    legend = {"top": 0, "itemHeight": 4, "icon": "roundRect"}
     tooltip = {"trigger": "axis", "confine": True, "transitionDuration": 0}
     option = {"animation": False, "grid": grids, "xAxis": x_axes, "yAxis": y_axes, "series": series}
-    return option | {"legend": legend, "tooltip": tooltip}, handles, "position and speed of the tip over time"
+    return option | {"legend": LEGEND, "tooltip": tooltip}, handles, "position and speed of the tip over time"
 
 
 def _sentence(cut: Trajectory) -> str:

@@ -16,6 +16,7 @@ from erosion.plotting.style import STYLES
 Option = dict[str, Any]
 
 STAR = "path://M0,-10L2.9,-3.1L10,-3.1L4.3,1.5L6.2,8.6L0,4.4L-6.2,8.6L-4.3,1.5L-10,-3.1L-2.9,-3.1Z"
+LEGEND = {"top": 0, "type": "scroll", "icon": "path://M0,5H24V8H0Z", "itemHeight": 12}
 DEGREES = np.rad2deg(ANGLES)
 
 
@@ -57,8 +58,8 @@ def frame(x_axis: Any, y_axis: Any, series: list[Option], **more: Any) -> Option
     """A plot of one panel."""
     return {
         "animation": False,
-        "grid": {"left": 62, "right": 18, "top": 40, "bottom": 50},
-        "legend": {"top": 4, "type": "scroll", "icon": "roundRect", "itemHeight": 4},
+        "grid": {"left": 62, "right": 18, "top": 52, "bottom": 50},
+        "legend": LEGEND,
         "tooltip": {"trigger": "axis", "confine": True, "transitionDuration": 0},
         "xAxis": x_axis,
         "yAxis": y_axis,

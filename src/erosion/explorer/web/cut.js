@@ -17,7 +17,7 @@ export default {
       <circle class="tip" v-bind="tip()" :r="size * 0.05" />
       <g v-if="bar" class="bar" :transform="'translate(' + (box[0] + box[2] * 0.98 - bar.size) + ' ' + (box[1] + box[3] * 0.93) + ')'">
         <line x1="0" :x2="bar.size" y1="0" y2="0" />
-        <text :x="bar.size / 2" :y="-box[3] * 0.025" :font-size="letters" text-anchor="middle">{{ bar.text }}</text></g>
+        <text :x="bar.size" :y="-box[3] * 0.025" :font-size="letters" text-anchor="end">{{ bar.text }}</text></g>
     </svg>
     <div class="cut-time"><button type="button" class="cut-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'"
       :disabled="!moves"><svg viewBox="0 0 24 24" aria-hidden="true"><path :d="playing ? 'M6 5h4v14H6zM14 5h4v14h-4z' : 'M8 5v14l11-7z'"/></svg></button>

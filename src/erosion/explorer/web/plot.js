@@ -14,7 +14,8 @@ function theme() {
   };
   return {
     backgroundColor: "transparent",
-    textStyle: { color: ink, fontFamily: "inherit" },
+    // A canvas knows no "inherit".
+    textStyle: { color: ink, fontFamily: getComputedStyle(document.body).fontFamily },
     valueAxis: axis,
     categoryAxis: axis,
     legend: { textStyle: { color: ink, fontSize: 13 } },

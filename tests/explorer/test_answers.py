@@ -1,0 +1,128 @@
+"""What the page asks, and how it asks: remembered answers, single events, the latest first."""
+
+import asyncio
+from collections.abc import Awaitable
+
+import numpy as np
+import pytest
+
+from erosion.explorer.answers import ANGLES, Answer, Answers
+from erosion.explorer.exports import case_toml, curves_csv, python_lines
+from erosion.explorer.latest import LatestWins
+from erosion.explorer.preparation import Preparation
+from erosion.explorer.single_events import SingleEvent, end_times
+from erosion.explorer.state import Case, State
+from erosion.kernel import impact
+from erosion.models import Linearized
+from erosion.optimum import alpha_max
+from erosion.parameters import TABLE_1
+
+CASE = Case.of(TABLE_1)
+STATE = State(CASE, ("linearized",), "linearized")
+
+
+@pytest.mark.parametrize("event", ["rebound", "stop"])
+def test_a_single_event_is_the_closed_forms_candidate(event: str) -> None:
+    p = TABLE_1.replace(alpha=ANGLES[::10])
+    exact = end_times(Linearized(), p)[event]
+    hits = impact(SingleEvent(model=Linearized(), event=event), p)
+    found = np.where(hits.ended_by == event, hits.t_c, np.nan)
+    # 1e-9 is the kernel's tolerance; where the event never happens both say so.
+    np.testing.assert_allclose(found, exact, rtol=1e-9)
+    assert np.isnan(exact).any() == (event == "stop")
+
+
+def test_answers_are_remembered_but_not_all() -> None:
+    asked = []
+
+    def ask(model: str, case: Case) -> str:
+        asked.append(case)
+        return f"{model} {case.numbers()['k']}"
+
+    answer = Answer(ask)
+    cases = [CASE.replace(k=1.0 + n) for n in range(200)]
+    assert answer.known("m", cases[0]) is None
+    assert answer("m", cases[0]) == answer("m", cases[0]) == answer.known("m", cases[0]) == "m 1.0"
+    assert len(asked) == 1
+    for case in cases:
+        answer("m", case)
+    assert answer.known("m", cases[0]) is None
+    assert answer.known("m", cases[-1]) == "m 200.0"
+
+
+def test_only_the_latest_waits() -> None:
+    done: list[int] = []
+
+    async def main() -> None:
+        tasks: list[Awaitable] = []
+
+        async def work(item: int) -> None:
+            await asyncio.sleep(0.001)
+            done.append(item)
+
+        lane = LatestWins(work, lambda run: tasks.append(asyncio.ensure_future(run)))
+        lane.offer(0)
+        await asyncio.sleep(0)
+        for item in range(1, 200):
+            lane.offer(item)
+        assert lane.waiting
+        await asyncio.gather(*tasks)
+        lane.offer(200)
+        await asyncio.gather(*tasks)
+
+    asyncio.run(main())
+    assert done == [0, 199, 200]
+
+
+def test_work_that_fails_does_not_stop_what_follows() -> None:
+    async def main() -> None:
+        tasks: list[asyncio.Future] = []
+
+        async def work(item: int) -> None:
+            raise ArithmeticError(f"{item}")
+
+        lane = LatestWins(work, lambda run: tasks.append(asyncio.ensure_future(run)))
+        for item in (1, 2):
+            lane.offer(item)
+            with pytest.raises(ArithmeticError, match=f"{item}"):
+                await tasks[-1]
+        assert len(tasks) == 2
+
+    asyncio.run(main())
+
+
+def test_preparation_begins_once_and_says_what_failed() -> None:
+    def fail(model: str, case: Case) -> None:
+        raise ValueError("no such forces")
+
+    preparation, told = Preparation(CASE), []
+    good, bad = Answer(lambda model, case: case), Answer(fail)
+    preparation.listeners.add(lambda: told.append(preparation.progress()))
+    assert not preparation.ready(good, "a") or told
+    preparation.ready(bad, "b")
+    while not (preparation.ready(good, "a") and preparation.ready(bad, "b")):
+        pass
+    preparation.close()
+    assert preparation.failure("a") is None
+    assert preparation.failure("b") == "b: no such forces"
+    assert told[-1] == (2, 2)
+
+
+def test_python_lines_compute_the_same(capsys: pytest.CaptureFixture) -> None:
+    lines = python_lines(STATE, {"linearized": "linearized"})
+    scope: dict = {}
+    exec(lines, scope)
+    assert scope["p"] == TABLE_1
+    assert float(scope["hit"].volume) == pytest.approx(1.816436352531e-4, rel=1e-10)
+    assert scope["best"].alpha == alpha_max("linearized", TABLE_1).alpha
+    assert "rebound" in capsys.readouterr().out
+
+
+def test_curves_and_case_are_exact(tmp_path) -> None:
+    answers = Answers({"linearized": Linearized()})
+    rows = [line.split(",") for line in curves_csv(answers, STATE).decode().splitlines()]
+    hits = impact(Linearized(), TABLE_1.replace(alpha=ANGLES), derivatives=2)
+    assert [float(row[1]) for row in rows[1:]] == hits.volume.tolist()
+    results = ("volume [in³]", "dvolume [in³/rad]", "t_c [s]", "ended_by")
+    assert rows[0] == ["alpha [deg]", *(f"linearized {name}" for name in results)]
+    assert b"alpha = 0.3490658503988659" in case_toml(STATE)
