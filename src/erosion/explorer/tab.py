@@ -103,12 +103,12 @@ class Tab:
             if name == "numbers":
                 return ui.html("", sanitize=False)
             if name == "histories":
-                return Plot("420px", follows=True)
+                return Plot("400px", follows=True)
             if name == "spins":
-                return Plot("360px", on_pick=lambda s: self._go(self._with_case(with_spin(s, self.state.case))))
+                return Plot("400px", on_pick=lambda s: self._go(self._with_case(with_spin(s, self.state.case))))
             if name == "sensitivities":
-                return Plot("360px")
-            return Plot("420px", on_pick=self._pick_angle)
+                return Plot("400px")
+            return Plot("400px", on_pick=self._pick_angle)
 
     def _pick_angle(self, degrees: float) -> None:
         self._go(self._with_case(at_position("alpha", degrees, self.state.case, self.service.start.case)))
@@ -170,8 +170,6 @@ class Tab:
         key = found.state.query()
         for name, content in contents.items():
             element = self._elements[name]
-            if content is None:
-                continue
             if isinstance(element, Plot):
                 option, handles, label = content
                 same = self._drawn.get(name) == option

@@ -25,6 +25,7 @@ from erosion.plotting.motion import EVENT_LABELS
 from erosion.plotting.style import DIM, ENDS, readable_scale
 from erosion.quantities import RESULTS
 
+_SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times further apart are of different crossings
 
 
@@ -49,7 +50,9 @@ def volumes(found: Found, models: Collection[str]) -> tuple[Option, list[Option]
 def end_times(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """t_c(α) of the checked models, with both candidates of the one shown."""
     curves = found.curves
-    largest = max([float(np.nanmax(curve.t_c, initial=0.0)) for curve in curves.values()], default=0.0)
+    # Near 0° some models' cuts last ever longer, and would flatten the rest.
+    longest = [float(np.nanmax(curve.t_c[DEGREES > _SHALLOW], initial=0.0)) for curve in curves.values()]
+    largest = max(longest, default=0.0)
     scale = readable_scale("time", found.state.case.units, largest)
     series = []
     for model, curve in found.in_order(curves):
@@ -61,13 +64,13 @@ def end_times(found: Found, models: Collection[str]) -> tuple[Option, list[Optio
         color = ENDS.get(event, DIM)
         label = EVENT_LABELS.get(event, event)
         thin = {"color": color, "type": [4, 4], "width": 1.8}
-        # A candidate far beyond every end would flatten the rest; where it jumps there is no line.
-        times = np.where(times > 1.6 * largest, np.nan, times)
+        # Where a candidate jumps there is no line.
         before = np.flatnonzero(np.abs(np.diff(times)) > _APART * largest) + 1
         x, y = with_gaps(DEGREES, before), with_gaps(times / scale.size, before)
         series.append(line(label, x, y, color, lineStyle=thin, z=1))
     quantity = RESULTS["t_c"]
-    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
+    top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
+    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **top)
     label = f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end {found.state.shown}"
     return frame(angle_axis(), y_axis, series), [angle_handle(found.state)], label
 

@@ -13,13 +13,14 @@ from erosion.trajectory import Trajectory
 from erosion.units import System, unit_name
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
+_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": ""}
 
 
-def cut(found: Found, models: Collection[str]) -> tuple[Option] | None:
+def cut(found: Found, models: Collection[str]) -> tuple[Option]:
     """What the cut's element draws, in lengths that read well."""
     motion = found.cut
     if motion is None:
-        return None
+        return (_NOTHING,)
     p = motion.p
     time = readable_scale("time", p.units, motion.t_c)
     length = readable_scale("length", p.units, float(np.max(np.abs(motion.x_tip))) or float(p.r))
@@ -39,11 +40,11 @@ def cut(found: Found, models: Collection[str]) -> tuple[Option] | None:
     return (content,)
 
 
-def histories(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str] | None:
+def histories(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """x, y, ẋ and ẏ of the tip over time in four panels, and where the cut's time stands."""
     motion = found.cut
     if motion is None:
-        return None
+        return {"series": []}, [], ""
     time = readable_scale("time", motion.p.units, motion.t_c)
     body = motion.states if isinstance(motion.states, Body) else None
     turns = body is not None and not np.allclose(body.x, motion.x_tip, rtol=1e-9, atol=0)
@@ -52,7 +53,7 @@ def histories(found: Found, models: Collection[str]) -> tuple[Option, list[Optio
     for i, ((of_body, of_tip, quantity), (column, row)) in enumerate(zip(HISTORIES, _PANELS, strict=True)):
         tip = getattr(motion, of_tip)
         scale = readable_scale(quantity.dimension, motion.p.units, float(np.max(np.abs(tip))))
-        grids.append({"left": f"{column * 50 + 9}%", "width": "38%", "top": f"{row * 47 + 12}%", "height": "31%"})
+        grids.append({"left": f"{column * 50 + 13}%", "width": "34%", "top": f"{row * 47 + 12}%", "height": "31%"})
         x_axes.append(axis(f"t [{time.unit}]" if row else "", gridIndex=i, min=0, max=float(t[-1]) or 1, nameGap=24,
                            axisLabel={"showMaxLabel": False}, splitNumber=4))  # fmt: skip
         y_axes.append(axis(f"{quantity.symbol}  [{scale.unit}]", gridIndex=i, nameLocation="end", nameGap=10,

@@ -16,7 +16,7 @@ from erosion.plotting.style import STYLES
 Option = dict[str, Any]
 
 STAR = "path://M0,-10L2.9,-3.1L10,-3.1L4.3,1.5L6.2,8.6L0,4.4L-6.2,8.6L-4.3,1.5L-10,-3.1L-2.9,-3.1Z"
-LEGEND = {"top": 0, "type": "scroll", "icon": "path://M0,5H24V8H0Z", "itemHeight": 12}
+LEGEND = {"top": 0, "type": "scroll"}
 DEGREES = np.rad2deg(ANGLES)
 
 
@@ -44,7 +44,7 @@ def angle_axis() -> Option:
 def line(name: str, x: np.ndarray, y: np.ndarray, color: str, dashes: Any = "solid", **more: Any) -> Option:
     """A curve, interrupted where a number is not one."""
     style = {"color": color, "type": dashes, "width": 2.4}
-    look = {"lineStyle": style, "itemStyle": {"color": color}, "showSymbol": False, "animation": False}
+    look = {"lineStyle": style, "itemStyle": {"color": color}, "symbol": "none", "animation": False}
     return {"type": "line", "name": name, "data": points(x, y)} | look | more
 
 

@@ -41,23 +41,23 @@ def spins(found: Found, models: Collection[str]) -> tuple[Option, list[Option], 
     return frame(x_axis, y_axis, series), [handle], f"{result.meaning} over the {quantity.meaning}"
 
 
-def sensitivities(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str] | None:
+def sensitivities(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """How far α_max moves when each parameter grows by 1 % (the spin: s by 0.01), in degrees."""
     if found.sensitivities is None:
-        return None
+        return {"series": []}, [], ""
     numbers = found.state.case.numbers()
     sizes = numbers | {"phidot0": numbers["v0"] / numbers["r"]}
     names = [name for name in reversed(list(QUANTITIES)) if name != "alpha"]
     moves = [float(np.rad2deg(0.01 * sizes[name] * found.sensitivities[name])) for name in names]
     bars = [round(move, 6) if np.isfinite(move) else None for move in moves]
     widest = max([abs(bar) for bar in bars if bar is not None], default=0.0)
-    x_axis = axis("move of α_max for + 1 % (spin: s + 0.01)", axisLabel={"formatter": "{value}°"}, splitNumber=4,
+    x_axis = axis("move of α_max for + 1 %  (spin: s + 0.01)", axisLabel={"formatter": "{value}°"}, splitNumber=3,
                   **({} if widest else {"min": -1, "max": 1}))  # fmt: skip
     labels = [QUANTITIES[name].symbol for name in names]
     y_axis = {"type": "category", "data": labels, "axisTick": {"show": False}, "axisLabel": {"interval": 0}}
     series = [{"type": "bar", "name": "α_max", "data": bars, "itemStyle": {"color": PALETTE["green"]},
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
-    grid = {"left": 40, "right": 24, "top": 12, "bottom": 46}
+    grid = {"left": 40, "right": 24, "top": 16, "bottom": 46}
     said = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
     option = frame(x_axis, y_axis, series, grid=grid, legend={"show": False})
     return option, [], f"move of the angle of greatest removal for one per cent more: {said or 'none'}"
