@@ -13,7 +13,7 @@ from erosion.trajectory import Trajectory
 from erosion.units import System, unit_name
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
-_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": ""}
+_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "not computed yet"}
 
 
 def cut(found: Found, models: Collection[str]) -> tuple[Option]:
@@ -44,7 +44,7 @@ def histories(found: Found, models: Collection[str]) -> tuple[Option, list[Optio
     """x, y, ẋ and ẏ of the tip over time in four panels, and where the cut's time stands."""
     motion = found.cut
     if motion is None:
-        return {"series": []}, [], ""
+        return {"series": []}, [], "not computed yet"
     time = readable_scale("time", motion.p.units, motion.t_c)
     body = motion.states if isinstance(motion.states, Body) else None
     turns = body is not None and not np.allclose(body.x, motion.x_tip, rtol=1e-9, atol=0)

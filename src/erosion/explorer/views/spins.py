@@ -44,7 +44,7 @@ def spins(found: Found, models: Collection[str]) -> tuple[Option, list[Option], 
 def sensitivities(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """How far α_max moves when each parameter grows by 1 % (the spin: s by 0.01), in degrees."""
     if found.sensitivities is None:
-        return {"series": []}, [], ""
+        return {"series": []}, [], "not computed yet"
     numbers = found.state.case.numbers()
     sizes = numbers | {"phidot0": numbers["v0"] / numbers["r"]}
     names = [name for name in reversed(list(QUANTITIES)) if name != "alpha"]
