@@ -62,6 +62,7 @@ def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
     grain = page.locator(".cut .grain").get_attribute("points")
     page.get_by_label("Time in the cut").fill("0")
     expect(time).to_have_text("t = 0.00 µs")
+    assert page.locator(".view-histories .plot-handle").first.get_attribute("aria-valuenow") == "0"
     assert page.locator(".cut .grain").get_attribute("points") != grain
 
 
@@ -71,6 +72,9 @@ def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40)
     page.mouse.down()
+    page.mouse.move(box["x"] + 60, box["y"] + 40, steps=5)
+    page.wait_for_function("() => Number(document.getElementById('alpha-entry').value) > 25")
+    # What is drawn meanwhile leaves it in the hand.
     page.mouse.move(box["x"] + 120, box["y"] + 40, steps=5)
     page.mouse.up()
     page.wait_for_function("() => Number(document.getElementById('alpha-entry').value) > 30")
@@ -168,6 +172,8 @@ def test_presets_and_reset(page: Page) -> None:
     page.get_by_role("button", name="Spin").click()
     page.get_by_text("s = −0.25").click()
     settle(page, "phidot0", "-27500")
+    page.get_by_role("button", name="Dark").click()
+    expect(page.locator("body.body--dark")).to_have_count(1)
     page.get_by_role("button", name="Reset").click()
     settle(page, "sigma", "200000")
     assert page.input_value("#phidot0-entry") == "0"

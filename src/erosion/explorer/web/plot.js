@@ -42,7 +42,10 @@ export default {
     this.sizes.observe(this.$el);
     this.scheme = new MutationObserver(() => this.chart.setTheme(theme()));
     this.scheme.observe(document.body, { attributes: true, attributeFilter: ["class"] });
-    this.follow = (event) => this.handles.forEach((h) => { if (!h.movable) h.x = event.detail / h.unit; });
+    this.follow = (event) => {
+      this.now = event.detail;
+      this.handles.forEach((h) => { if (!h.movable) h.x = this.now / h.unit; });
+    };
     if (this.follows) window.addEventListener("cut-time", this.follow);
   },
   beforeUnmount() {
@@ -54,8 +57,11 @@ export default {
   methods: {
     draw(option, handles, label, key) {
       if (option) this.chart.setOption(option, { replaceMerge: ["series"] });
-      // A handle in the hand stays there.
-      this.handles = handles.map((h, i) => (this.held === i ? { ...h, x: this.handles[i].x } : { index: i, ...h }));
+      this.handles = handles.map((h, index) => {
+        // A handle in the hand stays there, and one that follows the cut where the cut is.
+        if (this.held === index) return { ...h, index, x: this.handles[index].x };
+        return { ...h, index, x: h.movable || this.now === undefined ? h.x : this.now / h.unit };
+      });
       this.label = label;
       this.layout++;
       requestAnimationFrame(() => {
