@@ -19,7 +19,7 @@ from erosion.explorer.sliders import at_position, with_spin
 from erosion.explorer.state import State
 from erosion.explorer.views import VIEWS
 
-_REST = 0.12  # s; after so long without a change the slower answers are begun
+_REST = 0.2  # s; after so long without a change the slower answers are begun
 _PATIENCE = 0.4  # s; what takes longer is said to be computed
 
 _TITLES: Mapping[str, str] = {
