@@ -22,12 +22,12 @@ coverage: $(STAMP)
 
 # Not part of the tests: minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look.
 bench: $(STAMP)
-	$(UV) sync --locked --all-extras --group bench --python $(PYTHON)
+	$(UV) sync --inexact --locked --all-extras --group bench --python $(PYTHON)
 	.venv/bin/python -m benchmarks.run $(ARGS)
 
 # Every example is run; a warning is an error.
 docs: $(STAMP)
-	$(UV) sync --locked --all-extras --group docs --python $(PYTHON)
+	$(UV) sync --inexact --locked --all-extras --group docs --python $(PYTHON)
 	.venv/bin/sphinx-build -W --keep-going -E -q -j auto docs docs/_build/html
 	@echo "The documentation: $(CURDIR)/docs/_build/html/index.html"
 

@@ -10,7 +10,8 @@ and its full moment turns the body. k plays no part.
 
 Limits: e is 0/0 where the tip comes to rest, as it does where nothing turns it. There, below a
 thousandth of v₀, e turns smoothly into the direction at contact (`guard`). Straight motion stays
-as it is; V of a turning body changes by less than 1e-5. Without rotation
+as it is. Of a turning body V changes by up to 5e-5, except beside a jump of V(α), where the tip
+nearly comes to rest: that jump moves by up to two degrees. Without rotation
 (`Linearized(force=OpposingTip())`) the cut is straight, stops at ωt = π/2 with ω² = (c/m) sin α,
 and V = (V*/2) cos α exactly.
 

@@ -238,3 +238,9 @@ def test_a_model_object_is_refused_as_well():
 
     with pytest.raises(erosion.ModelError, match="Model Wrong: `tip` must give a Tip, but gives"):
         erosion.impact(Wrong(), P)
+
+
+def test_plug_ins_of_one_class_have_names_of_their_own():
+    names = [erosion.models.model_name(erosion.load_model(str(path))) for path in FILES]
+    assert len(set(names)) == len(names)
+    assert "Rotating(SaturatingLip)" in names

@@ -1,4 +1,4 @@
-"""netCDF files of results: written whole or not at all, and never over something else."""
+"""netCDF files of results: written whole or not at all, and known by an identity."""
 
 import json
 from collections.abc import Mapping

@@ -12,7 +12,7 @@ from erosion.calibration.least_squares import CalibrationError
 from erosion.calibration.measurements import read_measurements
 from erosion.calibration.result import Calibration
 from erosion.model import CuttingModel
-from erosion.models import available_models, load_model, model_name
+from erosion.models import load_model, model_name, usable_models
 from erosion.parameters import Parameters
 from erosion.tables import Row, to_html, to_text
 from erosion.units import unit_name
@@ -118,7 +118,7 @@ def rank_models(
     """
     measured = read_measurements(data, p.units)
     fits, failures = [], []
-    chosen = list(available_models()) if models is None else list(models)
+    chosen = usable_models() if models is None else list(models)
     names = [str(one) for one in chosen if isinstance(one, (str, Path))]
     if not chosen or len(set(names)) != len(names):
         raise ValueError(f"Argument `models` must name one or several different models, but is {chosen}.")

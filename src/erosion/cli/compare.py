@@ -19,13 +19,19 @@ from erosion.cli.options import (
     warn,
 )
 
+_COMPARISON = {"result": "a comparison of models"}
+
 
 def compare(
     *,
     case: CaseOptions | None = None,
     models: Annotated[
         list[str] | None,
-        Parameter(consume_multiple=True, negative="", help="Names or paths of files; all built-in models without it."),
+        Parameter(
+            consume_multiple=True,
+            negative="",
+            help="Names or paths of files; without it all models.",
+        ),
     ] = None,
     plot: Annotated[Path | None, Parameter(help="Also draw V(α) of all into this file (.svg, .png, .pdf).")] = None,
     correlations: Annotated[
@@ -41,14 +47,17 @@ def compare(
     json: JsonOption = False,
 ) -> None:
     """Set models side by side: V at the case's angle, and where each removes most."""
-    p = (case or CaseOptions()).parameters()
     if output is not None and output.suffix != ".nc":
         raise InputError(f"Option `--output` must name a file that ends in .nc, but is {output}.")
-    require_outputs(output, plot=plot)
+    case = case or CaseOptions()
+    p = case.parameters()
+    require_outputs(output, plot=plot, inputs=(case.case,))
+    if output is not None and output.exists():
+        _require_comparison(output)
     overlay = _correlations(correlations, plot)
-    from erosion.models import available_models
+    from erosion.models import usable_models
 
-    names = list(available_models()) if models is None else models
+    names = usable_models() if models is None else models
     if not names or len(set(names)) != len(names):
         raise InputError(f"Option `--models` must name one or several different models, but is {' '.join(names)!r}.")
     for name in names:
@@ -61,6 +70,7 @@ def compare(
     from erosion.quantities import RESULTS
     from erosion.studies import compare as compare_models
     from erosion.tables import format_number
+    from erosion.trajectory import SimulationError
     from erosion.units import unit_name
 
     # The case's own angle goes along as one more angle.
@@ -80,9 +90,12 @@ def compare(
         }
         for name, one in ((str(name), at.sel(model=name)) for name in at.model.values)
     ]
+    lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
+    if not np.isfinite(found.volume).any():
+        raise SimulationError(f"{', '.join(lost)}: no impact could be computed.")
     if output is not None:
         with user_errors():
-            write_netcdf(found, output, {})
+            write_netcdf(found, output, _COMPARISON)
     if plot is not None:
         from erosion.plotting.shapes import plot_against_correlations
         from erosion.plotting.studies import plot_comparison
@@ -90,9 +103,8 @@ def compare(
 
         with user_errors():
             save_plot(plot_against_correlations(found, overlay) if overlay else plot_comparison(found), plot)
-    for line in lines:
-        if line["ended_by"] in ("failed", "unfinished"):
-            warn(f"{line['model']}: its impact could not be computed.")
+    for name in lost:
+        warn(f"{name}: its impact could not be computed.")
     if json:
         print_json({"parameters": parameters_as_json(p), "models": lines})
         return
@@ -114,6 +126,14 @@ def compare(
     for path, what in ((plot, "figure"), (output, "curves")):
         if path is not None:
             print(f"{what}: {path}")
+
+
+def _require_comparison(path: Path) -> None:
+    """Only a comparison is replaced by a comparison: a sweep took longer."""
+    from erosion.netcdf import read_netcdf
+
+    with user_errors():
+        read_netcdf(path, _COMPARISON)
 
 
 def _correlations(wanted: list[str] | None, plot: Path | None) -> list[str]:

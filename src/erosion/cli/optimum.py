@@ -51,7 +51,7 @@ def optimum(
     p = case.parameters()
     chosen = load(model)
     between = None if alpha_range is None else _angles(alpha_range, p)
-    require_outputs(plot=plot)
+    require_outputs(plot=plot, inputs=(case.case,))
     start_engine()
     from erosion.optimum import alpha_max, alpha_min
 

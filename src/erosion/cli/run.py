@@ -28,9 +28,10 @@ def run(
     json: JsonOption = False,
 ) -> None:
     """Follow one impact to the end of its cut: when, how, and how much is removed."""
-    p = (case or CaseOptions()).parameters()
+    case = case or CaseOptions()
+    p = case.parameters()
     chosen = load(model)
-    require_outputs(plot=plot)
+    require_outputs(plot=plot, inputs=(case.case,))
     start_engine()
     import warnings
 

@@ -54,7 +54,7 @@ def stream(
         count = read_whole(section.get("n", 2**20)) if n is None else n
     except ValueError as error:
         raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
-    require_outputs(plot=plot)
+    require_outputs(plot=plot, inputs=(options.case,))
     start_engine()
     from erosion.streams import StreamInterrupted
     from erosion.streams import stream as compute

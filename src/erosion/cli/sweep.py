@@ -57,7 +57,7 @@ def sweep(
         raise InputError(f"Option `--out` must end in .nc or .zarr, but is {out}.")
     if out.suffix != ".zarr" and not (workers is scheduler is chunks is None):
         raise InputError(f"Options `--chunks`, `--workers` and `--scheduler` need `--out` to end in .zarr, not {out}.")
-    require_outputs(plot=plot)
+    require_outputs(plot=plot, inputs=(options.case,))
     p, axes = _case_and_axes(options, section)
     start_engine()
     from erosion.grids import make_grid

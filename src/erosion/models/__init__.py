@@ -8,6 +8,7 @@ from erosion.models.registry import ModelInfo as ModelInfo
 from erosion.models.registry import available_models as available_models
 from erosion.models.registry import load_model as load_model
 from erosion.models.registry import model_name as model_name
+from erosion.models.registry import usable_models as usable_models
 from erosion.models.rigid import CentreOfMassTip as CentreOfMassTip
 from erosion.models.rigid import CircularTip as CircularTip
 from erosion.models.rigid import ConstantRatio as ConstantRatio

@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import equinox as eqx
+
 from erosion.arguments import check_path
 from erosion.model import CuttingModel
 from erosion.models.as_printed import AsPrinted
@@ -96,6 +98,11 @@ def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
     return found
 
 
+def usable_models() -> list[str]:
+    """The names of the models that can be used; a plug-in that cannot leaves the others as they are."""
+    return [name for name, info in available_models().items() if info.error is None]
+
+
 def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     """A model by registered name, or by the path of a Python file.
 
@@ -124,11 +131,13 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
 
 
 def model_name(model: CuttingModel) -> str:
-    """The registered name of a model, or its class where it has none."""
+    """The registered name of a model; else its class, with those of its parts that are a plug-in's."""
     for name, info in BUILT_IN.items():
         if _same(info.make(), model):
             return name
-    return type(model).__name__
+    parts = [type(part).__name__ for part in vars(model).values() if isinstance(part, eqx.Module)
+             and not type(part).__module__.startswith("erosion.")]  # fmt: skip
+    return type(model).__name__ + (f"({', '.join(parts)})" if parts else "")
 
 
 def _same(one: CuttingModel, other: CuttingModel) -> bool:
