@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import erosion
+import erosion.parameters
 from erosion.model import CuttingModel, State, Tip
 from erosion.reduction import reduced
 
@@ -73,3 +74,79 @@ def test_odd_arithmetic_is_left_as_it_is():
     assert found.ended_by == "rebound"
     assert np.isclose(found.volume, exact, rtol=1e-9)
     assert np.isclose(found.dvolume, exact * 2 / np.tan(2 * p.alpha), rtol=1e-8)
+
+
+class Odometer(CuttingModel):
+    """`linearized`, with a part that starts far from zero and moves as the depth does."""
+
+    def initial_state(self, p):
+        return {"a": 1e6, "y": 0.0, "vx": p.v0 * jnp.cos(p.alpha), "vy": p.v0 * jnp.sin(p.alpha)}
+
+    def derivative(self, state, p):
+        force = -p.stiffness * state["y"] / p.m
+        moved = 0 * state["a"]
+        return {"a": state["vy"], "y": 1.0 * state["vy"], "vx": force + moved, "vy": p.k * force}
+
+    def tip(self, state, p):
+        return Tip(jnp.zeros(()), state["y"], state["vx"], state["vy"])
+
+
+def test_a_part_that_starts_far_from_zero_costs_no_digits():
+    p = erosion.TABLE_1.replace(alpha=np.array([1e-8, 1e-4, 0.1]))
+    exact = erosion.load_model("linearized").closed_form()
+    assert exact is not None
+    assert np.allclose(erosion.impact(Odometer(), p).volume / exact.volume(p), 1, rtol=0, atol=1e-9)
+
+
+class Ploughing(CuttingModel):
+    """Linear drag at constant depth until hardly anything of the speed is left: t_c = ln(1/ψ)/ω."""
+
+    def initial_state(self, p):
+        return {"x": 0.0, "u": p.v0}
+
+    def derivative(self, state, p):
+        return {"x": state["u"], "u": -p.rate * state["u"]}
+
+    def tip(self, state, p):
+        return Tip(state["x"], 1e-3 * p.r, state["u"], jnp.zeros(()))
+
+    def events(self, state, p):
+        return {"rest": state["u"] / p.v0 - p.psi}
+
+    def removal_rate(self, state, p):
+        return 1e-3 * p.b * p.r * (state["u"] + 1e-3 * p.rate * state["x"])
+
+
+def test_a_part_that_relaxes_keeps_its_digits():
+    left = np.array([1e-2, 1e-8])
+    p = erosion.TABLE_1.replace(psi=left, sigma=erosion.TABLE_1.sigma * erosion.TABLE_1.psi / left)
+    assert np.allclose(erosion.impact(Ploughing(), p).t_c * p.rate, np.log(1 / left), rtol=1e-9)
+
+
+class Resting(Ploughing):
+    """Nothing moves that matters."""
+
+    def derivative(self, state, p):
+        return {"x": state["u"], "u": 0.0}
+
+    def events(self, state, p):
+        return {"rest": -p.psi + 0 * state["u"]}
+
+    def removal_rate(self, state, p):
+        return p.b * state["u"]
+
+
+def test_nothing_left_to_integrate():
+    assert len(reduced(Resting(), _P).initial_state(_P)) == 0
+    found = erosion.impact(Resting(), _P, derivatives=1)
+    assert (found.ended_by, found.volume) == ("no-cut", 0.0)
+
+
+@pytest.mark.parametrize("name", ["linearized", "rotating"])
+def test_a_parameter_that_is_not_finite_fails_whether_it_matters_or_not(name):
+    names = list(erosion.parameters.QUANTITIES)
+    for bad in (np.nan, np.inf):
+        cases = {q: np.where(np.arange(len(names)) == i, bad, float(getattr(_P, q))) for i, q in enumerate(names)}
+        found = erosion.impact(name, _P.replace(**cases))
+        assert set(found.ended_by) == {"failed"}
+        assert np.isnan(found.volume).all()

@@ -23,7 +23,14 @@ def test_tiles_are_small_in_every_parameter() -> None:
 @pytest.mark.parametrize("size", [1, 5, 64, 65, 1000])
 def test_every_lane_has_one_place(size: int) -> None:
     random = np.random.default_rng(1).random((3, size))
-    for leaves in (random[:1], random, np.round(random), np.ones((2, size)), np.full((1, size), np.nan)):
+    for leaves in (
+        random[:1],
+        random,
+        np.round(random),
+        np.ones((2, size)),
+        np.full((1, size), np.nan),
+        np.full((1, size), np.inf),
+    ):
         assert np.array_equal(np.sort(alike_together(list(leaves), 64)), np.arange(size))
 
 

@@ -86,7 +86,7 @@ class Jets:
 
         def begin(model: CuttingModel, p: Parameters) -> Cut:
             state = model.initial_state(p)
-            return Cut(state, jnp.zeros_like(jax.tree.leaves(state)[0]))
+            return Cut(state, jnp.zeros_like(p.alpha))
 
         return self._pack(self._lift(lambda _, model, p: begin(model, p), ()))
 

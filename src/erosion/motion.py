@@ -34,10 +34,12 @@ class Motion:
         self._move = Kernel(lambda length, u, k: u + length * k)
 
     def at_contact(self) -> tuple[Any, Any, tuple[Any, ...]]:
-        """The model's time scale, whether the lane starts to cut, and the jet."""
+        """The model's time scale, NaN where a parameter is not finite; whether the lane starts to cut; the jet."""
 
         def contact(model: CuttingModel, known: Any) -> tuple[list[Any], ...]:
-            scale, begins = model.scales(known[0]).time, cuts_at_all(model, known[0])
+            # Of parameters that the motion does not depend on too: 0·NaN is NaN.
+            nothing = sum(0.0 * leaf for leaf in jax.tree.leaves((model, known[0])))
+            scale, begins = model.scales(known[0]).time + nothing, cuts_at_all(model, known[0])
             return ([scale, begins.astype(float)], *self._rows(self._jets(model, known).initial()))
 
         (scale, begins), *jet = self._planned(contact, [])()

@@ -74,7 +74,7 @@ class _Reduced(CuttingModel):
 
     def _starts(self, leaves: list[Any]) -> list[Any]:
         """The integrals at contact: of a part of the state, that part; else zero."""
-        return [jnp.zeros_like(leaves[0]) if i is None else leaves[i] for i in self.unknowns.itself]
+        return [jnp.zeros(()) if i is None else leaves[i] for i in self.unknowns.itself]
 
 
 class _Product(NamedTuple):
@@ -96,7 +96,8 @@ class _Unknowns:
 
     def __init__(self, closed: ClosedJaxpr, parts: int) -> None:
         self._made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
-        state, outputs = closed.jaxpr.invars[-parts:], closed.jaxpr.outvars
+        arguments, outputs = closed.jaxpr.invars, closed.jaxpr.outvars
+        state = arguments[len(arguments) - parts :]
         self._state = set(state)
         self._known = _known(closed.jaxpr, self._state)
         rates = dict(zip(state, outputs[:parts], strict=True))
@@ -105,15 +106,18 @@ class _Unknowns:
             matter = more
         moving = [i for i, part in enumerate(state) if part in matter and not _is_zero(rates[part])]
         products = {i: self._product(rates[state[i]]) for i in moving}
-        # By identity: JAX's literals cannot be compared.
-        groups: dict[int, list[int]] = {}
+        groups: dict[tuple[int, int], list[int]] = {}
         for i, product in products.items():
-            groups.setdefault(id(product.core), []).append(i)
+            # A part that relaxes keeps its digits only as an integral of its own.
+            alone = state[i] in self._inputs([rates[state[i]]])
+            # Cores by identity: JAX's literals cannot be compared.
+            groups.setdefault((i, 0) if alone else (-1, id(product.core)), []).append(i)
         cores = []
         self.itself: list[int | None] = []  # the part of the state that an integral is, if it is one
         self._follow: list[tuple[int, int, _Product]] = []
         for index, group in enumerate(groups.values()):
-            itself = next((i for i in group if len(group) == 1 or products[i].core is rates[state[i]]), None)
+            # Several parts follow an integral from zero: from one part's start the others lose digits.
+            itself = group[0] if len(group) == 1 else None
             cores.append(products[group[0]].core if itself is None else rates[state[itself]])
             self.itself.append(itself)
             self._follow += [(i, index, products[i]) for i in group if i != itself]

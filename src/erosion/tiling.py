@@ -19,7 +19,7 @@ def alike_together(leaves: Sequence[np.ndarray], tile: int) -> np.ndarray:
         Indices of lanes, shape (lanes,).
     """
     order = np.arange(leaves[0].size)
-    varying = [leaf for leaf in leaves if np.ptp(leaf) != 0]
+    varying = [leaf for leaf in leaves if leaf.min() != leaf.max()]
     if len(varying) == 1:
         # Fast where they are in order, as they often are.
         return np.argsort(varying[0], kind="stable")

@@ -30,7 +30,8 @@ def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) 
         label = f"{one.title}: {np.rad2deg(one.alpha_max):.1f}°"
         ax.plot(np.rad2deg(angles), np.asarray(one.normalised(angles)), color=DIM, linewidth=1.3,
                 linestyle=_DASHES[i % len(_DASHES)], label=label)  # fmt: skip
-    for (color, line), curve in zip(STYLES, (curve for curve in curves if curve.best is not None), strict=False):
+    for i, curve in enumerate(curve for curve in curves if curve.best is not None):
+        color, line = STYLES[i % len(STYLES)]
         alpha, greatest = curve.best or (0.0, 1.0)
         best = f"{np.rad2deg(alpha):.1f}°" if alpha else "as α → 0"
         ax.plot(np.rad2deg(curve.angles), curve.volume / greatest, color=color, linestyle=line, linewidth=2,
