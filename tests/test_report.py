@@ -210,7 +210,7 @@ def test_page_is_well_formed_and_its_ids_are_unique(whole: Path, reports: dict[s
     assert len(ids) == len(set(ids))
     links = {(element.get("href") or "")[1:] for element in root.iter("{http://www.w3.org/1999/xhtml}a")}
     assert links <= set(ids)
-    assert len(list(root.iter("{http://www.w3.org/2000/svg}svg"))) == (23 if name == "Table 1" else 11)
+    assert len(list(root.iter("{http://www.w3.org/2000/svg}svg"))) == (24 if name == "Table 1" else 11)
     assert len(list(root.iter("{http://www.w3.org/1998/Math/MathML}math"))) > 40
     for element in root.iter("{http://www.w3.org/1998/Math/MathML}mi"):
         assert element.text != "&"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from erosion.jets import AtEvent, Cut, Derivatives, Direction, Jets, at_event
 from erosion.model import CuttingModel, cuts_at_all, event_rates
@@ -38,7 +39,7 @@ class Motion:
 
         def contact(model: CuttingModel, known: Any) -> tuple[list[Any], ...]:
             # Of parameters that the motion does not depend on too: 0·NaN is NaN.
-            nothing = sum(0.0 * leaf for leaf in jax.tree.leaves((model, known[0])))
+            nothing = sum(jnp.sum(0.0 * leaf) for leaf in jax.tree.leaves((model, known[0])))
             scale, begins = model.scales(known[0]).time + nothing, cuts_at_all(model, known[0])
             return ([scale, begins.astype(float)], *self._rows(self._jets(model, known).initial()))
 

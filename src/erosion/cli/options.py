@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -225,8 +226,10 @@ def print_rich(table: Any) -> None:
 
     from erosion.tables import WIDTH
 
-    # Where no one says how wide it is, nothing need be shortened.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
+    console = Console(highlight=False)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        # Where no one says how wide it is, nothing need be shortened.
+        console.width = WIDTH
     # rich would end the process, with status 1, where the reader of a pipe has gone.
     with console.capture() as captured:
         console.print(table)
