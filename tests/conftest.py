@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 
+import pytest
 from jaxtyping import install_import_hook
 
 # One run's processes share what they compile; earlier runs and the user's own cache play no part.
@@ -18,3 +19,15 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 # Before any other module of the package is imported.
 _hook = install_import_hook("erosion", "beartype.beartype")
 _hook.__enter__()
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Writes a table of measurements, and says where."""
+
+    def write(text: str, encoding: str = "utf-8"):
+        path = tmp_path / "data.csv"
+        path.write_bytes(text.encode(encoding))
+        return path
+
+    return write

@@ -10,16 +10,6 @@ from erosion.calibration import MeasurementError, Measurements, read_measurement
 HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
 
 
-@pytest.fixture
-def table(tmp_path):
-    def write(text: str, encoding: str = "utf-8"):
-        path = tmp_path / "data.csv"
-        path.write_bytes(text.encode(encoding))
-        return path
-
-    return write
-
-
 def test_a_plain_table(table):
     found = read_measurements(table(HEAD + "20, 1.8e-4, 2e-6\n30, 2.1e-4, 3e-6\n"), "inch-pound")
     np.testing.assert_allclose(found.angle, np.deg2rad([20, 30]))

@@ -14,6 +14,7 @@ import erosion
 from erosion.grids import make_grid
 from erosion.partition import block_shape, regions
 from erosion.provenance import StoreError
+from erosion.stores import MemoryStore
 from erosion.sweeps import SweepInterrupted, sweep
 
 P = erosion.TABLE_1
@@ -253,3 +254,13 @@ def test_identities_are_words(tmp_path):
     assert set(json.loads(found.attrs["identity"])) == {
         "version", "case", "models", "axes", "derivatives", "optimum", "tolerance",
     }  # fmt: skip
+
+
+def test_a_block_counts_only_when_all_of_it_is_there():
+    grid = make_grid("linearized", erosion.TABLE_1, {"alpha": np.linspace(0.1, 1.4, 4)})
+    store = MemoryStore(grid, (4,))
+    half = (slice(0, 2),)
+    store.write(half, grid[half].solve())
+    assert store.missing() == [(slice(0, 4),)]
+    store.write((slice(2, 4),), grid[(slice(2, 4),)].solve())
+    assert store.missing() == []

@@ -9,16 +9,6 @@ from erosion.calibration import MeasurementError, read_measurements
 HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
 
 
-@pytest.fixture
-def table(tmp_path):
-    def write(text: str, encoding: str = "utf-8"):
-        path = tmp_path / "data.csv"
-        path.write_bytes(text.encode(encoding))
-        return path
-
-    return write
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
