@@ -25,7 +25,7 @@ def shared_work(shared, known, row, scale):
 
 def test_a_plan_equals_the_function_and_stores_what_is_shared():
     found = planned(shared_work, [2, None])
-    assert isinstance(found, plan._Plan)
+    assert isinstance(found, plan.Plan)
     assert len(found.kernels) == 3  # what is dear, and one for each list
     row, scale = np.stack([LANES[::-1], LANES + 0.5]), LANES**2
     for made, true in zip(found(row, scale), shared_work((), (LANES,), row, scale), strict=True):
@@ -54,7 +54,7 @@ def test_zeros_infinities_and_nan_divide_as_ever():
 def test_what_is_not_scalar_arithmetic_stays_whole(function):
     shared = jnp.arange(3.0)
     found = planned(function, [None], shared)
-    assert not isinstance(found, plan._Plan)
+    assert not isinstance(found, plan.Plan)
     each = [function(shared, (k,), x)[0][0] for k, x in zip(LANES, LANES**2, strict=True)]
     assert found(LANES**2)[0][0] == pytest.approx(np.asarray(each), rel=1e-14)
 
@@ -103,7 +103,7 @@ def test_a_plan_changes_no_result(monkeypatch):
 
     found, slope = results("planned")
     wholes = []
-    monkeypatch.setattr(plan, "_Plan", lambda *arguments: wholes.append(arguments) or plan._whole(*arguments))
+    monkeypatch.setattr(plan, "Plan", lambda *arguments: wholes.append(arguments) or plan._whole(*arguments))
     true, expected = results("whole")
     assert wholes
     for name, rel in (("volume", 1e-13), ("t_c", 1e-13), ("dvolume", 1e-11), ("d2volume", 1e-11)):

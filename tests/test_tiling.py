@@ -43,7 +43,7 @@ def test_one_parameter_is_put_in_order() -> None:
 def test_the_order_of_impacts_does_not_matter() -> None:
     """Bit for bit: a lane's neighbours have no say in its result."""
     rng = np.random.default_rng(3)
-    count = 3 * BLOCK + 7
+    count = 3 * BLOCK[0] + 7
     p = erosion.TABLE_1.replace(alpha=rng.uniform(0.05, 1.5, count), phidot0=rng.uniform(-4e4, 4e4, count))
     shuffled = rng.permutation(count)
     one = erosion.impact("rotating", p)
@@ -52,5 +52,5 @@ def test_the_order_of_impacts_does_not_matter() -> None:
     assert np.array_equal(other.t_c, one.t_c[shuffled], equal_nan=True)
     assert np.array_equal(other.ended_by, one.ended_by[shuffled])
     # A few lanes alone, so that no other order is at work in them.
-    for i in (0, 400, count - 1):
+    for i in (0, 300, count - 1):
         assert erosion.impact("rotating", p.replace(alpha=p.alpha[i], phidot0=p.phidot0[i])).volume == one.volume[i]

@@ -16,8 +16,8 @@ from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.tiling import alike_together
 
-BLOCK = 256  # lanes of a block on a CPU: their stages fit the second-level cache
-CHUNK = 32  # blocks of one call, walked one after another
+BLOCK = (128, 256, 256)  # lanes of a block on a CPU, by order of derivatives; docs/performance.md
+CALL = 2**13  # lanes of one call, whose blocks are walked one after another
 _SHELF = 2**16  # lanes among which to look for neighbours: their parameters fit the second-level cache
 _DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
 _GRAZE = 1e4  # likewise larger, over many turns of a fast spin
@@ -63,7 +63,7 @@ def integrate(
 
         def chunk(some: np.ndarray) -> None:
             # The last block is filled up with copies of its last lane.
-            filled = np.pad(some, (0, block * CHUNK - some.size), mode="edge")
+            filled = np.pad(some, (0, call - some.size), mode="edge")
             lane, copy = np.divmod(filled, copies)
             of_lanes = [leaf[lane].reshape(-1, block) for leaf in lanes]
             along = [index[copy].reshape(-1, block) for index in indices]
@@ -75,7 +75,7 @@ def integrate(
         def sort(shelf: np.ndarray) -> np.ndarray:
             return shelf[alike_together([shelf % copies, *(leaf[shelf // copies] for leaf in varying)], block)]
 
-        block = _block_size()
+        block, call = _sizes(order)
         varying = [leaf for leaf in lanes if leaf.strides != (0,)]
         if not positions.size:
             return
@@ -85,7 +85,7 @@ def integrate(
         with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
             shelves = np.array_split(positions, -(-positions.size // _SHELF))
             positions = np.concatenate(list(pool.map(sort, shelves)))
-            list(pool.map(chunk, np.split(positions, range(block * CHUNK, positions.size, block * CHUNK))))
+            list(pool.map(chunk, np.split(positions, range(call, positions.size, call))))
 
     count = lanes[0].size * copies
     found, tolerance = _empty(count, order), np.broadcast_to(rtol, count)
@@ -122,7 +122,8 @@ def _block(
     """One block; arrays are (block,)."""
     # The physics does not depend on the unit system: one program serves all.
     p = Parameters(**dict(zip(QUANTITIES, lanes, strict=True)))
-    return solve(model, p, order, names or tuple(along), rtol)
+    # With derivatives the time to compile would double.
+    return solve(model, p, order, names or tuple(along), rtol, compiled_whole=order == 0)
 
 
 def _chunk(
@@ -165,8 +166,9 @@ def _compiler_options() -> dict[str, Any]:
     return options
 
 
-def _block_size() -> int:
-    return BLOCK if jax.default_backend() == "cpu" else 2 * BLOCK * CHUNK
+def _sizes(order: int) -> tuple[int, int]:
+    """Lanes of a block, and of a call."""
+    return (BLOCK[order], CALL) if jax.default_backend() == "cpu" else (2**14, 2**19)
 
 
 def _threads() -> int:

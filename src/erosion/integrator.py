@@ -24,7 +24,7 @@ from erosion.jets import Derivatives, Direction
 from erosion.model import CuttingModel
 from erosion.motion import Motion
 from erosion.parameters import Parameters
-from erosion.plan import Kernel
+from erosion.plan import Kernel, one_function
 
 # Prince and Dormand's 8(7) pair, 13 stages, the last of which is the next step's first.
 _TABLEAU = diffrax.Dopri8.tableau
@@ -44,14 +44,15 @@ ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 NO_CUT = -1
 """The event index of a lane in which nothing is cut."""
 
-_SLACK = 2.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
+_SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 _TINY = 1e-200  # keeps 0/0 away
 _CHECK = 0.1  # of the second estimate, brought to the first one's order; docs/performance.md
-_FIRST_STEP = 0.2  # of the model's time scale
+_SAFETY = 0.8  # of the step that would just do
+_FIRST_STEP = 0.17  # of the model's time scale
 _LONGEST_CUT = 1e4  # likewise; later is "unfinished"
 _MAX_TRIALS = 20_000
-_REJECTED = 64  # trials, and one more for each four accepted: then the error must be rounding
-_NEAR = 1e-4  # of the time scale, the cut and a good step: this near the event, Heun and Newton do the rest
+_REJECTED = 64  # trials, and one more for each eight accepted: then the error must be rounding
+_NEAR = 1e-3  # of the time scale, the cut and a good step: this near the event, Kutta and Newton do the rest
 
 
 class Clock(NamedTuple):
@@ -91,7 +92,15 @@ class Solution(NamedTuple):
     doubt: Any  # see `at_event`
 
 
-def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...], rtol: Any) -> Solution:
+def solve(
+    model: CuttingModel,
+    p: Parameters,
+    order: int,
+    directions: tuple[Direction, ...],
+    rtol: Any,
+    *,
+    compiled_whole: bool = False,
+) -> Solution:
     """Integrate a block of impacts to their ends.
 
     Args:
@@ -100,18 +109,23 @@ def solve(model: CuttingModel, p: Parameters, order: int, directions: tuple[Dire
         order: 0, 1 or 2 derivatives.
         directions: see `Jets`; traced ones have shape (lanes,).
         rtol: of volume, end time and derivatives; a scalar, or for each lane its own.
+        compiled_whole: see `one_function`; where the model's arithmetic allows it.
     """
     motion = Motion(model, p, order, directions)
     scale, begins, jet = motion.at_contact()
-    lanes = lax.while_loop(
-        lambda lanes: jnp.any(lanes.clock[0] <= LOCATING),
-        lambda lanes: _advance(motion, scale, rtol, lanes),
-        _begin(motion, scale, begins, jet),
-    )
+
+    def integrate(lanes: Lanes) -> Lanes:
+        return lax.while_loop(
+            lambda lanes: jnp.any(lanes.clock[0] <= LOCATING),
+            lambda lanes: _advance(motion, scale, rtol, lanes),
+            lanes,
+        )
+
+    if compiled_whole and motion.is_arithmetic:
+        integrate = one_function(integrate)
+    lanes = integrate(_begin(motion, scale, begins, jet))
     clock = Clock(*lanes.clock)
-    # Heun's method over the short time left, then Newton's for what is left of that.
-    guess = motion.move(clock.left, lanes.jet, lanes.rate)
-    jet = motion.move(clock.left / 2, motion.move(clock.left / 2, lanes.jet, lanes.rate), motion.rate(guess))
+    jet = _move_on(motion, clock.left, lanes.jet, lanes.rate)
     rate, events = motion.rate_and_events(jet)
     value, slope = jnp.split(events, 2)
     cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
@@ -145,6 +159,15 @@ def _begin(motion: Motion, scale: Any, begins: Any, jet: tuple[Any, ...]) -> Lan
     # Where an event function is zero at contact it rises, or nothing is cut.
     start = start.at[:half].set(jnp.maximum(start[:half], 0.0))
     return Lanes(jnp.stack(clock), start, jet, rate)
+
+
+def _move_on(motion: Motion, length: Any, jet: Any, rate: Any) -> Any:
+    """The jet after a short time: Kutta's method of third order."""
+    second = motion.rate(motion.move(length / 2, jet, rate))
+    third = motion.rate(motion.move(2 * length, motion.move(-length, jet, rate), second))
+    for share, slope in ((1 / 6, rate), (4 / 6, second), (1 / 6, third)):
+        jet = motion.move(share * length, jet, slope)
+    return jet
 
 
 def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
@@ -263,7 +286,7 @@ def _go_on(clock: Clock, error: Any, scale: Any, dips: Any) -> Clock:
 
 def _next_step(clock: Clock, error: Any, good: Any) -> Any:
     """The length that the error control would like, of the order of the embedded estimate."""
-    factor = 0.9 / _eighth_root(error + 1e-30)
+    factor = _SAFETY / _eighth_root(error + 1e-30)
     wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * clock.trial
     # Steps cut short to land on a dip say little about the step to take next.
     return jnp.where(good & (clock.trial < clock.step), jnp.maximum(wanted, clock.step), wanted)
@@ -274,7 +297,7 @@ def _after(clock: Clock, scale: Any, mode: Any, step: Any, trial: Any, *, good: 
     going = clock.mode <= LOCATING
     time = clock.time + jnp.where(moved, clock.trial, 0.0)
     rejected = clock.rejected + (going & ~good)
-    hopeless = rejected > _REJECTED + (clock.trials - clock.rejected) / 4
+    hopeless = rejected > _REJECTED + (clock.trials - clock.rejected) / 8
     mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
     mode = jnp.where(~(trial > 1e-14 * scale) | hopeless, FAILED, mode)
     return clock._replace(
@@ -311,6 +334,9 @@ def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, An
         sizes, errors = jnp.full_like(before[0], _TINY), jnp.zeros_like(length)
         for u, v, slope, ks in zip(before, after, slopes, stages, strict=True):
             sizes = jnp.maximum(jnp.maximum(jnp.abs(u), jnp.abs(v)), jnp.maximum(jnp.abs(length * slope), sizes))
+            # Of the volume, what it would gain in as long a time again counts as well: most cuts go on.
+            # (The last stage is the rate at the step's end, nearly.)
+            sizes = sizes.at[-1].add(jnp.abs(length * ks[-1][-1]))
             errors = functools.reduce(jnp.maximum, list(jnp.abs(length * _combine(_B_ERROR, ks)) / sizes), errors)
             # The volume's estimate is mostly the largest by far, so where it passes through zero by
             # chance an error would go unseen. It does not do so together with a second one.

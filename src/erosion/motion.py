@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from erosion.jets import AtEvent, Cut, Derivatives, Direction, Jets, at_event
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
-from erosion.plan import Kernel, planned
+from erosion.plan import Kernel, Plan, planned
 from erosion.reduction import reduced
 
 
@@ -32,6 +32,7 @@ class Motion:
         self._rate = self._planned(self._rate_of, rows)
         self._rate_and_events = self._planned(self._rate_and_events_of, rows)
         self._end = self._planned(self._end_at, [None, None, *rows])
+        self.is_arithmetic = all(isinstance(part, Plan) for part in (self._rate, self._rate_and_events))
         self._move = Kernel(lambda length, u, k: u + length * k)
 
     def at_contact(self) -> tuple[Any, Any, tuple[Any, ...]]:

@@ -9,6 +9,7 @@ loop. It knows scalar arithmetic only: a function that does anything else (array
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import jax
@@ -26,6 +27,7 @@ _COSTS |= dict.fromkeys(("acos", "asin", "atan", "atan2", "cos", "cosh", "erf", 
 _COSTS |= dict.fromkeys(("logistic", "pow", "sin", "sinh", "tan", "tanh", "rsqrt", "cbrt"), 20)
 _STORE = 4.0  # likewise: writing a shared value, and reading it once
 _LOAD = 0.5
+_COMPILES_WHOLE = {"0.9.0", "0.10.2", "0.12.0.1"}  # versions of jaxlib; see `one_function`
 _WIDTH = 8  # rows of a kernel; wider ones cost the compiler more than they save
 
 
@@ -53,6 +55,31 @@ class Kernel:
             return self.function(*arguments)
 
 
+def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of kernels that are compiled into one.
+
+    XLA's CPU runtime starts each kernel by itself, in some 50 ns, which for a block of lanes
+    is nearly as long as what it then does. It compiles small loops into one function, though,
+    and takes larger ones where it is told that they are small. That is no promise of its
+    interface: it is asked for where it was tried. It knows scalar arithmetic and control flow;
+    the time to compile grows faster than the function does.
+    """
+    if jax.default_backend() != "cpu" or version("jaxlib") not in _COMPILES_WHOLE:
+        return function
+
+    def opened(*arguments: Any) -> Any:
+        with set_xla_metadata(xla_cpu_small_call=None, inlineable=None):
+            return function(*arguments)
+
+    compiled = jax.jit(opened)
+
+    def call(*arguments: Any) -> Any:
+        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
+            return compiled(*arguments)
+
+    return call
+
+
 def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> Callable[..., Any]:
     """A function of one lane's scalars, made one of all lanes.
 
@@ -68,7 +95,7 @@ def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequenc
     """
     if jax.default_backend() == "cpu":
         try:
-            return _Plan(function, shared, known, like)
+            return Plan(function, shared, known, like)
         except _NotScalarArithmeticError:
             pass
     return _whole(function, shared, known, like)
@@ -189,7 +216,7 @@ def _check_scalar(equation: Any) -> None:
         raise _NotScalarArithmeticError
 
 
-class _Plan:
+class Plan:
     """The kernels of a function, and which arrays each of them reads."""
 
     def __init__(self, function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> None:
