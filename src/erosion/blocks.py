@@ -53,46 +53,59 @@ def integrate(
         twice: False leaves doubtful lanes as they are.
 
     Returns:
-        Arrays of shape (lanes,), or (lanes · n,), those of one lane side by side.
+        Arrays of shape (lanes,), or (lanes · n,), those of one lane side by side; no `margin`, no `doubt`.
     """
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
     copies = indices.shape[1]
+    block, call = _sizes(order)
 
-    def walk(positions: np.ndarray, rtol: np.ndarray, results: Solution) -> None:
-        """Integrate some of the lanes, and note their results."""
+    def of_lanes(positions: np.ndarray, leaves: list[np.ndarray]) -> list[np.ndarray]:
+        some = positions // copies if copies > 1 else positions
+        return [leaf[some] for leaf in leaves]
 
-        def chunk(some: np.ndarray) -> None:
+    def walk(positions: np.ndarray, tolerance: np.ndarray, results: Solution) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate some of the lanes, and note their results; says which need a smaller tolerance, and it."""
+
+        def chunk(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             # The last block is filled up with copies of its last lane.
             filled = np.pad(some, (0, call - some.size), mode="edge")
-            lane, copy = np.divmod(filled, copies)
-            of_lanes = [leaf[lane].reshape(-1, block) for leaf in lanes]
-            along = [index[copy].reshape(-1, block) for index in indices]
-            blocks = -(-some.size // block)
-            found = _compiled_chunk()(model, of_lanes, along, rtol[filled].reshape(-1, block), blocks, order, names)
-            for all_, part in zip(jax.tree.leaves(results), jax.tree.leaves(found), strict=True):
-                all_[some] = np.asarray(part).reshape(-1)[: some.size]
+            along = [index[filled % copies] for index in indices]
+            given = [part.reshape(-1, block) for part in (*of_lanes(filled, lanes), *along, tolerance[filled])]
+            count, blocks = len(lanes), -(-some.size // block)
+            found = _compiled_chunk()(model, given[:count], given[count:-1], given[-1], blocks, order, names)
+            found = jax.tree.map(lambda part: np.asarray(part).reshape(-1)[: some.size], found)
+            kept = jax.tree.leaves(found._replace(margin=None, doubt=None))
+            for all_, part in zip(jax.tree.leaves(results), kept, strict=True):
+                all_[some] = part
+            smaller = _tighter(found, rtol)
+            again = smaller < tolerance[some]
+            return some[again], smaller[again]
 
         def sort(shelf: np.ndarray) -> np.ndarray:
-            return shelf[alike_together([shelf % copies, *(leaf[shelf // copies] for leaf in varying)], block)]
+            leaves = of_lanes(shelf, [leaf for leaf in lanes if leaf.strides != (0,)])
+            return shelf[alike_together([shelf % copies, *leaves], block)]
 
-        block, call = _sizes(order)
-        varying = [leaf for leaf in lanes if leaf.strides != (0,)]
-        if not positions.size:
-            return
         if positions.size <= block:
-            chunk(positions)
-            return
-        with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
+            return chunk(positions)
+        threads = _threads()
+        with concurrent.futures.ThreadPoolExecutor(threads) as pool:
             shelves = np.array_split(positions, -(-positions.size // _SHELF))
             positions = np.concatenate(list(pool.map(sort, shelves)))
-            list(pool.map(chunk, np.split(positions, range(call, positions.size, call))))
+            # Whole blocks, and some for every thread.
+            share = min(call, block * -(-positions.size // (block * threads)))
+            parts = list(pool.map(chunk, np.split(positions, range(share, positions.size, share))))
+        again, smaller = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return again, smaller
 
     count = lanes[0].size * copies
-    found, tolerance = _empty(count, order), np.broadcast_to(rtol, count)
-    walk(np.arange(count), tolerance, found)
-    if twice:
-        tolerance = _tighter(found, rtol)
-        walk(np.flatnonzero(tolerance < rtol), tolerance, found)
+    found = _empty(count, order)
+    if not count:
+        return found
+    again, smaller = walk(np.arange(count), np.broadcast_to(rtol, count), found)
+    if twice and again.size:
+        tolerance = np.full(count, rtol)
+        tolerance[again] = smaller
+        walk(again, tolerance, found)
     return found
 
 
@@ -105,13 +118,14 @@ def _tighter(found: Solution, rtol: float) -> np.ndarray:
 
 
 def _empty(count: int, order: int) -> Solution:
+    """Arrays to fill; small ones, for memory that is new to a process is slow to get."""
+
     def derivatives() -> Derivatives:
         parts = (1, 3, 4)[order]
         return Derivatives(*(np.empty(count) for _ in range(parts)), *[None] * (4 - parts))
 
-    return Solution(
-        np.empty(count), np.empty(count), derivatives(), derivatives(), *(np.empty(count) for _ in range(3))
-    )
+    mode, which, trials = (np.empty(count, kind) for kind in (np.int8, np.int8, np.int16))
+    return Solution(mode, which, derivatives(), derivatives(), trials, None, None)
 
 
 # A function of its own to JAX, which traces it once for the shapes of its results and the loop.

@@ -1,15 +1,16 @@
 """Every local maximum of a function of the angle, its jumps and its regimes, for many cases at once."""
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from erosion.blocks import integrate
+from erosion.integrator import Solution
 from erosion.kernel import outcomes
 from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
-from erosion.scan import Cells, Evaluate, Nodes, Scan, is_jump, joined, polish, scan
+from erosion.scan import Cells, Nodes, Scan, is_jump, joined, polish, scan
 
 SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0
 STEEPEST = np.pi / 2
@@ -98,6 +99,30 @@ class Maxima:
     certified: bool
 
 
+class _At(NamedTuple):
+    """The volumes of many cases at any angle; with a sign, so that all optima are maxima."""
+
+    model: CuttingModel
+    leaves: dict[str, np.ndarray]
+    sign: float
+    rtol: float
+
+    def __call__(self, case: np.ndarray, alpha: np.ndarray) -> Nodes:
+        found = self._integrate(2, case, alpha, self.rtol)
+        volume = found.volume
+        value, slope, curve = (self.sign * part for part in (volume.value, volume.first, volume.second))
+        return Nodes(case, alpha, value, slope, curve, found.time.value, outcomes(self.model, found))
+
+    def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # Without derivatives the motion is less exact for the same tolerance.
+        found = self._integrate(0, case, alpha, self.rtol / 100)
+        return outcomes(self.model, found), found.time.value
+
+    def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray, rtol: float) -> Solution:
+        lanes = [alpha if q == "alpha" else leaf[case] for q, leaf in self.leaves.items()]
+        return integrate(self.model, lanes, order, ("alpha",) if order else (), rtol, twice=False)
+
+
 class Search:
     """The optima of many cases at once; values carry a sign, so that all are maxima."""
 
@@ -105,15 +130,8 @@ class Search:
         self.model, self.sign = model, sign
         self.leaves = {q: np.asarray(getattr(p, q)) for q in QUANTITIES}
 
-    def _at(self, rtol: float) -> Evaluate:
-        def evaluate(case: np.ndarray, alpha: np.ndarray) -> Nodes:
-            lanes = [alpha if q == "alpha" else leaf[case] for q, leaf in self.leaves.items()]
-            found = integrate(self.model, lanes, 2, ("alpha",), rtol, twice=False)
-            volume = found.volume
-            value, slope, curve = (self.sign * part for part in (volume.value, volume.first, volume.second))
-            return Nodes(case, alpha, value, slope, curve, found.time.value, outcomes(self.model, found))
-
-        return evaluate
+    def _at(self, rtol: float) -> "_At":
+        return _At(self.model, self.leaves, self.sign, rtol)
 
     def maxima(self, low: float, high: float) -> list[Maxima]:
         """Of each case, over the angles from `low` to `high` [rad]."""
@@ -178,10 +196,8 @@ class Search:
         ]
 
     def _at_jumps(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
-        low, high = (
-            self._at(_LOOSE)(side.case[jumped], side.alpha[jumped] + towards * ASIDE)
-            for side, towards in zip(found.narrow, (-1, 1), strict=True)
-        )
+        case, middle = found.narrow.low.case[jumped], found.narrow.middle[jumped]
+        low, high = (self._at(_LOOSE)(case, middle + aside) for aside in (-ASIDE, ASIDE))
         candidates = []
         for i, case in enumerate(low.case):
             # Only a side that rises towards the jump, to more than there is beyond it.

@@ -3,20 +3,21 @@
 The function is known through its value and first two derivatives at chosen angles (nodes).
 Between neighbouring nodes it is *resolved* where the quintic through both ends agrees with
 what its own smoothness predicts; every other cell is split, until it is resolved or as
-narrow as `NARROW`. What is left narrow holds a jump or a change of how the cut ends.
+narrow as rounding allows. What is left narrow holds a jump or a change of how the cut ends.
 
 Many functions (cases) are resolved at once, so that each round is one large batch.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 NARROW = 1e-11
-"""Cells this wide [rad] are not split: jumps are known to this, from both sides."""
+"""Jumps are known to this [rad], from both sides."""
 
-_SUSPECT = 3e-8  # rad; where cells so wide are not resolved, a tighter tolerance goes on
+_SUSPECT = 3e-8  # rad; cells so wide are not split: a tighter tolerance says where the jump is
+_AGREED = 2e-10  # rad; so far beside a jump, with derivatives or without, it is on the same side
+_STEEP = 1e-5  # rad; where cells so narrow are not resolved there may be a jump
 _RESOLVED = 1e-7  # of the function's largest size: what the quintic's last term may add
 _BENT = 1e-3  # likewise the quartic term, so that the quintic's cannot vanish by accident
 _JUMP = 1e-8  # likewise; a smaller change over a narrow cell is rounding
@@ -65,6 +66,11 @@ class Cells(NamedTuple):
         """Of each cell [rad]."""
         return self.high.alpha - self.low.alpha
 
+    @property
+    def middle(self) -> np.ndarray:
+        """Of each cell [rad]."""
+        return (self.low.alpha + self.high.alpha) / 2
+
 
 class Scan(NamedTuple):
     """Resolved functions.
@@ -86,8 +92,17 @@ class Scan(NamedTuple):
     rounds: np.ndarray
 
 
-Evaluate = Callable[[np.ndarray, np.ndarray], Nodes]
-"""(cases, angles) -> nodes there."""
+@runtime_checkable
+class Evaluate(Protocol):
+    """How the functions are computed."""
+
+    def __call__(self, case: np.ndarray, alpha: np.ndarray) -> Nodes:
+        """Nodes at some angles."""
+        ...
+
+    def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How the cuts end there, and when, for much less."""
+        ...
 
 
 def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) -> Scan:
@@ -103,60 +118,98 @@ def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) ->
     # Angle by angle: impacts side by side then take about as many steps as each other.
     nodes = evaluate(np.tile(np.arange(cases), count), np.repeat(angles, cases))
     left = np.arange(cases * (count - 1))
-    found = _resolve(evaluate, nodes, left, left + cases, np.zeros(cases), _SUSPECT)
+    found = _resolve(evaluate, nodes, left, left + cases)
     # Where cutting begins the tip is so slow at contact that a tighter tolerance is below rounding.
     cut = (found.narrow.low.time > 0) & (found.narrow.high.time > 0)
-    low, high = (side.take(cut) for side in found.narrow)
+    case = found.narrow.low.case[cut]
     # What the looser tolerance placed within _SUSPECT may lie a little beside it.
-    ends = [
-        tight(side.case, np.clip(side.alpha + aside, angles[0], angles[-1]))
-        for side, aside in ((low, -_SUSPECT), (high, _SUSPECT))
-    ]
-    index = np.arange(low.case.size)
-    close = _resolve(tight, joined(*ends), index, index + index.size, found.size, NARROW)
+    low, high = found.narrow.low.alpha[cut] - _SUSPECT, found.narrow.high.alpha[cut] + _SUSPECT
+    places = _bracket(tight, case, np.clip([low, high], angles[0], angles[-1]), NARROW)
+    low, high = np.clip(places + np.array([[-_AGREED], [_AGREED]]), angles[0], angles[-1])
+    close = Cells(tight(case, low), tight(case, high))
+    known = np.isfinite(close.low.value) & np.isfinite(close.high.value)
+    close, rest = (
+        Cells._make(side.take(chosen) for side in cells) for cells, chosen in ((close, known), (found.narrow, ~cut))
+    )
     return found._replace(
-        narrow=Cells._make(joined(a, b.take(~cut)) for a, b in zip(close.narrow, found.narrow, strict=True)),
-        size=np.maximum(found.size, close.size),
-        unresolved=found.unresolved + close.unresolved,
-        rounds=found.rounds + close.rounds,
+        narrow=Cells._make(joined(a, b) for a, b in zip(close, rest, strict=True)),
+        unresolved=found.unresolved + np.bincount(case[~known], minlength=cases),
     )
 
 
-def _resolve(
-    evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray, size: np.ndarray, narrow_width: float
-) -> Scan:
-    """Split cells, pairs of indices of nodes, until each is smooth or as narrow as `narrow_width`."""
-    cases = size.size
-    size, unresolved, rounds = size.copy(), np.zeros(cases, int), np.zeros(cases, int)
-    used = np.bincount(nodes.case, minlength=cases)
+def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray) -> Scan:
+    """Split cells, pairs of indices of nodes, until each is smooth or as narrow as `_SUSPECT`."""
+    used = np.bincount(nodes.case)
+    cases = used.size
+    size, unresolved, rounds = np.zeros(cases), np.zeros(cases, int), np.zeros(cases, int)
+    placed = np.zeros(nodes.case.size, bool)  # beside a change of the end, by `_bracket`
     smooth, narrow = [], []
     while True:
         np.maximum.at(size, nodes.case, np.nan_to_num(np.abs(nodes.value)))
         cells = Cells(nodes.take(low), nodes.take(high))
         done = is_resolved(cells, size[cells.low.case])
         known = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
-        tight = ~done & (cells.width <= narrow_width)
+        tight = ~done & (cells.width <= _SUSPECT)
         lost = ~done & (~known | (~tight & (used[cells.low.case] > _MAX_NODES)))
         np.add.at(unresolved, cells.low.case[lost], 1)
         smooth.append(np.stack([low[done], high[done]]))
         narrow.append(np.stack([low[tight & known], high[tight & known]]))
         split = ~(done | tight | lost)
-        low, high = low[split], high[split]
-        if not low.size:
+        # Where there may be a jump, first of all where. If it is not between the nodes placed, halves will do.
+        suspect = (cells.low.end != cells.high.end) | (cells.width < _STEEP)
+        search = split & suspect & ~placed[low] & ~placed[high]
+        halves = split & ~search
+        if not split.any():
             break
-        parts = int(np.clip(_LANES // low.size, 2, 16))
+        parts = int(np.clip(_LANES // max(np.count_nonzero(halves), 1), 2, 16))
         fractions = np.arange(1, parts) / parts
-        a, b = nodes.alpha[low, None], nodes.alpha[high, None]
-        new = evaluate(np.repeat(nodes.case[low], parts - 1), (a + fractions * (b - a)).ravel())
+        between = cells.low.alpha[halves, None] + fractions * cells.width[halves, None]
+        places = np.stack([cells.low.alpha[search], cells.high.alpha[search]])
+        beside = _bracket(evaluate, cells.low.case[search], places, _SUSPECT).T
+        chains, first, angles, owners = [], nodes.case.size, [], []
+        for chosen, inner in ((halves, between), (search, beside)):
+            index = first + np.arange(inner.size).reshape(inner.shape)
+            chains.append(np.column_stack([low[chosen], index, high[chosen]]))
+            angles.append(inner.ravel())
+            owners.append(np.repeat(cells.low.case[chosen], inner.shape[1]))
+            first += inner.size
+        new = evaluate(np.concatenate(owners), np.concatenate(angles))
         np.add.at(used, new.case, 1)
         rounds[np.unique(new.case)] += 1
-        first = len(nodes.case) + np.arange(new.case.size).reshape(-1, parts - 1)
-        chain = np.column_stack([low, first, high])
         nodes = joined(nodes, new)
-        low, high = chain[:, :-1].ravel(), chain[:, 1:].ravel()
+        placed = np.concatenate([placed, np.arange(new.case.size) >= between.size])
+        low = np.concatenate([chain[:, :-1].ravel() for chain in chains])
+        high = np.concatenate([chain[:, 1:].ravel() for chain in chains])
     pairs = [np.concatenate(kind, axis=1) for kind in (smooth, narrow)]
     resolved, bracketed = (Cells(nodes.take(pair[0]), nodes.take(pair[1])) for pair in pairs)
     return Scan(nodes.take(np.lexsort((nodes.alpha, nodes.case))), resolved, bracketed, size, unresolved, rounds)
+
+
+def _bracket(evaluate: Evaluate, case: np.ndarray, places: np.ndarray, width: float) -> np.ndarray:
+    """Between which angles, `width` apart, the end changes, or its time changes most.
+
+    Args:
+        evaluate: computes how cuts end.
+        case: shape (cells,).
+        places: between which angles to look; shape (2, cells), as the result.
+        width: [rad].
+    """
+    (low, high), cells = places.copy(), case.size
+    ends, times = (value.reshape(2, cells) for value in evaluate.ends(np.tile(case, 2), places.ravel()))
+    before, (start, stop) = ends[0], times.copy()
+    changing = before != ends[1]
+    while (wide := np.flatnonzero(high - low > width)).size:
+        parts = int(np.clip(_LANES // wide.size, 2, 16))
+        at = np.linspace(low[wide], high[wide], parts + 1, axis=1)
+        ends, times = evaluate.ends(np.repeat(case[wide], parts - 1), at[:, 1:-1].ravel())
+        times = np.column_stack([start[wide], times.reshape(wide.size, -1), stop[wide]])
+        changed = ends.reshape(wide.size, -1) != before[wide, None]
+        first = np.argmax(np.column_stack([changed, np.ones(wide.size, bool)]), axis=1)
+        steepest = np.argmax(np.nan_to_num(np.abs(np.diff(times, axis=1)), nan=np.inf), axis=1)
+        chosen, row = np.where(changing[wide], first, steepest), np.arange(wide.size)
+        low[wide], high[wide] = at[row, chosen], at[row, chosen + 1]
+        start[wide], stop[wide] = times[row, chosen], times[row, chosen + 1]
+    return np.stack([low, high])
 
 
 def is_resolved(cells: Cells, size: np.ndarray) -> np.ndarray:
