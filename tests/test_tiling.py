@@ -52,5 +52,5 @@ def test_the_order_of_impacts_does_not_matter() -> None:
     assert np.array_equal(other.t_c, one.t_c[shuffled], equal_nan=True)
     assert np.array_equal(other.ended_by, one.ended_by[shuffled])
     # A few lanes alone, so that no other order is at work in them.
-    for i in (0, 300, count - 1):
+    for i in (0, count // 2, count - 1):
         assert erosion.impact("rotating", p.replace(alpha=p.alpha[i], phidot0=p.phidot0[i])).volume == one.volume[i]

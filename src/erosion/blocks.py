@@ -16,7 +16,7 @@ from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.tiling import alike_together
 
-BLOCK = (128, 256, 256)  # lanes of a block on a CPU, by order of derivatives; docs/performance.md
+BLOCK = (64, 256, 256)  # lanes of a block on a CPU, by order of derivatives; docs/performance.md
 CALL = 2**13  # lanes of one call, whose blocks are walked one after another
 _SHELF = 2**16  # lanes among which to look for neighbours: their parameters fit the second-level cache
 _DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
