@@ -229,10 +229,15 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
 def outcomes(model: CuttingModel, found: Solution) -> np.ndarray:
     """How each lane ended, in words."""
     names = end_names(model)
+    return np.array(names)[outcome_codes(len(names), found)]
+
+
+def outcome_codes(count: int, found: Solution) -> np.ndarray:
+    """How each lane ended: an index of the model's `count` `end_names`."""
     # The codes of the events are 0, 1, …; NO_CUT is -1, counted from the three last names.
-    code = np.where(found.which == NO_CUT, len(names) - 3, found.which)
-    code = np.where(found.mode == ENDED, code, len(names) - 2)
-    return np.array(names)[np.where(found.mode == UNFINISHED, len(names) - 1, code).astype(int)]
+    code = np.where(found.which == NO_CUT, count - 3, found.which)
+    code = np.where(found.mode == ENDED, code, count - 2)
+    return np.where(found.mode == UNFINISHED, count - 1, code).astype(np.int8)
 
 
 def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:

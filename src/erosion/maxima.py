@@ -7,7 +7,7 @@ import numpy as np
 
 from erosion.blocks import integrate
 from erosion.integrator import Solution
-from erosion.kernel import outcomes
+from erosion.kernel import end_names, outcome_codes
 from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.scan import Cells, Nodes, Scan, is_jump, joined, polish, scan
@@ -106,21 +106,21 @@ class _At(NamedTuple):
     leaves: dict[str, np.ndarray]
     sign: float
     rtol: float
+    names: int  # how many ends there are
 
     def __call__(self, case: np.ndarray, alpha: np.ndarray) -> Nodes:
-        found = self._integrate(2, case, alpha, self.rtol)
+        found = self._integrate(2, case, alpha)
         volume = found.volume
         value, slope, curve = (self.sign * part for part in (volume.value, volume.first, volume.second))
-        return Nodes(case, alpha, value, slope, curve, found.time.value, outcomes(self.model, found))
+        return Nodes(case, alpha, value, slope, curve, found.time.value, outcome_codes(self.names, found))
 
     def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # Without derivatives the motion is less exact for the same tolerance.
-        found = self._integrate(0, case, alpha, self.rtol / 100)
-        return outcomes(self.model, found), found.time.value
+        found = self._integrate(0, case, alpha)
+        return outcome_codes(self.names, found), found.time.value
 
-    def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray, rtol: float) -> Solution:
+    def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Solution:
         lanes = [alpha if q == "alpha" else leaf[case] for q, leaf in self.leaves.items()]
-        return integrate(self.model, lanes, order, ("alpha",) if order else (), rtol, twice=False)
+        return integrate(self.model, lanes, order, ("alpha",) if order else (), self.rtol, twice=False)
 
 
 class Search:
@@ -128,10 +128,11 @@ class Search:
 
     def __init__(self, model: CuttingModel, p: Parameters, sign: float) -> None:
         self.model, self.sign = model, sign
+        self.names = end_names(model)
         self.leaves = {q: np.asarray(getattr(p, q)) for q in QUANTITIES}
 
     def _at(self, rtol: float) -> "_At":
-        return _At(self.model, self.leaves, self.sign, rtol)
+        return _At(self.model, self.leaves, self.sign, rtol, len(self.names))
 
     def maxima(self, low: float, high: float) -> list[Maxima]:
         """Of each case, over the angles from `low` to `high` [rad]."""
@@ -148,7 +149,7 @@ class Search:
             candidates[case].append(candidate)
         for case, candidate in self._on_plateaus(found, jumped, candidates):
             candidates[case].append(candidate)
-        jumps, regimes = self._jumps(found, jumped, cases), _regimes(found, cases, low, high)
+        jumps, regimes = self._jumps(found, jumped, cases), self._regimes(found, cases, low, high)
         return [
             Maxima(
                 self._ranked(candidates[case], bool(certified[case])),
@@ -175,7 +176,7 @@ class Search:
             value=float(self.sign * nodes.value[i]),
             dvalue=float(self.sign * nodes.slope[i]),
             d2value=float(self.sign * nodes.curve[i]),
-            ended_by=str(nodes.end[i]),
+            ended_by=self.names[nodes.end[i]],
             **{**defaults, **more},
         )
 
@@ -272,13 +273,27 @@ class Search:
         return dataclasses.replace(first, alpha=0.0, value=value, attained=False)
 
     def _jumps(self, found: Scan, jumped: np.ndarray, cases: int) -> list[tuple[Jump, ...]]:
-        low, high = (side.take(jumped) for side in found.narrow)
+        cells = Cells._make(side.take(jumped) for side in found.narrow)
+        ends = [[self.names[end] for end in side.end] for side in cells]
+        values = [self.sign * side.value for side in cells]
         jumps: list[list[Jump]] = [[] for _ in range(cases)]
-        for i in np.argsort(low.alpha):
-            middle = float(low.alpha[i] + high.alpha[i]) / 2
-            below, above = float(self.sign * low.value[i]), float(self.sign * high.value[i])
-            jumps[low.case[i]].append(Jump(middle, below, above, str(low.end[i]), str(high.end[i])))
+        middle = cells.middle
+        for i in np.argsort(middle):
+            below, above = (float(value[i]) for value in values)
+            jumps[cells.low.case[i]].append(Jump(float(middle[i]), below, above, ends[0][i], ends[1][i]))
         return [tuple(some) for some in jumps]
+
+    def _regimes(self, found: Scan, cases: int, low: float, high: float) -> list[tuple[Regime, ...]]:
+        changes = found.narrow.low.end != found.narrow.high.end
+        cells = Cells._make(side.take(changes) for side in found.narrow)
+        first = found.nodes.end[np.flatnonzero(np.diff(found.nodes.case, prepend=-1))]
+        regimes = [[Regime(low, high, self.names[end])] for end in first]
+        middle = cells.middle
+        for i in np.argsort(middle):
+            some, at = regimes[cells.low.case[i]], float(middle[i])
+            some[-1] = dataclasses.replace(some[-1], high=at)
+            some.append(Regime(at, high, self.names[cells.high.end[i]]))
+        return [tuple(some) for some in regimes]
 
 
 def _first_look(low: float, high: float) -> np.ndarray:
@@ -288,18 +303,3 @@ def _first_look(low: float, high: float) -> np.ndarray:
     even = np.linspace(0.02, high, _GRID) if low < 0.02 < high else np.linspace(low, high, _GRID)
     near_zero = np.geomspace(low, 0.02, 14)[:-1] if low < 0.02 < high else []
     return np.concatenate([near_zero, even])
-
-
-def _regimes(found: Scan, cases: int, low: float, high: float) -> list[tuple[Regime, ...]]:
-    changes = found.narrow.low.end != found.narrow.high.end
-    before, after = (side.take(changes) for side in found.narrow)
-    first = found.nodes.end[np.flatnonzero(np.diff(found.nodes.case, prepend=-1))]
-    regimes = [[Regime(low, high, str(end))] for end in first]
-    for i in np.argsort(before.alpha):
-        last = regimes[before.case[i]].pop()
-        middle = float(before.alpha[i] + after.alpha[i]) / 2
-        regimes[before.case[i]] += [
-            dataclasses.replace(last, high=middle),
-            Regime(middle, high, str(after.end[i])),
-        ]
-    return [tuple(some) for some in regimes]

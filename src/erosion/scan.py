@@ -34,7 +34,7 @@ class Nodes(NamedTuple):
         value, slope, curve: the function and its derivatives by the angle; NaN where the
             impact failed.
         time: when the cut ends [s].
-        end: a code of how the cut ends.
+        end: a code of how the cut ends: an index of the model's `end_names`.
     """
 
     case: np.ndarray
