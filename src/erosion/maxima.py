@@ -19,6 +19,7 @@ ASIDE = 1e-9  # rad; so far beside a jump any evaluation agrees on which side it
 _LOOSE = 1e-9  # relative tolerance of the search
 TIGHT = 1e-11  # relative tolerance where an answer is polished
 _LEVEL = 1e-6  # of a function's size, per rad²
+_MANY = 100  # cases, for which it pays to compile a second program, without derivatives
 _GRID = 64  # angles of the first look between 0.02 rad and π/2
 
 
@@ -115,7 +116,7 @@ class _At(NamedTuple):
         return Nodes(case, alpha, value, slope, curve, found.time.value, outcome_codes(self.names, found))
 
     def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = self._integrate(0, case, alpha)
+        found = self._integrate(0 if self.leaves["k"].size >= _MANY else 2, case, alpha)
         return outcome_codes(self.names, found), found.time.value
 
     def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Solution:
