@@ -97,6 +97,13 @@ def test_help_comes_without_jax():
     assert "Commands" in found.stdout
 
 
+def test_an_optimum_comes_without_what_it_does_not_use():
+    unused = {"diffrax", "matplotlib", "pandas", "pint", "rich", "scipy", "xarray"}
+    code = f"import sys, erosion, erosion.cli; erosion.alpha_max; sys.exit({unused} & {{*sys.modules}} or 0)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert found.returncode == 0, found.stderr
+
+
 def test_the_process_exits_with_the_status():
     assert erosion("run", "--alpha", "95deg").returncode == 2
     assert erosion("--version").stdout.strip() == "0.1.0"

@@ -135,3 +135,10 @@ def test_entry_points_are_found(monkeypatch):
     assert "cannot be imported" in str(erosion.available_models()["broken"].error)
     with pytest.raises(erosion.ModelError, match=r"'broken'.*cannot be imported: ModuleNotFoundError"):
         erosion.load_model("broken")
+
+
+def test_a_closed_form_is_one_program(caplog):
+    t = np.linspace(0.0, 1e-5, 123)  # of a length that no other test has
+    with jax.log_compiles():
+        closed_form("linearized").state(t, P)
+    assert sum("Finished XLA compilation" in record.message for record in caplog.records) == 1

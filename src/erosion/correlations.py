@@ -46,7 +46,11 @@ class Correlation:
 
     def __call__(self, alpha: Any) -> Any:
         """F at the angle(s) α [rad]."""
-        return self.function(alpha)
+        return self._compiled(alpha)
+
+    @functools.cached_property
+    def _compiled(self) -> Callable[[Any], Any]:
+        return jax.jit(self.function)
 
     @functools.cached_property
     def alpha_max(self) -> float:
@@ -54,18 +58,18 @@ class Correlation:
         require_float64()
         # Every F here rises to one maximum and then falls.
         coarse = np.deg2rad(np.arange(1.0, 90.0))
-        near = coarse[np.argmax(np.asarray(self.function(coarse)))]
+        near = coarse[np.argmax(np.asarray(self(coarse)))]
         step = np.deg2rad(1.0)
-        return float(root_scalar(jax.grad(self.function), bracket=(near - step, near + step), xtol=1e-14).root)
+        return float(root_scalar(jax.jit(jax.grad(self.function)), bracket=(near - step, near + step), xtol=1e-14).root)
 
     @property
     def peak(self) -> float:
         """F at `alpha_max`."""
-        return float(self.function(self.alpha_max))
+        return float(self(self.alpha_max))
 
     def normalised(self, alpha: Any) -> Any:
         """F(α)/F(α_max), to lay curves of any scale over each other."""
-        return self.function(alpha) / self.peak
+        return self(alpha) / self.peak
 
 
 def finnie(alpha: Angle, force_ratio: float = 2.0) -> Any:

@@ -13,7 +13,6 @@ import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,19 +24,7 @@ from erosion.model import CuttingModel
 from erosion.motion import Motion
 from erosion.parameters import Parameters
 from erosion.plan import Kernel, one_function
-
-# Prince and Dormand's 8(7) pair, 13 stages, the last of which is the next step's first.
-_TABLEAU = diffrax.Dopri8.tableau
-_A = [np.asarray(row) for row in _TABLEAU.a_lower]
-_B = np.asarray(_TABLEAU.b_sol)
-_B_ERROR = np.asarray(_TABLEAU.b_error)
-# A second estimate, of 6th order. All differences of two solutions of 6th order are a plane in
-# the space of weights; this one is orthogonal to the pair's own, and as long.
-_B_CHECK = np.array([
-    -0.06546771316990013, 0, 0, 0, 0, -1.182781246546709, 0.2775527180863478, 1.0732487838069504,
-    0.7396385533976804, -1.0064401897180706, 0.32273397601182074, -1.3755777404252905, 1.217092858557171,
-    0,
-])  # fmt: skip
+from erosion.tableau import B_CHECK, B_ERROR, A, B
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 
@@ -320,10 +307,10 @@ def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, An
         combine = Kernel(lambda u, ks, clock: u + Clock(*clock).trial * _combine(row, ks))
         return tuple(combine(u, _used(row, ks), clock) for u, ks in zip(jet, stages, strict=True))
 
-    for row in _A[:-1]:
+    for row in A[:-1]:
         for ks, k in zip(stages, motion.rate(after(row)), strict=True):
             ks.append(k)
-    at = after(_B)
+    at = after(B)
     last, events = motion.rate_and_events(at)
     stages = [[*ks, k] for ks, k in zip(stages, last, strict=True)]
 
@@ -337,14 +324,14 @@ def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, An
             # Of the volume, what it would gain in as long a time again counts as well: most cuts go on.
             # (The last stage is the rate at the step's end, nearly.)
             sizes = sizes.at[-1].add(jnp.abs(length * ks[-1][-1]))
-            errors = functools.reduce(jnp.maximum, list(jnp.abs(length * _combine(_B_ERROR, ks)) / sizes), errors)
+            errors = functools.reduce(jnp.maximum, list(jnp.abs(length * _combine(B_ERROR, ks)) / sizes), errors)
             # The volume's estimate is mostly the largest by far, so where it passes through zero by
             # chance an error would go unseen. It does not do so together with a second one.
-            check = jnp.abs(length * _combine(_B_CHECK, [k[-1] for k in ks])) / sizes[-1]
+            check = jnp.abs(length * _combine(B_CHECK, [k[-1] for k in ks])) / sizes[-1]
             errors = jnp.maximum(errors, _CHECK * check * _eighth_root(check))
         return errors
 
-    error = Kernel(worst)(jet, at, rate, [_used(_B_ERROR, ks) for ks in stages], clock)
+    error = Kernel(worst)(jet, at, rate, [_used(B_ERROR, ks) for ks in stages], clock)
     return at, last, events, error
 
 

@@ -17,6 +17,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 from erosion.model import CuttingModel, Scales, Tip
 from erosion.parameters import Parameters
+from erosion.tracing import traced_once
 
 
 def reduced(model: CuttingModel, p: Parameters) -> CuttingModel:
@@ -45,6 +46,7 @@ class _Reduced(CuttingModel):
         leaves = jax.tree.leaves(self.model.initial_state(p))
         return tuple(self._starts(leaves))
 
+    @traced_once
     def derivative(self, state: Any, p: Parameters) -> tuple[Any, ...]:
         arguments = [*jax.tree.leaves((self.model, p)), *jax.tree.leaves(self._whole(state, p))]
         return tuple(self.unknowns.rates(*arguments))
@@ -52,9 +54,11 @@ class _Reduced(CuttingModel):
     def tip(self, state: Any, p: Parameters) -> Tip:
         return self.model.tip(self._whole(state, p), p)
 
+    @traced_once
     def events(self, state: Any, p: Parameters) -> dict[str, Any]:
         return self.model.events(self._whole(state, p), p)
 
+    @traced_once
     def removal_rate(self, state: Any, p: Parameters) -> Any:
         return self.model.removal_rate(self._whole(state, p), p)
 

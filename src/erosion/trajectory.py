@@ -290,7 +290,7 @@ def _follow(
     t = np.linspace(0.0, t_c, points)
     states = dense(t)
     # The ends of the histories are known better than the dense output gives them.
-    states = jax.tree.map(lambda all_, last: all_.at[-1].set(last), states, reach(t_c))
+    states = jax.tree.map(lambda all_, last: np.append(all_[:-1], last), jax.tree.map(np.asarray, states), reach(t_c))
     return _trajectory(model, given, t, states, name, lambda t: dense(t)[0])
 
 

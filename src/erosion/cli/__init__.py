@@ -6,6 +6,7 @@ exit status 2, a failed solve exit status 1, never a traceback.
 
 import _thread
 import contextlib
+import gc
 import os
 import sys
 import threading
@@ -27,6 +28,8 @@ from erosion.cli.sweep import sweep
 from erosion.cli.verify import verify
 from erosion.version import __version__
 
+_ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
+
 app = cyclopts.App(
     name="erosion",
     help="How a rigid particle cuts a ductile surface, and at which angle it removes most.",
@@ -41,7 +44,12 @@ for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore, m
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
-    sys.exit(_status(sys.argv[1:] if arguments is None else arguments))
+    # Modules and traced programs, hundreds of thousands of objects, live as long as the process does:
+    # to look for garbage among them as often as is usual, and once more at the exit, takes half a second.
+    gc.set_threshold(_ALLOCATIONS)
+    status = _status(sys.argv[1:] if arguments is None else arguments)
+    gc.freeze()
+    sys.exit(status)
 
 
 def _status(arguments: Sequence[str]) -> int:

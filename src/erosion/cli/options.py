@@ -198,7 +198,8 @@ def start_engine() -> None:
         with contextlib.suppress(OSError):
             folder = platformdirs.user_cache_path("erosion", ensure_exists=True) / "compiled"
             jax.config.update("jax_compilation_cache_dir", str(folder))
-            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+            # However small: reading any program takes a fraction of the time that compiling it does.
+            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def print_json(content: Mapping[str, Any]) -> None:
