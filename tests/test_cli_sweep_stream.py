@@ -101,3 +101,44 @@ def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monke
     assert int(np.isnan(xr.load_dataset(out, engine="h5netcdf").volume).sum()) == 4
     assert _status(["sweep", case, "-o", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ended_by"] == {"rebound": 8}
+
+
+@pytest.mark.parametrize(("verb", "part"), [("sweep", "sweeps.Grid.solve"), ("stream", "streams._tally")])
+def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, capsys, monkeypatch, verb, part):
+    def broken(*arguments: Any) -> Any:
+        raise ValueError("all the king's horses")
+
+    monkeypatch.setattr(f"erosion.{part}", broken)
+    assert _status([verb, case, "-o", str(tmp_path / "out.nc")]) == 1
+    assert capsys.readouterr().err == "erosion: ValueError: all the king's horses\n"
+    assert not (tmp_path / "out.nc").exists()
+
+
+@pytest.mark.parametrize("drawn", [0, 1])
+def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatch, drawn):
+    from erosion import streams
+
+    tally, left = streams._tally, drawn
+
+    def interrupted(*arguments: Any) -> Any:
+        nonlocal left
+        if not left:
+            raise KeyboardInterrupt
+        left -= 1
+        return tally(*arguments)
+
+    monkeypatch.setattr(streams, "_tally", interrupted)
+    monkeypatch.setattr(streams, "_BLOCK", 16)
+    out = tmp_path / "jet.nc"
+    assert _status(["stream", case, "-o", str(out), "--json"]) == 130
+    said = capsys.readouterr()
+    if not drawn:
+        assert said.err == "erosion: interrupted before any of 1,024 particles was computed\n"
+        assert (said.out, out.exists()) == ("", False)
+        return
+    assert said.err == (
+        f"erosion: interrupted after 256 of 1,024 particles; {out} holds them; the same command goes on from there\n"
+    )
+    partial = json.loads(said.out)
+    assert partial["particles"] == 256
+    assert float(xr.load_dataset(out, engine="h5netcdf").mean_volume) == partial["mean_volume"]

@@ -114,6 +114,7 @@ INTERRUPTED = {
 PRESS = """
 import os, signal, sys, threading
 from erosion.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
 timer = threading.Timer(3, os.kill, (os.getpid(), signal.SIGINT))
 timer.daemon = True
 timer.start()
@@ -121,14 +122,23 @@ main(sys.argv[1:])
 """
 
 
-def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
+@pytest.fixture
+def stack():
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path, stack):
     running = {}
     for verb, arguments in INTERRUPTED.items():
         folder = tmp_path / verb
         folder.mkdir()
         (folder / "sand.csv").write_text("angle [deg], erosion [-]\n" + "".join(f"{i},{i}\n" for i in range(1, 90)))
         command = [sys.executable, "-c", PRESS, verb, *arguments]
-        running[verb] = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
+        running[verb] = stack.enter_context(
+            subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        )
+        stack.callback(running[verb].kill)
     for verb, process in running.items():
         _, said = process.communicate(timeout=240)
         assert process.returncode == 130, (verb, said)
