@@ -1,6 +1,7 @@
 """`erosion sweep` and `erosion stream`: options, case files, refusals and Ctrl-C."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,66 @@ def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
     assert set(found["sensitivities"]) == {"v0", "alpha"}
     assert plot.read_text().startswith("<?xml")
     assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == found["mean_volume"]
+
+
+def test_a_stream_is_told_as_a_table(case, capsys):
+    assert _status(["stream", case, "--no-best-angle", "--points", "random"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("stream of linearized, v0: LogNormal(4400, 0.1), alpha: Normal(0.349066, 0.0349066)")
+    assert said.endswith("with interactions")
+
+
+def test_a_case_files_counts_are_checked(tmp_path, capsys):
+    path = tmp_path / "case.toml"
+    path.write_text(CASE + '\n[stream]\nn = 1.5\nalpha = "normal(20deg, 2deg)"\n')
+    assert _status(["stream", str(path)]) == 2
+    assert "field `n` of [stream] must be a whole number such as 1e6, but is 1.5." in capsys.readouterr().err
+
+
+def test_impacts_that_fail_among_others_are_a_warning(tmp_path, capsys):
+    model = tmp_path / "steep.py"
+    model.write_text(
+        "import erosion, jax.numpy as jnp\n"
+        "class F(erosion.models.ForceLaw):\n"
+        "  def __call__(self, state, tip, p):\n"
+        "    fx = -p.stiffness * tip.depth * jnp.where(p.alpha > 0.5, jnp.nan, 1.0)\n"
+        "    return fx, p.k * fx\n"
+        "  def typical_ratio(self, p): return p.k\n"
+        "model = erosion.models.Linearized(force=F())\n"
+    )
+    arguments = ["sweep", "--model", str(model), "--alpha", "0.3, 0.4, 0.7", "-o", str(tmp_path / "out.nc"), "--json"]
+    assert _status(arguments) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["ended_by"] == {"rebound": 2, "failed": 1}
+    assert said.err == "warning: 1 of 3 impacts could not be computed.\n"
+
+
+@pytest.mark.parametrize(
+    ("absent", "arguments", "message"),
+    [
+        (
+            "zarr",
+            ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr"],
+            'need the extra `dask`: pip install "erosion[dask]".',
+        ),
+        (
+            "distributed",
+            ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr", "--workers", "2"],
+            "A cluster needs the extra",
+        ),
+        ("nicegui", ["explore", "--no-browser"], "The explorer needs nicegui: pip install 'erosion[explorer]'."),
+    ],
+)
+def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, capsys, absent, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    for module in [name for name in sys.modules if name.startswith("erosion.explorer")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, absent, None)
+    assert _status(arguments) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monkeypatch):
