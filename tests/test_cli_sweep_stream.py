@@ -1,6 +1,7 @@
 """`erosion sweep` and `erosion stream`: options, case files, refusals and Ctrl-C."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,66 @@ def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
     assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == found["mean_volume"]
 
 
+def test_a_stream_is_told_as_a_table(case, capsys):
+    assert _status(["stream", case, "--no-best-angle", "--points", "random"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("stream of linearized, v0: LogNormal(4400, 0.1), alpha: Normal(0.349066, 0.0349066)")
+    assert said.endswith("with interactions")
+
+
+def test_a_case_files_counts_are_checked(tmp_path, capsys):
+    path = tmp_path / "case.toml"
+    path.write_text(CASE + '\n[stream]\nn = 1.5\nalpha = "normal(20deg, 2deg)"\n')
+    assert _status(["stream", str(path)]) == 2
+    assert "field `n` of [stream] must be a whole number such as 1e6, but is 1.5." in capsys.readouterr().err
+
+
+def test_impacts_that_fail_among_others_are_a_warning(tmp_path, capsys):
+    model = tmp_path / "steep.py"
+    model.write_text(
+        "import erosion, jax.numpy as jnp\n"
+        "class F(erosion.models.ForceLaw):\n"
+        "  def __call__(self, state, tip, p):\n"
+        "    fx = -p.stiffness * tip.depth * jnp.where(p.alpha > 0.5, jnp.nan, 1.0)\n"
+        "    return fx, p.k * fx\n"
+        "  def typical_ratio(self, p): return p.k\n"
+        "model = erosion.models.Linearized(force=F())\n"
+    )
+    arguments = ["sweep", "--model", str(model), "--alpha", "0.3, 0.4, 0.7", "-o", str(tmp_path / "out.nc"), "--json"]
+    assert _status(arguments) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["ended_by"] == {"rebound": 2, "failed": 1}
+    assert said.err == "warning: 1 of 3 impacts could not be computed.\n"
+
+
+@pytest.mark.parametrize(
+    ("absent", "arguments", "message"),
+    [
+        (
+            "zarr",
+            ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr"],
+            'need the extra `dask`: pip install "erosion[dask]".',
+        ),
+        (
+            "distributed",
+            ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr", "--workers", "2"],
+            "A cluster needs the extra",
+        ),
+        ("nicegui", ["explore", "--no-browser"], "The explorer needs nicegui: pip install 'erosion[explorer]'."),
+    ],
+)
+def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, capsys, absent, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    for module in [name for name in sys.modules if name.startswith("erosion.explorer")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, absent, None)
+    assert _status(arguments) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monkeypatch):
     from erosion import sweeps
 
@@ -101,3 +162,44 @@ def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monke
     assert int(np.isnan(xr.load_dataset(out, engine="h5netcdf").volume).sum()) == 4
     assert _status(["sweep", case, "-o", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ended_by"] == {"rebound": 8}
+
+
+@pytest.mark.parametrize(("verb", "part"), [("sweep", "sweeps.Grid.solve"), ("stream", "streams._tally")])
+def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, capsys, monkeypatch, verb, part):
+    def broken(*arguments: Any) -> Any:
+        raise ValueError("all the king's horses")
+
+    monkeypatch.setattr(f"erosion.{part}", broken)
+    assert _status([verb, case, "-o", str(tmp_path / "out.nc")]) == 1
+    assert capsys.readouterr().err == "erosion: ValueError: all the king's horses\n"
+    assert not (tmp_path / "out.nc").exists()
+
+
+@pytest.mark.parametrize("drawn", [0, 1])
+def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatch, drawn):
+    from erosion import streams
+
+    tally, left = streams._tally, drawn
+
+    def interrupted(*arguments: Any) -> Any:
+        nonlocal left
+        if not left:
+            raise KeyboardInterrupt
+        left -= 1
+        return tally(*arguments)
+
+    monkeypatch.setattr(streams, "_tally", interrupted)
+    monkeypatch.setattr(streams, "_BLOCK", 16)
+    out = tmp_path / "jet.nc"
+    assert _status(["stream", case, "-o", str(out), "--json"]) == 130
+    said = capsys.readouterr()
+    if not drawn:
+        assert said.err == "erosion: interrupted before any of 1,024 particles was computed\n"
+        assert (said.out, out.exists()) == ("", False)
+        return
+    assert said.err == (
+        f"erosion: interrupted after 256 of 1,024 particles; {out} holds them; the same command goes on from there\n"
+    )
+    partial = json.loads(said.out)
+    assert partial["particles"] == 256
+    assert float(xr.load_dataset(out, engine="h5netcdf").mean_volume) == partial["mean_volume"]

@@ -1,5 +1,6 @@
 """Every model, built in or a file in models/, keeps what `CuttingModel` promises."""
 
+import functools
 import warnings
 from pathlib import Path
 
@@ -17,9 +18,13 @@ NAMES = [*erosion.available_models(), *map(str, FILES)]
 CASES = [P, P.replace(alpha=0.9, phidot0=0.3 * P.v0 / P.r), P.to("si").replace(alpha=0.1)]
 
 
+# Once a file: loaded again it is another class, and JAX compiles it again.
+load_model = functools.cache(erosion.load_model)
+
+
 @pytest.fixture(params=NAMES, ids=lambda name: Path(name).name)
 def model(request):
-    return erosion.load_model(request.param)
+    return load_model(request.param)
 
 
 def test_states_and_rates_have_one_structure(model):

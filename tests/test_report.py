@@ -15,7 +15,7 @@ from erosion.parameters import TABLE_1, Parameters
 from erosion.report import write_report
 from erosion.report.case import Case, question
 from erosion.report.newton import Jet, greatest
-from erosion.report.questions import QUESTIONS
+from erosion.report.questions import QUESTIONS, a1
 from erosion.report.text import degrees, formula, math, number, number_tex, quantity, quantity_tex
 from erosion.trajectory import SimulationError
 
@@ -305,6 +305,25 @@ def test_a_normal_impact_cuts_nothing_and_says_so(tmp_path: Path) -> None:
     answers = numbers(tmp_path)["answers"]
     assert answers["q3"]["volume"] == answers["q2"]["t_c"] == 0.0
     assert answers["q4"]["alpha_max"] == pytest.approx(np.arctan(2.0) / 2, abs=1e-10)
+
+
+def test_where_the_tip_moves_backward_nothing_is_cut_and_that_is_said(tmp_path: Path) -> None:
+    p = TABLE_1.replace(phidot0=-1.2 * TABLE_1.v0 / TABLE_1.r)
+    text = write_report(p, tmp_path, only=["a2"]).read_text(encoding="utf-8")
+    assert "nothing is cut at all with this spin" in text
+    assert numbers(tmp_path)["answers"]["a2"]["rotating"]["kind"] == "none"
+    # Without the maps over all spins, which take long.
+    case = Case(p, "backward")
+    found = {model: {"volume_max": float(case.optimum(model).volume)} for model in a1.TORQUES}
+    assert "nothing is cut" in a1._sentence(case, found)
+    assert "has no jump" in a1._jumps(case, found)
+
+
+def test_a_body_that_hardly_turns_is_told_as_one() -> None:
+    case = Case(TABLE_1.replace(inertia=50.0), "heavy")
+    turn, best = a1._turns(case), float(case.optimum("rotating").alpha)
+    assert abs(turn["at_best"]) < np.deg2rad(5)
+    assert "the linearization is fair" in a1._turn_text(case, {"turn": turn, "rotating": {"alpha_max": best}})
 
 
 def test_headings_are_the_scenarios() -> None:

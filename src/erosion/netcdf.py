@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+import h5py
 import xarray as xr
 
 from erosion.files import write_whole
@@ -24,8 +25,10 @@ def read_netcdf(path: Path, identity: Mapping[str, str]) -> xr.Dataset:
         StoreError: where the file is something else.
     """
     try:
-        dataset = xr.load_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
+        # Not by xarray yet, which has much to say of an HDF5 file that is not netCDF.
+        with h5py.File(path) as file:
+            there = file.attrs.get(IDENTITY)
+    except OSError as error:
         raise StoreError(f"{path}: is there already and is no netCDF file; it is left as it is.") from error
-    require_same(path, dataset.attrs.get(IDENTITY), identity)
-    return dataset
+    require_same(path, there, identity)
+    return xr.load_dataset(path, engine="h5netcdf")

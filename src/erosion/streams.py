@@ -4,8 +4,9 @@ Particles are drawn, computed, tallied and forgotten block by block, so that mem
 grow with their number. Independent scramblings of the same sequence give the standard errors.
 """
 
+import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,35 @@ def stream(
         SimulationError: where no particle's impact could be computed.
         StreamInterrupted: after Ctrl-C.
     """
+    job = prepare_stream(
+        model,
+        p,
+        n=n,
+        seed=seed,
+        points=points,
+        best_angle=best_angle,
+        sensitivities=sensitivities,
+        rtol=rtol,
+        store=store,
+        **distributions,
+    )
+    return job.run(progress)
+
+
+def prepare_stream(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    n: int = 2**20,
+    seed: int = 0,
+    points: str = "sobol",
+    best_angle: bool = True,
+    sensitivities: bool = True,
+    rtol: float = 1e-9,
+    store: str | Path | None = None,
+    **distributions: Any,
+) -> "StreamJob":
+    """Everything of a stream that can be known before computing; arguments and errors as of `stream`."""
     require_float64()
     model = load_model(model)
     validate(p)
@@ -95,54 +125,87 @@ def stream(
     n, seed, rtol = check_whole("n", n, 1), check_whole("seed", seed, 0), check_tolerance(rtol)
     path = None if store is None else check_path("store", store)
     _check(p, points, path)
-    ends = (MISS, *end_names(model))
-    laws = ", ".join(f"{name} {law!r}" for name, law in distributions.items())
-    known = (
-        {} if path is None else identity({"stream": model}, p, distributions=laws, points=f"{points} {seed}, {rtol}")
-    )
-    tally = None
-    if path is not None and path.exists():
-        tally = Tally.from_dataset(read_netcdf(path, known))
+    known: dict[str, str] = {}
+    begun = None
     if path is not None:
+        laws = ", ".join(f"{name} {law!r}" for name, law in distributions.items())
+        known = identity({"stream": model}, p, distributions=laws, points=f"{points} {seed}, {rtol}")
+        if path.exists():
+            begun = Tally.from_dataset(read_netcdf(path, known))
         require_writable(path)
-    whole = -(-n // REPLICATES)
-    report = progress or (lambda what, done, total: None)
+    return StreamJob(model, particles, n, seed, points, best_angle, sensitivities, rtol, path, known, begun)
 
-    def save(partial: Stream) -> None:
-        if path is not None:
-            write_netcdf(partial.to_dataset(), path, known)
 
-    drawn = 0 if tally is None else tally.drawn
-    supply = Points(points, len(distributions), seed, REPLICATES, skip=drawn)
-    try:
-        while drawn < whole:
-            # Sobol points come in powers of 2; of the last block some may be left.
-            block = supply.take(_BLOCK)[:, : whole - drawn]
-            part = _tally(model, particles, block, ends, rtol)
-            tally = part if tally is None else tally + part
-            drawn = tally.drawn
-            report("stream", drawn * REPLICATES, whole * REPLICATES)
-        assert tally is not None
-        if not tally.counted.any():
-            raise SimulationError(f"{model_name(model)}: of {drawn * REPLICATES:,} particles none could be computed.")
-        indices = _sensitivities(model, particles, seed, rtol) if sensitivities else None
-        nozzle = None
-        if best_angle:
-            turned = functools.partial(report, "angles")
-            nozzle = best_nozzle_angle(model, particles, points, seed, rtol=rtol, progress=turned)
-    except KeyboardInterrupt:
-        partial = None if tally is None else Stream(model, particles, tally, ends)
-        where = "give a store to go on from there another time"
-        if partial is not None and path is not None:
-            save(partial)
-            where = f"{path} holds them; the same command goes on from there"
-        count = drawn * REPLICATES
-        raise StreamInterrupted(
-            f"interrupted after {count:,} of {whole * REPLICATES:,} particles; {where}", partial
-        ) from None
-    found = Stream(model, particles, tally, ends, nozzle, indices)
-    save(found)
-    return found
+@dataclasses.dataclass(frozen=True)
+class StreamJob:
+    """A stream whose arguments make sense.
+
+    Args:
+        model, n, seed, points, best_angle, sensitivities, rtol: see `stream`.
+        particles: the case and its laws.
+        path: of the store, if there is one.
+        known: the store's identity.
+        begun: what the store holds already.
+    """
+
+    model: CuttingModel
+    particles: Particles
+    n: int
+    seed: int
+    points: str
+    best_angle: bool
+    sensitivities: bool
+    rtol: float
+    path: Path | None
+    known: Mapping[str, str]
+    begun: Tally | None
+
+    def run(self, progress: Callable[[str, int, int], object] | None = None) -> Stream:
+        """Compute it; progress and errors as of `stream`."""
+        model, particles, tally = self.model, self.particles, self.begun
+        ends = (MISS, *end_names(model))
+        report = progress or (lambda what, done, total: None)
+        whole = -(-self.n // REPLICATES)
+        drawn = 0 if tally is None else tally.drawn
+        supply = Points(self.points, len(particles.laws), self.seed, REPLICATES, skip=drawn)
+        try:
+            while drawn < whole:
+                # Sobol points come in powers of 2; of the last block some may be left.
+                block = supply.take(_BLOCK)[:, : whole - drawn]
+                part = _tally(model, particles, block, ends, self.rtol)
+                tally = part if tally is None else tally + part
+                drawn = tally.drawn
+                report("stream", drawn * REPLICATES, whole * REPLICATES)
+            assert tally is not None
+            if not tally.counted.any():
+                raise SimulationError(
+                    f"{model_name(model)}: of {drawn * REPLICATES:,} particles none could be computed."
+                )
+            indices = _sensitivities(model, particles, self.seed, self.rtol) if self.sensitivities else None
+            nozzle = None
+            if self.best_angle:
+                turned = functools.partial(report, "angles")
+                nozzle = best_nozzle_angle(model, particles, self.points, self.seed, rtol=self.rtol, progress=turned)
+        except KeyboardInterrupt:
+            if tally is None:
+                raise StreamInterrupted(
+                    f"interrupted before any of {whole * REPLICATES:,} particles was computed", None
+                ) from None
+            partial = Stream(model, particles, tally, ends)
+            self._save(partial)
+            where = "give a store to go on from there another time"
+            if self.path is not None:
+                where = f"{self.path} holds them; the same command goes on from there"
+            raise StreamInterrupted(
+                f"interrupted after {partial.n:,} of {whole * REPLICATES:,} particles; {where}", partial
+            ) from None
+        found = Stream(model, particles, tally, ends, nozzle, indices)
+        self._save(found)
+        return found
+
+    def _save(self, found: Stream) -> None:
+        if self.path is not None:
+            write_netcdf(found.to_dataset(), self.path, self.known)
 
 
 def _check(p: Parameters, points: str, path: Path | None) -> None:

@@ -4,6 +4,7 @@ A grid is computed block by block. In memory the blocks follow one another, each
 into a Zarr store they may also go to the workers of a Dask cluster.
 """
 
+import dataclasses
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -76,52 +77,70 @@ def sweep(
         SweepInterrupted: after Ctrl-C, if there is a store.
     """
     require_float64()
-    path = None if store is None else check_path("store", store)
-    if chunks is not None and (path is None or path.suffix != ".zarr"):
+    if chunks is not None and (store is None or check_path("store", store).suffix != ".zarr"):
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, paired=paired, derivatives=derivatives, wrt=wrt, rtol=rtol, optimum=optimum)
+    return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
+
+
+def prepare_sweep(
+    grid: Grid, *, chunks: Mapping[str, int] | None = None, store: str | Path | None = None
+) -> "SweepJob":
+    """Open the store of a grid, or make one; arguments and errors as of `sweep`."""
+    path = None if store is None else check_path("store", store)
     usual = _MEMORY_BLOCK if path is None or path.suffix != ".zarr" else _STORED_BLOCK
     block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
-    place = open_store(grid, block, path)
-    todo = place.missing()
-    whole = math.prod(grid.shape)
-    count = whole - sum(_size(region) for region in todo)
-
-    def advance(impacts: int) -> None:
-        nonlocal count
-        count += impacts
-        if progress is not None:
-            progress(count, whole)
-
-    advance(0)
-    try:
-        _run(grid, todo, place, path, advance)
-    except KeyboardInterrupt:
-        if path is None:
-            raise
-        place.save()
-        raise SweepInterrupted(
-            f"interrupted: {path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
-        ) from None
-    if todo:
-        place.save()
-    return place.dataset()
+    return SweepJob(grid, open_store(grid, block, path), path)
 
 
-def _run(grid: Grid, todo: list[Region], place: Store, path: Path | None, advance: Callable[[int], None]) -> None:
-    # Without the import there is no active cluster.
-    if isinstance(place, ZarrStore) and "distributed" in sys.modules:
-        from erosion.cluster import active_client, run_blocks
+@dataclasses.dataclass(frozen=True)
+class SweepJob:
+    """A grid that is checked, and a place for what comes out."""
 
-        client = active_client()
-        if client is not None:
-            assert path is not None
-            shared = path.resolve()
-            run_blocks(client, compute_block, ((grid[region], shared, region) for region in todo), advance)
-            return
-    for region in todo:
-        place.write(region, grid[region].solve())
-        advance(_size(region))
+    grid: Grid
+    place: Store
+    path: Path | None
+
+    def run(self, progress: Callable[[int, int], object] | None = None) -> xr.Dataset:
+        """Compute what is not in its place yet; progress and errors as of `sweep`."""
+        todo = self.place.missing()
+        whole = math.prod(self.grid.shape)
+        count = whole - sum(_size(region) for region in todo)
+
+        def advance(impacts: int) -> None:
+            nonlocal count
+            count += impacts
+            if progress is not None:
+                progress(count, whole)
+
+        advance(0)
+        try:
+            self._compute(todo, advance)
+        except KeyboardInterrupt:
+            if self.path is None:
+                raise
+            self.place.save()
+            raise SweepInterrupted(
+                f"interrupted: {self.path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
+            ) from None
+        if todo:
+            self.place.save()
+        return self.place.dataset()
+
+    def _compute(self, todo: list[Region], advance: Callable[[int], None]) -> None:
+        # Without the import there is no active cluster.
+        if isinstance(self.place, ZarrStore) and "distributed" in sys.modules:
+            from erosion.cluster import active_client, run_blocks
+
+            client = active_client()
+            if client is not None:
+                assert self.path is not None
+                shared = self.path.resolve()
+                run_blocks(client, compute_block, ((self.grid[region], shared, region) for region in todo), advance)
+                return
+        for region in todo:
+            self.place.write(region, self.grid[region].solve())
+            advance(_size(region))
 
 
 def compute_block(grid: Grid, path: Path, region: Region) -> int:

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import h5py
 import pytest
 
 import erosion
@@ -22,6 +23,8 @@ def workshop(tmp_path_factory) -> Path:
         (folder / name).touch()
     for name in ("folder", "folder.nc", "folder.zarr", "folder.svg", "folder.toml"):
         (folder / name).mkdir()
+    with h5py.File(folder / "foreign.nc", "w") as file:
+        file["measured"] = [1.0, 2.0]
     (folder / "file").write_text("text")
     (folder / "file.zarr").write_text("text")
     (folder / "case.toml").write_text(CASE)

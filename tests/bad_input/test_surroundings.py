@@ -3,6 +3,7 @@
 import contextlib
 import os
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -121,25 +122,38 @@ main(sys.argv[1:])
 """
 
 
+@pytest.fixture
+def heeds_ctrl_c():
+    """What a shell starts in the background ignores it, and so does all that it starts."""
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, usual)
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
 def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
-    running = {}
-    for verb, arguments in INTERRUPTED.items():
-        folder = tmp_path / verb
-        folder.mkdir()
-        (folder / "sand.csv").write_text("angle [deg], erosion [-]\n" + "".join(f"{i},{i}\n" for i in range(1, 90)))
-        command = [sys.executable, "-c", PRESS, verb, *arguments]
-        running[verb] = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
-    for verb, process in running.items():
-        _, said = process.communicate(timeout=240)
-        assert process.returncode == 130, (verb, said)
-        assert said.startswith("erosion: interrupted"), (verb, said)
-        assert said.count("\n") == 1, (verb, said)
-        assert not list((tmp_path / verb).rglob("*.part"))
-        assert not (tmp_path / verb / "page" / "index.html").exists()
-        if (tmp_path / verb / "out.nc").exists():
-            xr.load_dataset(tmp_path / verb / "out.nc", engine="h5netcdf")
+    with contextlib.ExitStack() as stack:
+        running = {}
+        for verb, arguments in INTERRUPTED.items():
+            folder = tmp_path / verb
+            folder.mkdir()
+            (folder / "sand.csv").write_text("angle [deg], erosion [-]\n" + "".join(f"{i},{i}\n" for i in range(1, 90)))
+            command = [sys.executable, "-c", PRESS, verb, *arguments]
+            process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
+            running[verb] = stack.enter_context(process)
+            stack.callback(process.kill)
+        for verb, process in running.items():
+            _, said = process.communicate(timeout=240)
+            assert process.returncode == 130, (verb, said)
+            assert said.startswith("erosion: interrupted"), (verb, said)
+            assert said.count("\n") == 1, (verb, said)
+            assert not list((tmp_path / verb).rglob("*.part"))
+            assert not (tmp_path / verb / "page" / "index.html").exists()
+            if (tmp_path / verb / "out.nc").exists():
+                xr.load_dataset(tmp_path / verb / "out.nc", engine="h5netcdf")
 
 
+@pytest.mark.usefixtures("heeds_ctrl_c")
 def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
     """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""
     import erosion.trajectory
@@ -151,7 +165,8 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
     def simulate(*arguments):
         thing = Swallows()
         del thing
-        time.sleep(10)
+        for _ in range(100):  # an interrupt of Python's own does not end a sleep
+            time.sleep(0.1)
         return "never comes here"
 
     monkeypatch.setattr(erosion.trajectory, "simulate", simulate)

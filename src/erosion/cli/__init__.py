@@ -11,6 +11,7 @@ import os
 import sys
 import threading
 from collections.abc import Sequence
+from typing import Any
 
 import cyclopts
 
@@ -82,7 +83,7 @@ def _status(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
+def _interrupt_again(unraisable: Any) -> None:
     """A Ctrl-C that comes while JAX collects garbage is lost in its callback: press it again."""
     if issubclass(unraisable.exc_type, KeyboardInterrupt):
         # A moment later: at once, it would be raised in this hook, and be lost as well.

@@ -75,8 +75,7 @@ def compare(
 
     # The case's own angle goes along as one more angle.
     angles = np.union1d(np.linspace(0, np.pi / 2, 361)[1:], p.alpha)
-    with user_errors():
-        found = compare_models(names, p, alpha=angles)
+    found = compare_models(names, p, alpha=angles)
     at = found.sel(alpha=float(p.alpha))
     lines = [
         {

@@ -21,7 +21,7 @@ def report(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from erosion.report import write_report
+    from erosion.report.page import chosen_questions, make_folders, write_report
 
     name = "Table 1" if options.case is None else options.case.stem
     questions = None if only is None else [part.strip() for part in only.split(",") if part.strip()]
@@ -34,7 +34,10 @@ def report(
     )
     console = Console(stderr=True, highlight=False)
     progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-    with user_errors(), progress as shown:
+    with user_errors():
+        chosen_questions(questions)
+        make_folders(out)
+    with progress as shown:
         task = shown.add_task("report", total=None)
 
         def tell(line: str, done: int, parts: int) -> None:

@@ -56,22 +56,22 @@ def stream(
         raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
     require_outputs(plot=plot, inputs=(options.case,))
     start_engine()
-    from erosion.streams import StreamInterrupted
-    from erosion.streams import stream as compute
+    from erosion.streams import StreamInterrupted, prepare_stream
 
-    with progress_bar("stream") as progress, user_errors(TypeError):
+    with user_errors(TypeError):
+        job = prepare_stream(
+            model or section.get("model", "linearized"),
+            p,
+            n=count,
+            seed=section.get("seed", 0) if seed is None else seed,
+            points=points or section.get("points", "sobol"),
+            best_angle=best_angle,
+            store=out,
+            **laws,
+        )
+    with progress_bar("stream") as progress:
         try:
-            found = compute(
-                model or section.get("model", "linearized"),
-                p,
-                n=count,
-                seed=section.get("seed", 0) if seed is None else seed,
-                points=points or section.get("points", "sobol"),
-                best_angle=best_angle,
-                store=out,
-                progress=lambda what, done, total: progress(done, total, what),
-                **laws,
-            )
+            found = job.run(lambda what, done, total: progress(done, total, what))
         except StreamInterrupted as interrupted:
             if interrupted.partial is not None:
                 _show(interrupted.partial, json)

@@ -61,7 +61,7 @@ def sweep(
     p, axes = _case_and_axes(options, section)
     start_engine()
     from erosion.grids import make_grid
-    from erosion.sweeps import sweep as compute
+    from erosion.sweeps import prepare_sweep
 
     arguments: dict[str, Any] = {
         "paired": tuple(paired.replace(" ", "").split(",")) if paired else section.get("paired", ()),
@@ -73,10 +73,12 @@ def sweep(
     if isinstance(chosen, list) and len(chosen) == 1:
         chosen = chosen[0]
     with user_errors(TypeError):
-        make_grid(chosen, p, axes, **arguments)
+        grid = make_grid(chosen, p, axes, **arguments)
         cut = _chunks(chunks)
-    with _cluster(workers, scheduler), progress_bar("sweep") as progress, user_errors(TypeError):
-        found = compute(chosen, p, chunks=cut, store=out, progress=progress, **arguments, **axes)
+    with _cluster(workers, scheduler), progress_bar("sweep") as progress:
+        with user_errors():
+            job = prepare_sweep(grid, chunks=cut, store=out)
+        found = job.run(progress)
     if plot is not None:
         from erosion.plotting.style import save_plot
         from erosion.plotting.sweeps import plot_sweep

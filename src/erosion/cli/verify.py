@@ -4,7 +4,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import JsonOption, print_json, print_table, start_engine, user_errors, warn
+from erosion.cli.options import JsonOption, load, print_json, print_table, start_engine, warn
 
 
 def verify(
@@ -28,7 +28,9 @@ def verify(
     from erosion.verification.result import HEADINGS
 
     console = Console(stderr=True, highlight=False)
-    with user_errors(), console.status("compiling") as status:
+    for name in models or []:
+        load(name)
+    with console.status("compiling") as status:
         found = verify_models(models or None, progress=lambda name, done, of: status.update(f"{done} of {of}: {name}"))
     if json:
         names = ("model", "name", "compares", "error", "bound", "passed", "where")

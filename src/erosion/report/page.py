@@ -1,5 +1,6 @@
 """The page and its files: answers -> index.html, figures, numbers.json."""
 
+import contextlib
 import csv
 import io
 import math
@@ -59,13 +60,25 @@ def write_report(
         ValueError: for parameters out of range or not scalar, or an unknown key in `only`.
         OSError: one sentence, where a file cannot be written.
     """
-    keys = _chosen(only)
+    keys = chosen_questions(only)
     validate(p)
     require_scalars(p)
     out = Path(out)
-    try:
-        (out / "figures").mkdir(parents=True, exist_ok=True)
+    make_folders(out)
+    with _naming(out):
         return _write(Case(p, case_name), keys, out, progress or (lambda line, done, parts: None))
+
+
+def make_folders(out: Path) -> None:
+    """Make the folders of a report; an `OSError` of one sentence where they cannot be made."""
+    with _naming(out):
+        (out / "figures").mkdir(parents=True, exist_ok=True)
+
+
+@contextlib.contextmanager
+def _naming(out: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         reason = error.strerror or str(error)
         raise type(error)(f"{out}: the report cannot be written there ({reason}).") from error
@@ -94,7 +107,8 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, 
     return page
 
 
-def _chosen(only: Sequence[str] | None) -> list[str]:
+def chosen_questions(only: Sequence[str] | None) -> list[str]:
+    """Keys of the questions in the page's order, all without `only`; a `ValueError` for an unknown one."""
     if only is None:
         return list(QUESTIONS)
     unknown = [key for key in only if key not in QUESTIONS]

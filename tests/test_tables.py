@@ -1,0 +1,55 @@
+"""Results as tables: of one impact, of a batch, of nothing, and of what JAX is tracing."""
+
+import jax
+import numpy as np
+import pytest
+
+import erosion
+from erosion.tables import abbreviate, format_number
+
+P = erosion.TABLE_1
+
+
+def test_numbers_arrays_and_names_are_told_in_few_words():
+    assert format_number(1.5e-4) == "0.00015"
+    assert format_number(np.array([0.25, np.nan, 0.75])) == "[3] 0.25 … 0.75"
+    assert format_number(np.zeros((0, 3))) == "[0, 3] empty"
+    assert format_number("stop") == "stop"
+    assert format_number(np.array(["stop", "rebound", "stop"])) == "1 rebound, 2 stop"
+    assert abbreviate(4400.0) == "4400"
+    assert abbreviate("stop") == "'stop'"
+    assert abbreviate(np.array([1.0, 2.0])) == "<[2] 1 … 2>"
+
+
+def test_what_is_traced_has_a_shape_and_no_numbers():
+    said = []
+
+    @jax.jit
+    def traced(x):
+        said.extend([format_number(x), abbreviate(x), repr(P.replace(alpha=x[0]))])
+        return x
+
+    traced(np.array([0.1, 0.2]))
+    assert said[:2] == ["traced[2]", "<traced[2]>"]
+    assert "alpha=<traced[]>" in said[2]
+
+
+def test_a_batch_of_impacts_is_a_table_of_ranges():
+    hit = erosion.impact("linearized", P.replace(alpha=np.deg2rad([20.0, 60.0])), derivatives=2)
+    lines = {line.split()[0]: line for line in str(hit).splitlines() if line}
+    assert "[2] 8.636375e-05 … 0.0001816436353" in lines["volume"]
+    assert "1 rebound, 1 stop" in lines["ended_by"]
+    assert "in³/rad²" in lines["d2volume"]
+    html = hit._repr_html_()
+    assert html.count("<tr>") == 6
+    assert "1 rebound, 1 stop" in html
+
+
+@pytest.mark.parametrize("k", [2.0, [1.0, 2.0]])
+def test_the_best_angles_are_told(k):
+    best = erosion.alpha_max("linearized", P.replace(k=k))
+    said = str(best)
+    assert "linearized: the angle of greatest volume" in said
+    assert ("[2] 22.5 … 31.717" in said) == isinstance(k, list)
+    assert ("2 interior" in said) == isinstance(k, list)
+    assert "31.717" in best._repr_html_()
