@@ -64,7 +64,7 @@ def integrate(
         return [leaf[some] for leaf in leaves]
 
     def walk(positions: np.ndarray, tolerance: np.ndarray, results: Solution) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate some of the lanes, and note their results; says which need a smaller tolerance, and it."""
+        """Integrate some lanes, and note their results; returns those to repeat, and the tolerance of each."""
 
         def chunk(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             # The last block is filled up with copies of its last lane.

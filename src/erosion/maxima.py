@@ -57,7 +57,7 @@ class Jump:
 
     Args:
         alpha: its angle [rad].
-        below, above: the objective on either side.
+        below, above: the objective on either side, 2e-10 rad beside it.
         ended_below, ended_above: how the cut ends on either side.
     """
 
@@ -107,17 +107,18 @@ class _At(NamedTuple):
     leaves: dict[str, np.ndarray]
     sign: float
     rtol: float
-    names: int  # how many ends there are
+    ends_known: int  # how many the model has
 
     def __call__(self, case: np.ndarray, alpha: np.ndarray) -> Nodes:
         found = self._integrate(2, case, alpha)
         volume = found.volume
         value, slope, curve = (self.sign * part for part in (volume.value, volume.first, volume.second))
-        return Nodes(case, alpha, value, slope, curve, found.time.value, outcome_codes(self.names, found))
+        return Nodes(case, alpha, value, slope, curve, found.time.value, outcome_codes(self.ends_known, found))
 
     def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # For few cases it would take longer to compile another program than it saves.
         found = self._integrate(0 if self.leaves["k"].size >= _MANY else 2, case, alpha)
-        return outcome_codes(self.names, found), found.time.value
+        return outcome_codes(self.ends_known, found), found.time.value
 
     def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Solution:
         lanes = [alpha if q == "alpha" else leaf[case] for q, leaf in self.leaves.items()]
@@ -132,7 +133,7 @@ class Search:
         self.names = end_names(model)
         self.leaves = {q: np.asarray(getattr(p, q)) for q in QUANTITIES}
 
-    def _at(self, rtol: float) -> "_At":
+    def _at(self, rtol: float) -> _At:
         return _At(self.model, self.leaves, self.sign, rtol, len(self.names))
 
     def maxima(self, low: float, high: float) -> list[Maxima]:
@@ -198,8 +199,9 @@ class Search:
         ]
 
     def _at_jumps(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
-        case, middle = found.narrow.low.case[jumped], found.narrow.middle[jumped]
-        low, high = (self._at(_LOOSE)(case, middle + aside) for aside in (-ASIDE, ASIDE))
+        cells = Cells._make(side.take(jumped) for side in found.narrow)
+        aside = np.maximum(ASIDE, cells.width / 2)
+        low, high = (self._at(_LOOSE)(cells.low.case, cells.middle + way * aside) for way in (-1, 1))
         candidates = []
         for i, case in enumerate(low.case):
             # Only a side that rises towards the jump, to more than there is beyond it.

@@ -8,6 +8,7 @@ loop. It knows scalar arithmetic only: a function that does anything else (array
 """
 
 import functools
+import platform
 from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
 from typing import Any, NamedTuple
@@ -61,10 +62,11 @@ def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
     XLA's CPU runtime starts each kernel by itself, in some 50 ns, which for a block of lanes
     is nearly as long as what it then does. It compiles small loops into one function, though,
     and takes larger ones where it is told that they are small. That is no promise of its
-    interface: it is asked for where it was tried. It knows scalar arithmetic and control flow;
-    the time to compile grows faster than the function does.
+    interface, and where XLA cannot do it the process ends: it is asked for where it was tried, and
+    of scalar arithmetic and control flow alone. The time to compile grows faster than the function.
     """
-    if jax.default_backend() != "cpu" or version("jaxlib") not in _COMPILES_WHOLE:
+    tried = platform.system() == "Linux" and platform.machine() == "x86_64" and version("jaxlib") in _COMPILES_WHOLE
+    if jax.default_backend() != "cpu" or not tried:
         return function
 
     def opened(*arguments: Any) -> Any:

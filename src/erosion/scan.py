@@ -12,9 +12,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-NARROW = 1e-11
-"""Jumps are known to this [rad], from both sides."""
-
+_NARROW = 1e-11  # rad; the places of jumps are known to this
 _SUSPECT = 3e-8  # rad; cells so wide are not split: a tighter tolerance says where the jump is
 _AGREED = 2e-10  # rad; so far beside a jump, with derivatives or without, it is on the same side
 _STEEP = 1e-5  # rad; where cells so narrow are not resolved there may be a jump
@@ -78,10 +76,11 @@ class Scan(NamedTuple):
     Args:
         nodes: all of them, by case and then by angle.
         smooth: the resolved cells.
-        narrow: the cells that hold a jump or another end on either side.
+        narrow: the cells that hold a jump or another end on either side; 4e-10 rad wide, or up to 3e-8
+            where cutting begins.
         size: of each case's function, its largest magnitude; shape (cases,).
         unresolved: of each case, how many cells are neither (failed impacts); shape (cases,).
-        rounds: how often each case's cells were split; shape (cases,).
+        rounds: how often each case's cells were split, derivatives and all; shape (cases,).
     """
 
     nodes: Nodes
@@ -101,7 +100,7 @@ class Evaluate(Protocol):
         ...
 
     def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How the cuts end there, and when, for much less."""
+        """How the cuts end there, and when; for less, where many are asked for."""
         ...
 
 
@@ -124,16 +123,19 @@ def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) ->
     case = found.narrow.low.case[cut]
     # What the looser tolerance placed within _SUSPECT may lie a little beside it.
     low, high = found.narrow.low.alpha[cut] - _SUSPECT, found.narrow.high.alpha[cut] + _SUSPECT
-    places = _bracket(tight, case, np.clip([low, high], angles[0], angles[-1]), NARROW)
+    places, _ = _bracket(tight, case, np.clip([low, high], angles[0], angles[-1]), _NARROW)
     low, high = np.clip(places + np.array([[-_AGREED], [_AGREED]]), angles[0], angles[-1])
     close = Cells(tight(case, low), tight(case, high))
-    known = np.isfinite(close.low.value) & np.isfinite(close.high.value)
-    close, rest = (
-        Cells._make(side.take(chosen) for side in cells) for cells, chosen in ((close, known), (found.narrow, ~cut))
-    )
+    # Where a change of the end was between the nodes it must be so still.
+    loose = Cells._make(side.take(cut) for side in found.narrow)
+    gone = (loose.low.end != loose.high.end) & (close.low.end == close.high.end)
+    kept = np.isfinite(close.low.value) & np.isfinite(close.high.value) & ~gone
+    narrow = [
+        joined(joined(a.take(kept), b.take(gone)), c.take(~cut))
+        for a, b, c in zip(close, loose, found.narrow, strict=True)
+    ]
     return found._replace(
-        narrow=Cells._make(joined(a, b) for a, b in zip(close, rest, strict=True)),
-        unresolved=found.unresolved + np.bincount(case[~known], minlength=cases),
+        narrow=Cells._make(narrow), unresolved=found.unresolved + np.bincount(case[~kept], minlength=cases)
     )
 
 
@@ -149,23 +151,24 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
         cells = Cells(nodes.take(low), nodes.take(high))
         done = is_resolved(cells, size[cells.low.case])
         known = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
-        tight = ~done & (cells.width <= _SUSPECT)
-        lost = ~done & (~known | (~tight & (used[cells.low.case] > _MAX_NODES)))
+        thin = ~done & (cells.width <= _SUSPECT)
+        lost = ~done & (~known | (~thin & (used[cells.low.case] > _MAX_NODES)))
         np.add.at(unresolved, cells.low.case[lost], 1)
         smooth.append(np.stack([low[done], high[done]]))
-        narrow.append(np.stack([low[tight & known], high[tight & known]]))
-        split = ~(done | tight | lost)
+        narrow.append(np.stack([low[thin & known], high[thin & known]]))
+        split = ~(done | thin | lost)
         # Where there may be a jump, first of all where. If it is not between the nodes placed, halves will do.
         suspect = (cells.low.end != cells.high.end) | (cells.width < _STEEP)
-        search = split & suspect & ~placed[low] & ~placed[high]
-        halves = split & ~search
+        search = np.flatnonzero(split & suspect & ~placed[low] & ~placed[high])
         if not split.any():
             break
-        parts = int(np.clip(_LANES // max(np.count_nonzero(halves), 1), 2, 16))
+        places = np.stack([cells.low.alpha[search], cells.high.alpha[search]])
+        beside, clear = _bracket(evaluate, cells.low.case[search], places, _SUSPECT)
+        search, beside = search[clear], beside[:, clear].T
+        halves = np.setdiff1d(np.flatnonzero(split), search)
+        parts = int(np.clip(_LANES // max(halves.size, 1), 2, 16))
         fractions = np.arange(1, parts) / parts
         between = cells.low.alpha[halves, None] + fractions * cells.width[halves, None]
-        places = np.stack([cells.low.alpha[search], cells.high.alpha[search]])
-        beside = _bracket(evaluate, cells.low.case[search], places, _SUSPECT).T
         chains, first, angles, owners = [], nodes.case.size, [], []
         for chosen, inner in ((halves, between), (search, beside)):
             index = first + np.arange(inner.size).reshape(inner.shape)
@@ -185,14 +188,17 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
     return Scan(nodes.take(np.lexsort((nodes.alpha, nodes.case))), resolved, bracketed, size, unresolved, rounds)
 
 
-def _bracket(evaluate: Evaluate, case: np.ndarray, places: np.ndarray, width: float) -> np.ndarray:
-    """Between which angles, `width` apart, the end changes, or its time changes most.
+def _bracket(evaluate: Evaluate, case: np.ndarray, places: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """Between which angles, at most `width` apart, the end first changes, or else its time changes most.
 
     Args:
         evaluate: computes how cuts end.
         case: shape (cells,).
-        places: between which angles to look; shape (2, cells), as the result.
+        places: between which angles to look; shape (2, cells).
         width: [rad].
+
+    Returns:
+        The angles, shape (2, cells), and whether no impact failed there, shape (cells,).
     """
     (low, high), cells = places.copy(), case.size
     ends, times = (value.reshape(2, cells) for value in evaluate.ends(np.tile(case, 2), places.ravel()))
@@ -209,7 +215,7 @@ def _bracket(evaluate: Evaluate, case: np.ndarray, places: np.ndarray, width: fl
         chosen, row = np.where(changing[wide], first, steepest), np.arange(wide.size)
         low[wide], high[wide] = at[row, chosen], at[row, chosen + 1]
         start[wide], stop[wide] = times[row, chosen], times[row, chosen + 1]
-    return np.stack([low, high])
+    return np.stack([low, high]), np.isfinite(start) & np.isfinite(stop)
 
 
 def is_resolved(cells: Cells, size: np.ndarray) -> np.ndarray:

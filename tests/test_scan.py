@@ -1,0 +1,64 @@
+"""Functions of the angle whose jumps are known, resolved."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from erosion.scan import Nodes, Scan, is_jump, scan
+
+ANGLES = np.linspace(0.1, 1.5, 40)
+PLACES = np.array([0.3, 0.7000123, 1.2])
+
+
+@dataclasses.dataclass(frozen=True)
+class Broken:
+    """sin α, and from each case's place on cos α / 2; in a band beside it the impacts fail."""
+
+    told: bool  # whether the end changes there, or only its time
+    band: float = 0.0
+
+    def __call__(self, case: np.ndarray, alpha: np.ndarray) -> Nodes:
+        after, failed = self._after(case, alpha)
+        value, slope, curve = (
+            np.where(failed, np.nan, np.where(after, above, below))
+            for below, above in (
+                (np.sin(alpha), np.cos(alpha) / 2),
+                (np.cos(alpha), -np.sin(alpha) / 2),
+                (-np.sin(alpha), -np.cos(alpha) / 2),
+            )
+        )
+        ends, times = self.ends(case, alpha)
+        return Nodes(case, alpha, value, slope, curve, times, ends)
+
+    def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        after, failed = self._after(case, alpha)
+        codes = np.where(failed, 2, (after & self.told).astype(int))
+        return codes, np.where(failed, np.nan, np.where(after, 1.0, 2.0) + alpha / 10)
+
+    def _after(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        beyond = alpha - PLACES[case]
+        return beyond > 0, np.abs(beyond - self.band) < self.band
+
+
+def _scan(function: Broken) -> Scan:
+    return scan(function, function, PLACES.size, ANGLES)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_jump_is_placed_whether_or_not_the_end_changes(told: bool) -> None:
+    found = _scan(Broken(told))
+    assert not found.unresolved.any()
+    jumps = found.narrow.middle[is_jump(found.narrow, found.size[found.narrow.low.case])]
+    # Bracketed to 1e-11, of which the middle is at most half off; and rounding.
+    assert np.sort(jumps) == pytest.approx(PLACES, abs=6e-12)
+    # All the rest is smooth.
+    covered = np.bincount(found.smooth.low.case, weights=found.smooth.width)
+    assert covered == pytest.approx(np.full(3, np.ptp(ANGLES)), abs=1e-7)
+
+
+def test_failed_impacts_are_said_and_hide_only_what_is_beside_them() -> None:
+    found = _scan(Broken(told=True, band=1e-4))
+    assert np.all(found.unresolved > 0)
+    covered = np.bincount(found.smooth.low.case, weights=found.smooth.width)
+    assert np.all(covered > np.ptp(ANGLES) - 1e-3)
