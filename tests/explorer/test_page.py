@@ -118,12 +118,12 @@ def test_a_link_carries_the_whole_state(page: Page) -> None:
 def test_a_link_may_be_written_by_hand(page: Page, address: str) -> None:
     page.goto(f"{address}?alpha=30 deg&v0=100 m/s&models=linearized")
     settle(page, "alpha", "30")
-    assert page.input_value("#v0-entry") == "3937.01"
+    expect(page.locator("#v0-entry")).to_have_value("3937.01")
     page.goto(f"{address}?alpha=95 deg")
     expect(page.get_by_text("The link cannot be used: Field `alpha` must be in (0, π/2]")).to_be_visible()
     page.goto(f"{address}?models=/etc/passwd.py")
     expect(page.get_by_text("which is not one of the models here")).to_be_visible()
-    assert page.input_value("#alpha-entry") == "20"
+    expect(page.locator("#alpha-entry")).to_have_value("20")
 
 
 BAD_INPUT = [

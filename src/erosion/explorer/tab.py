@@ -2,7 +2,7 @@
 
 import asyncio
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Awaitable, Mapping
 from typing import Any
 
 from nicegui import background_tasks, ui
@@ -123,8 +123,16 @@ class Tab:
         self._at_once.offer(state)
         self._later.offer(state)
 
-    def _start(self, work: Any) -> None:
-        background_tasks.create(work, context=self._main)
+    def _start(self, work: Awaitable[None]) -> None:
+        async def while_open() -> None:
+            try:
+                await work
+            except RuntimeError:
+                # What is computed for a tab that closes meanwhile has nowhere to go.
+                if not self._main.is_deleted:
+                    raise
+
+        background_tasks.create(while_open(), context=self._main)
 
     def _ready(self, answer: Any, model: str) -> bool:
         return self.service.preparation.ready(answer, model)
