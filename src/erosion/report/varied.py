@@ -68,9 +68,9 @@ def said_part(part: float) -> str:
     return f"{number(abs(part), 1)} of itself" if part else _NOTHING
 
 
-def said_rate(rate: float) -> str:
-    """A sensitivity of an angle [rad]."""
-    return degrees(rate, 4) if rate else "zero, as far as the arithmetic can tell"
+def said_rates(*rates: float) -> str:
+    """Sensitivities of an angle [rad]."""
+    return " and ".join(degrees(rate, 4) for rate in rates) if any(rates) else "zero, as far as the arithmetic can tell"
 
 
 def volume_range(case: Case, family: Family) -> tuple[str, str]:

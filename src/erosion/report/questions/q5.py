@@ -12,7 +12,7 @@ from erosion.report.varied import (
     family_table,
     said_angle,
     said_part,
-    said_rate,
+    said_rates,
     volume_range,
 )
 
@@ -73,6 +73,6 @@ def _sensitivity(case: Case) -> Markup:
         "A number instead of a look: by the implicit function theorem ",
         math(r"v_0\,\partial\alpha_\text{max}/\partial v_0=-v_0V_{\alpha v_0}/V_{\alpha\alpha}"),
         ", from second derivatives of the solver, is ",
-        said_rate(case.sensitivity(_MODEL, "v0")),
+        said_rates(case.sensitivity(_MODEL, "v0")),
         ".",
     )

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from erosion.report.case import Answer, Case
 from erosion.report.text import degrees, formula, join, math, number, paragraph, quantity
-from erosion.report.varied import family_figure, family_numbers, family_table, said_angle, said_part, said_rate
+from erosion.report.varied import family_figure, family_numbers, family_table, said_angle, said_part, said_rates
 
 _MODEL = "linearized"
 NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))
@@ -55,6 +55,6 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
                   said_part(m["departure_from_proportion"]), ". The sensitivities ",
                   math(r"m\,\partial\alpha_\text{max}/\partial m"), " and ",
                   math(r"r\,\partial\alpha_\text{max}/\partial r"), " are ",
-                  said_rate(case.sensitivity(_MODEL, "m")), " and ", said_rate(case.sensitivity(_MODEL, "r")),
+                  said_rates(case.sensitivity(_MODEL, "m"), case.sensitivity(_MODEL, "r")),
                   ": a stream of mixed grains has the best angle of each of them."),
     )  # fmt: skip

@@ -12,7 +12,7 @@ from erosion.report.varied import (
     family_table,
     said_angle,
     said_part,
-    said_rate,
+    said_rates,
     volume_range,
 )
 
@@ -53,5 +53,5 @@ def _derivation(case: Case, numbers: dict[str, Any]) -> Markup:
                   said_part(numbers["departure_from_inverse"]), ", and the angles to within ",
                   said_angle(numbers["spread"]), ". The sensitivity ",
                   math(r"\sigma\,\partial\alpha_\text{max}/\partial\sigma"), " is ",
-                  said_rate(numbers["sensitivity"]), "."),
+                  said_rates(numbers["sensitivity"]), "."),
     )  # fmt: skip
