@@ -62,3 +62,10 @@ def test_failed_impacts_are_said_and_hide_only_what_is_beside_them() -> None:
     assert np.all(found.unresolved > 0)
     covered = np.bincount(found.smooth.low.case, weights=found.smooth.width)
     assert np.all(covered > np.ptp(ANGLES) - 1e-3)
+
+
+def test_a_change_of_the_end_that_a_tighter_tolerance_does_not_find_is_kept_and_said() -> None:
+    found = scan(Broken(told=True), Broken(told=False), PLACES.size, ANGLES)
+    assert np.array_equal(found.unresolved, [1, 1, 1])
+    changes = found.narrow.low.end != found.narrow.high.end
+    assert np.sort(found.narrow.middle[changes]) == pytest.approx(PLACES, abs=3e-8)
