@@ -58,42 +58,44 @@ def integrate(
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
     copies = indices.shape[1]
     block, call = _sizes(order)
+    threads = _threads()
 
-    def of_lanes(positions: np.ndarray, leaves: list[np.ndarray]) -> list[np.ndarray]:
-        some = positions // copies if copies > 1 else positions
-        return [leaf[some] for leaf in leaves]
+    def lane(positions: np.ndarray) -> np.ndarray:
+        return positions // copies if copies > 1 else positions
 
     def walk(positions: np.ndarray, tolerance: np.ndarray, results: Solution) -> tuple[np.ndarray, np.ndarray]:
         """Integrate some lanes, and note their results; returns those to repeat, and the tolerance of each."""
+        filled = [_Filled(leaf, (call // block, block)) for leaf in lanes]
+        tolerances = _Filled(tolerance, (call // block, block))
 
         def chunk(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             # The last block is filled up with copies of its last lane.
-            filled = np.pad(some, (0, call - some.size), mode="edge")
-            along = [index[filled % copies] for index in indices]
-            given = [part.reshape(-1, block) for part in (*of_lanes(filled, lanes), *along, tolerance[filled])]
-            count, blocks = len(lanes), -(-some.size // block)
-            found = _compiled_chunk()(model, given[:count], given[count:-1], given[-1], blocks, order, names)
+            all_ = np.pad(some, (0, call - some.size), mode="edge") if some.size < call else some
+            given = [leaf.of(lane(all_)) for leaf in filled]
+            along = [index[all_ % copies].reshape(-1, block) for index in indices]
+            blocks = -(-some.size // block)
+            found = _compiled_chunk()(model, given, along, tolerances.of(all_), blocks, order, names)
             found = jax.tree.map(lambda part: np.asarray(part).reshape(-1)[: some.size], found)
             kept = jax.tree.leaves(found._replace(margin=None, doubt=None))
-            for all_, part in zip(jax.tree.leaves(results), kept, strict=True):
-                all_[some] = part
+            for whole, part in zip(jax.tree.leaves(results), kept, strict=True):
+                whole[some] = part
             smaller = _tighter(found, rtol)
             again = smaller < tolerance[some]
             return some[again], smaller[again]
 
-        def sort(shelf: np.ndarray) -> np.ndarray:
-            leaves = of_lanes(shelf, [leaf for leaf in lanes if leaf.strides != (0,)])
-            return shelf[alike_together([shelf % copies, *leaves], block)]
+        def shelf(some: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+            leaves = [leaf[lane(some)] for leaf in lanes if leaf.strides != (0,)]
+            some = some[alike_together([some % copies, *leaves], block)]
+            share = min(call, block * -(-some.size // block))
+            return [chunk(part) for part in np.split(some, range(share, some.size, share))]
 
         if positions.size <= block:
             return chunk(positions)
-        threads = _threads()
+        # Neighbours in turn to one thread and the other: they are alike, and so is what they cost.
+        tables = np.array_split(positions, -(-positions.size // (_SHELF * threads)))
+        shelves = [table[i::threads] for table in tables for i in range(threads)]
         with concurrent.futures.ThreadPoolExecutor(threads) as pool:
-            shelves = np.array_split(positions, -(-positions.size // _SHELF))
-            positions = np.concatenate(list(pool.map(sort, shelves)))
-            # Whole blocks, and some for every thread.
-            share = min(call, block * -(-positions.size // (block * threads)))
-            parts = list(pool.map(chunk, np.split(positions, range(share, positions.size, share))))
+            parts = [part for some in pool.map(shelf, shelves) for part in some]
         again, smaller = (np.concatenate(part) for part in zip(*parts, strict=True))
         return again, smaller
 
@@ -107,6 +109,17 @@ def integrate(
         tolerance[again] = smaller
         walk(again, tolerance, found)
     return found
+
+
+class _Filled:
+    """A leaf of lanes as blocks; made once where all lanes share a number."""
+
+    def __init__(self, leaf: np.ndarray, shape: tuple[int, int]) -> None:
+        self._leaf, self._shape = leaf, shape
+        self._all = jnp.full(shape, leaf[0]) if leaf.strides == (0,) else None
+
+    def of(self, positions: np.ndarray) -> Any:
+        return self._leaf[positions].reshape(self._shape) if self._all is None else self._all
 
 
 def _tighter(found: Solution, rtol: float) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Lanes that are alike, put side by side: a block takes as many steps as its slowest lane."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,8 +9,8 @@ import numpy as np
 def alike_together(leaves: Sequence[np.ndarray], tile: int) -> np.ndarray:
     """An order of lanes in which each `tile` of neighbours has similar parameters.
 
-    Halves the lanes at the median of one parameter, each half at that of the next, and so on
-    (a k-d tree), until a half is a tile.
+    Sorts the lanes by one parameter and cuts them into strips, each strip by the next
+    parameter, and so on round, until a strip is a tile.
 
     Args:
         leaves: for each parameter an array (lanes,); at least one.
@@ -20,19 +21,19 @@ def alike_together(leaves: Sequence[np.ndarray], tile: int) -> np.ndarray:
     """
     order = np.arange(leaves[0].size)
     varying = [leaf for leaf in leaves if leaf.min() != leaf.max()]
-    if len(varying) == 1:
-        # Fast where they are in order, as they often are.
-        return np.argsort(varying[0], kind="stable")
 
-    def halve(some: np.ndarray, depth: int) -> None:
-        half = -(-some.size // (2 * tile)) * tile
-        if half >= some.size:
-            return
-        leaf = varying[depth % len(varying)]
-        some[:] = some[np.argpartition(leaf[some], half)]
-        halve(some[:half], depth + 1)
-        halve(some[half:], depth + 1)
+    def cut(some: np.ndarray, depth: int) -> None:
+        tiles = -(-some.size // tile)
+        # As many strips for each parameter whose turn is still to come.
+        turn = depth % len(varying)
+        strips = max(round(tiles ** (1 / (len(varying) - turn))), 2)
+        # numpy sorts with the processor's vectors where stability is not asked for.
+        some[:] = some[np.argsort(varying[turn][some])]
+        if strips < tiles:
+            ends = [round(i * tiles / strips) * tile for i in range(strips + 1)]
+            for begin, end in itertools.pairwise(ends):
+                cut(some[begin:end], depth + 1)
 
     if varying:
-        halve(order, 0)
+        cut(order, 0)
     return order
