@@ -37,7 +37,7 @@ class Impact:
         model, p: what was computed.
         volume: removed volume [volume]; NaN where `ended_by` is "failed" or "unfinished".
         t_c: end of the cut [s]; 0 where nothing is cut.
-        ended_by: "rebound", "stop", "no-cut" (or a plug-in's event), "failed", "unfinished".
+        outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
         dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None. With several names there
             is a last axis over them.
         d2volume: ∂²V/∂q² likewise; with several names two last axes, the matrix ∂²V/∂q_i∂q_j.
@@ -48,10 +48,18 @@ class Impact:
     p: Parameters
     volume: Any
     t_c: Any
-    ended_by: Any
+    outcome: Any
     dvolume: Any
     d2volume: Any
     wrt: str | tuple[str, ...]
+
+    @functools.cached_property
+    def ended_by(self) -> Any:
+        """How the cut ended: "rebound", "stop", "no-cut" (or a plug-in's event), "failed", "unfinished".
+
+        Words take five times the memory of the numbers, so they are made when asked for.
+        """
+        return np.array(end_names(self.model))[self.outcome]
 
     def rows(self) -> list[Row]:
         """The results as rows of a table."""
@@ -134,7 +142,7 @@ def impact(
         p=p,
         volume=found.volume.value.reshape(shape)[()],
         t_c=found.time.value.reshape(shape)[()],
-        ended_by=outcomes(model, found).reshape(shape)[()],
+        outcome=outcome_codes(len(end_names(model)), found).reshape(shape)[()],
         dvolume=first.reshape(shape + tail)[()] if derivatives >= 1 else None,
         d2volume=second.reshape(shape + tail + tail)[()] if second is not None else None,
         wrt=wrt if isinstance(wrt, str) else names,
