@@ -28,6 +28,7 @@ _COSTS |= dict.fromkeys(("acos", "asin", "atan", "atan2", "cos", "cosh", "erf", 
 _COSTS |= dict.fromkeys(("logistic", "pow", "sin", "sinh", "tan", "tanh", "rsqrt", "cbrt"), 20)
 _STORE = 4.0  # likewise: writing a shared value, and reading it once
 _LOAD = 0.5
+_START = 20.0  # likewise: of a kernel, for each lane of a block
 _COMPILES_WHOLE = {"0.9.0", "0.10.2", "0.12.0.1"}  # versions of jaxlib; see `one_function`
 _WIDTH = 8  # rows of a kernel; wider ones cost the compiler more than they save
 
@@ -249,7 +250,7 @@ class Plan:
         groups = [len(group) for group in shapes]
         splits = [outputs[sum(groups[:i]) : sum(groups[: i + 1])] for i in range(len(groups))]
         made = len(like) + len(taken)
-        stored = _stored(within, outputs)
+        stored = _without_small_waves(within, outputs, _stored(within, outputs))
         for results in (*_waves(within, stored), *splits):
             self._add(within, places, results)
             places |= {v: (made, row) for row, v in enumerate(results) if isinstance(v, int) and v not in places}
@@ -364,6 +365,27 @@ def _stored(operations: dict[int, _Operation], outputs: list[_Value]) -> set[int
         if best is None:
             return stored
         stored.add(best)
+
+
+def _without_small_waves(operations: dict[int, _Operation], outputs: list[_Value], stored: set[int]) -> set[int]:
+    """Those of the stored values that are worth kernels of their own."""
+
+    values = [v for operation in operations.values() for v in operation.numbers()] + outputs
+    given = {v for v in values if isinstance(v, int) and v not in operations}
+
+    def price(stored: set[int]) -> float:
+        total = (_STORE + _LOAD) * len(stored) + _START * len(_waves(operations, stored))
+        for value in [*stored, *outputs]:
+            cone, read = _cone(operations, given | stored - {value}, [value])
+            total += sum(operations[n].cost for n in cone) + _LOAD * len(read)
+        return total
+
+    while True:
+        fewer = [stored.difference(wave) for wave in _waves(operations, stored)]
+        best = min(fewer, key=price, default=stored)
+        if price(best) >= price(stored):
+            return stored
+        stored = best
 
 
 def _cone(
