@@ -16,7 +16,7 @@ from erosion.model import CuttingModel
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.tiling import alike_together
 
-BLOCK = (64, 256, 256)  # lanes of a block on a CPU, by order of derivatives; docs/performance.md
+BLOCK = (64, 128, 128)  # lanes of a block on a CPU, by order of derivatives; docs/performance.md
 CALL = 2**13  # lanes of one call, whose blocks are walked one after another
 _SHELF = 2**16  # lanes among which to look for neighbours: their parameters fit the second-level cache
 _DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
@@ -27,6 +27,11 @@ _TIGHTEST = 1e-13  # tolerance of the second time: rounding is near
 def leaf_index(model: CuttingModel, name: str) -> int:
     """Which leaf of (model, p) a parameter is: a direction that need not be compiled in."""
     return len(jax.tree.leaves(model)) + list(QUANTITIES).index(name)
+
+
+def some_lanes(leaf: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Of a leaf (lanes,), those; one number in memory, where all lanes share it, stays one."""
+    return np.broadcast_to(leaf[0], positions.shape) if leaf.strides == (0,) else leaf[positions]
 
 
 def integrate(
@@ -45,7 +50,7 @@ def integrate(
 
     Args:
         model: its own leaves are shared by all lanes.
-        lanes: for each of `QUANTITIES` an array (lanes,).
+        lanes: for each of `QUANTITIES` an array (lanes,); see `some_lanes`.
         order: 0, 1 or 2 derivatives.
         directions: names of parameters, each set of which is a program of its own; or leaf
             indices, shape (1 or 2, n), all of which one program serves: n times the lanes.
@@ -65,16 +70,14 @@ def integrate(
 
     def walk(positions: np.ndarray, tolerance: np.ndarray, results: Solution) -> tuple[np.ndarray, np.ndarray]:
         """Integrate some lanes, and note their results; returns those to repeat, and the tolerance of each."""
-        filled = [_Filled(leaf, (call // block, block)) for leaf in lanes]
-        tolerances = _Filled(tolerance, (call // block, block))
-
         def chunk(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             # The last block is filled up with copies of its last lane.
             all_ = np.pad(some, (0, call - some.size), mode="edge") if some.size < call else some
-            given = [leaf.of(lane(all_)) for leaf in filled]
-            along = [index[all_ % copies].reshape(-1, block) for index in indices]
+            shape = (call // block, block)
+            given = [_filled(leaf, lane(all_), shape) for leaf in lanes]
+            along = [index[all_ % copies].reshape(shape) for index in indices]
             blocks = -(-some.size // block)
-            found = _compiled_chunk()(model, given, along, tolerances.of(all_), blocks, order, names)
+            found = _compiled_chunk()(model, given, along, _filled(tolerance, all_, shape), blocks, order, names)
             found = jax.tree.map(lambda part: np.asarray(part).reshape(-1)[: some.size], found)
             kept = jax.tree.leaves(found._replace(margin=None, doubt=None))
             for whole, part in zip(jax.tree.leaves(results), kept, strict=True):
@@ -94,8 +97,7 @@ def integrate(
         # Neighbours in turn to one thread and the other: they are alike, and so is what they cost.
         tables = np.array_split(positions, -(-positions.size // (_SHELF * threads)))
         shelves = [table[i::threads] for table in tables for i in range(threads)]
-        with concurrent.futures.ThreadPoolExecutor(threads) as pool:
-            parts = [part for some in pool.map(shelf, shelves) for part in some]
+        parts = [part for some in _pool(threads).map(shelf, shelves) for part in some]
         again, smaller = (np.concatenate(part) for part in zip(*parts, strict=True))
         return again, smaller
 
@@ -111,15 +113,14 @@ def integrate(
     return found
 
 
-class _Filled:
-    """A leaf of lanes as blocks; made once where all lanes share a number."""
+def _filled(leaf: np.ndarray, positions: np.ndarray, shape: tuple[int, int]) -> Any:
+    """Some lanes of a leaf, as blocks; the same array again where all lanes share a number."""
+    return _of_one(float(leaf[0]), shape) if leaf.strides == (0,) else leaf[positions].reshape(shape)
 
-    def __init__(self, leaf: np.ndarray, shape: tuple[int, int]) -> None:
-        self._leaf, self._shape = leaf, shape
-        self._all = jnp.full(shape, leaf[0]) if leaf.strides == (0,) else None
 
-    def of(self, positions: np.ndarray) -> Any:
-        return self._leaf[positions].reshape(self._shape) if self._all is None else self._all
+@functools.lru_cache(maxsize=64)
+def _of_one(number: float, shape: tuple[int, int]) -> Any:
+    return jnp.full(shape, number)
 
 
 def _tighter(found: Solution, rtol: float) -> np.ndarray:
@@ -196,6 +197,12 @@ def _compiler_options() -> dict[str, Any]:
 def _sizes(order: int) -> tuple[int, int]:
     """Lanes of a block, and of a call."""
     return (BLOCK[order], CALL) if jax.default_backend() == "cpu" else (2**14, 2**19)
+
+
+@functools.cache
+def _pool(threads: int) -> concurrent.futures.ThreadPoolExecutor:
+    """Kept, because small batches come by the hundred."""
+    return concurrent.futures.ThreadPoolExecutor(threads, "erosion")
 
 
 def _threads() -> int:

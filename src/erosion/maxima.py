@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.blocks import integrate
+from erosion.blocks import integrate, some_lanes
 from erosion.integrator import Solution
 from erosion.kernel import end_names, outcome_codes
 from erosion.model import CuttingModel
@@ -121,7 +121,7 @@ class _At(NamedTuple):
         return outcome_codes(self.ends_known, found), found.time.value
 
     def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Solution:
-        lanes = [alpha if q == "alpha" else leaf[case] for q, leaf in self.leaves.items()]
+        lanes = [alpha if q == "alpha" else some_lanes(leaf, case) for q, leaf in self.leaves.items()]
         return integrate(self.model, lanes, order, ("alpha",) if order else (), self.rtol, twice=False)
 
 
