@@ -70,6 +70,7 @@ def integrate(
 
     def walk(positions: np.ndarray, tolerance: np.ndarray, results: Solution) -> tuple[np.ndarray, np.ndarray]:
         """Integrate some lanes, and note their results; returns those to repeat, and the tolerance of each."""
+
         def chunk(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             # The last block is filled up with copies of its last lane.
             all_ = np.pad(some, (0, call - some.size), mode="edge") if some.size < call else some
@@ -95,7 +96,7 @@ def integrate(
         if positions.size <= block:
             return chunk(positions)
         # Neighbours in turn to one thread and the other: they are alike, and so is what they cost.
-        tables = np.array_split(positions, -(-positions.size // (_SHELF * threads)))
+        tables = np.array_split(positions, -(-positions.size // (max(_SHELF, call) * threads)))
         shelves = [table[i::threads] for table in tables for i in range(threads)]
         parts = [part for some in _pool(threads).map(shelf, shelves) for part in some]
         again, smaller = (np.concatenate(part) for part in zip(*parts, strict=True))

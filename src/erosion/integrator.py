@@ -20,10 +20,10 @@ from jax import lax
 
 from erosion.crossings import Ends, dip_in_step, expected_fall
 from erosion.jets import Derivatives, Direction
+from erosion.kernels import Kernel, one_function
 from erosion.model import CuttingModel
 from erosion.motion import Motion
 from erosion.parameters import Parameters
-from erosion.plan import Kernel, one_function
 from erosion.tableau import B_CHECK, B_ERROR, A, B
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)

@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 
 from erosion.jets import AtEvent, Cut, Derivatives, Direction, Jets, at_event
+from erosion.kernels import Kernel
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
-from erosion.plan import Kernel, Plan, planned
+from erosion.plan import Plan, planned
 from erosion.reduction import reduced
 
 

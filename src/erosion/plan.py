@@ -8,20 +8,16 @@ loop. It knows scalar arithmetic only: a function that does anything else (array
 """
 
 import functools
-import platform
 from collections.abc import Callable, Iterable, Sequence
-from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jax.core import Tracer
-from jax.experimental.xla_metadata import set_xla_metadata
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
-_CALLS = {"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "remat", "checkpoint"}
+from erosion.arithmetic import Graph, NotScalarArithmeticError, Operation, Value, hoisted, run
+from erosion.kernels import Kernel
+
 # Measured on AVX-512, in multiplications; what is not listed costs one.
 _COSTS = {"convert_element_type": 0, "copy": 0, "neg": 0, "stop_gradient": 0, "div": 6, "rem": 20, "sqrt": 8}
 _COSTS |= dict.fromkeys(("acos", "asin", "atan", "atan2", "cos", "cosh", "erf", "exp", "expm1", "log", "log1p"), 20)
@@ -29,58 +25,7 @@ _COSTS |= dict.fromkeys(("logistic", "pow", "sin", "sinh", "tan", "tanh", "rsqrt
 _STORE = 4.0  # likewise: writing a shared value, and reading it once
 _LOAD = 0.5
 _START = 20.0  # likewise: of a kernel, for each lane of a block
-_COMPILES_WHOLE = {"0.9.0", "0.10.2", "0.12.0.1"}  # versions of jaxlib; see `one_function`
 _WIDTH = 8  # rows of a kernel; wider ones cost the compiler more than they save
-
-
-class Kernel:
-    """A function whose result is one array, kept whole as one loop over the lanes.
-
-    Left alone, XLA's CPU compiler fuses each Runge-Kutta stage with all before it and
-    computes the vector field hundreds of times over; it ignores optimization barriers there.
-    A call that is not inlined is respected. On a GPU fusion does no such harm.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        def inlined(*arguments: Any) -> Any:
-            # What the function itself calls (`jnp.where` is a call) is inlined into it.
-            with set_xla_metadata(inlineable=None):
-                return function(*arguments)
-
-        self.function = jax.jit(inlined)
-
-    def __call__(self, *arguments: Any) -> Any:
-        """The function's result."""
-        if jax.default_backend() != "cpu":
-            return self.function(*arguments)
-        with set_xla_metadata(inlineable="false"):
-            return self.function(*arguments)
-
-
-def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of kernels that are compiled into one.
-
-    XLA's CPU runtime starts each kernel by itself, in some 50 ns, which for a block of lanes
-    is nearly as long as what it then does. It compiles small loops into one function, though,
-    and takes larger ones where it is told that they are small. That is no promise of its
-    interface, and where XLA cannot do it the process ends: it is asked for where it was tried, and
-    of scalar arithmetic and control flow alone. The time to compile grows faster than the function.
-    """
-    tried = platform.system() == "Linux" and platform.machine() == "x86_64" and version("jaxlib") in _COMPILES_WHOLE
-    if jax.default_backend() != "cpu" or not tried:
-        return function
-
-    def opened(*arguments: Any) -> Any:
-        with set_xla_metadata(xla_cpu_small_call=None, inlineable=None):
-            return function(*arguments)
-
-    compiled = jax.jit(opened)
-
-    def call(*arguments: Any) -> Any:
-        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            return compiled(*arguments)
-
-    return call
 
 
 def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> Callable[..., Any]:
@@ -99,7 +44,7 @@ def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequenc
     if jax.default_backend() == "cpu":
         try:
             return Plan(function, shared, known, like)
-        except _NotScalarArithmeticError:
+        except NotScalarArithmeticError:
             pass
     return _whole(function, shared, known, like)
 
@@ -118,107 +63,6 @@ def _whole(function: Callable[..., Any], shared: Any, known: Any, like: Sequence
     return lambda *arrays: tuple(kernel(*arrays) for kernel in kernels)
 
 
-class _NotScalarArithmeticError(Exception):
-    """The function does something else."""
-
-
-class _Constant(NamedTuple):
-    dtype: str
-    data: bytes
-
-    @property
-    def array(self) -> Any:
-        return np.frombuffer(self.data, self.dtype)[0]
-
-
-_Value = int | _Constant
-
-
-class _Operation(NamedTuple):
-    """What makes a value out of others."""
-
-    primitive: Any
-    params: dict[str, Any]
-    inputs: tuple[_Value, ...]
-    dtype: Any
-
-    @property
-    def cost(self) -> int:
-        return _COSTS.get(self.primitive.name, 1)
-
-    def numbers(self) -> list[int]:
-        return [value for value in self.inputs if isinstance(value, int)]
-
-
-class _Graph:
-    """A function's operations on scalars, calls opened up, each distinct one once.
-
-    Values are numbered: the arguments, then results in an order in which they can be computed.
-    """
-
-    def __init__(self, closed: ClosedJaxpr) -> None:
-        self.operations: dict[int, _Operation] = {}
-        self._count = len(closed.jaxpr.invars)
-        self._seen: dict[Any, int] = {}
-        self.outputs = self._open(closed.jaxpr, closed.consts, list(range(self._count)))
-
-    def add(self, operation: _Operation) -> int:
-        key = (operation.primitive.name, repr(operation.params), operation.inputs)
-        if key not in self._seen:
-            self._seen[key] = self._count
-            self.operations[self._count] = operation
-            self._count += 1
-        return self._seen[key]
-
-    def _open(self, jaxpr: Jaxpr, constants: Sequence[Any], arguments: Sequence[_Value]) -> list[_Value]:
-        values = dict(zip(jaxpr.constvars, map(_constant, constants), strict=True))
-        values |= dict(zip(jaxpr.invars, arguments, strict=True))
-
-        def read(atom: Any) -> _Value:
-            return _constant(np.asarray(atom.val, _dtype(atom))) if isinstance(atom, Literal) else values[atom]
-
-        for equation in jaxpr.eqns:
-            inputs, inner = [read(atom) for atom in equation.invars], _called(equation)
-            if inner is not None:
-                results = self._open(getattr(inner, "jaxpr", inner), getattr(inner, "consts", ()), inputs)
-            else:
-                _check_scalar(equation)
-                dtype = _dtype(equation.outvars[0])
-                results = [self.add(_Operation(equation.primitive, equation.params, tuple(inputs), dtype))]
-            values |= dict(zip(equation.outvars, results, strict=True))
-        return [read(atom) for atom in jaxpr.outvars]
-
-
-def _dtype(atom: Any) -> Any:
-    return atom.aval.dtype
-
-
-def _constant(value: Any) -> _Constant:
-    if isinstance(value, Tracer) or np.shape(value) != ():
-        raise _NotScalarArithmeticError
-    array = np.asarray(value)
-    return _Constant(array.dtype.str, array.tobytes())
-
-
-def _called(equation: Any) -> Any:
-    if equation.primitive.name not in _CALLS:
-        return None
-    return equation.params.get("jaxpr") or equation.params.get("call_jaxpr")
-
-
-def _check_scalar(equation: Any) -> None:
-    inside = jax.tree.leaves(
-        list(equation.params.values()), is_leaf=lambda leaf: isinstance(leaf, (Jaxpr, ClosedJaxpr))
-    )
-    if (
-        any(atom.aval.shape != () for atom in (*equation.invars, *equation.outvars))
-        or any(isinstance(part, (Jaxpr, ClosedJaxpr)) for part in inside)
-        or len(equation.outvars) != 1
-        or equation.effects
-    ):
-        raise _NotScalarArithmeticError
-
-
 class Plan:
     """The kernels of a function, and which arrays each of them reads."""
 
@@ -227,9 +71,9 @@ class Plan:
         variables = [scalar if rows is None else [scalar] * rows for rows in like]
         lane = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), known)
         closed, shapes = jax.make_jaxpr(function, return_shape=True)(shared, lane, *variables)
-        graph = _Graph(closed)
+        graph = Graph(closed)
         fixed = len(jax.tree.leaves((shared, known)))
-        outputs, before, within = _hoisted(graph, range(fixed))
+        outputs, before, within = hoisted(graph, range(fixed))
         self.kernels: list[tuple[Kernel, list[int]]] = []
 
         # Where values are found: (index among the arrays, row of it).
@@ -265,18 +109,16 @@ class Plan:
         return tuple(sources[-self.groups :])
 
     @staticmethod
-    def _hoist(before: dict[int, _Operation], taken: list[int], shared: Any, known: Any) -> list[Any]:
+    def _hoist(before: dict[int, Operation], taken: list[int], shared: Any, known: Any) -> list[Any]:
         """What parameters alone determine, as (lanes,) arrays."""
         common, each = jax.tree.leaves(shared), jax.tree.leaves(known)
 
         def lane(common: list[Any], each: list[Any]) -> list[Any]:
-            return _run(before, dict(enumerate([*common, *each])), taken)
+            return run(before, dict(enumerate([*common, *each])), taken)
 
         return jax.vmap(lane, in_axes=(None, 0))(common, each)
 
-    def _add(
-        self, within: dict[int, _Operation], places: dict[int, tuple[int, int | None]], results: list[Any]
-    ) -> None:
+    def _add(self, within: dict[int, Operation], places: dict[int, tuple[int, int | None]], results: list[Any]) -> None:
         """Add the kernel of some results, given where what is stored so far is found."""
         cone, inputs = _cone(within, places, results)
         inputs = inputs or [next(iter(places))]
@@ -285,7 +127,7 @@ class Plan:
         steps = {value: within[value] for value in sorted(cone)}
 
         def lane(*given: Any) -> list[Any]:
-            return _run(steps, dict(zip(inputs, given, strict=True)), results)
+            return run(steps, dict(zip(inputs, given, strict=True)), results)
 
         def lanes(*arrays: Any) -> Any:
             return jnp.stack(jax.vmap(lane)(*[arrays[i] if row is None else arrays[i][row] for i, row in rows]))
@@ -293,45 +135,11 @@ class Plan:
         self.kernels.append((Kernel(lanes), reads))
 
 
-def _run(operations: dict[int, _Operation], values: dict[int, Any], results: Iterable[_Value]) -> list[Any]:
-    def read(value: _Value) -> Any:
-        return values[value] if isinstance(value, int) else value.array
-
-    for number, (primitive, params, inputs, _) in operations.items():
-        values[number] = primitive.bind(*map(read, inputs), **params)
-    return [jnp.asarray(read(value)) for value in results]
+def _cost(operation: Operation) -> int:
+    return _COSTS.get(operation.primitive.name, 1)
 
 
-def _hoisted(graph: _Graph, fixed: Iterable[int]) -> tuple[list[_Value], dict[int, _Operation], dict[int, _Operation]]:
-    """The graph's outputs, and its operations before and within the loop.
-
-    A quotient by something known is made a product with its reciprocal, which the rules for
-    zeros, infinities and NaN allow.
-    """
-    known, constant = set(fixed), set()
-    before: dict[int, _Operation] = {}
-    within: dict[int, _Operation] = {}
-    for number, operation in list(graph.operations.items()):
-        numbers = operation.numbers()
-        if constant.issuperset(numbers):
-            # XLA folds constants, and what they multiply, where it sees them.
-            constant.add(number)
-            before[number] = within[number] = operation
-        elif known.union(constant).issuperset(numbers):
-            known.add(number)
-            before[number] = operation
-        elif operation.primitive is lax.div_p and isinstance(by := operation.inputs[1], int) and by in known:
-            one = _constant(np.ones((), operation.dtype))
-            inverse = graph.add(operation._replace(inputs=(one, by)))
-            known.add(inverse)
-            before[inverse] = graph.operations[inverse]
-            within[number] = _Operation(lax.mul_p, {}, (operation.inputs[0], inverse), operation.dtype)
-        else:
-            within[number] = operation
-    return graph.outputs, before, within
-
-
-def _stored(operations: dict[int, _Operation], outputs: list[_Value]) -> set[int]:
+def _stored(operations: dict[int, Operation], outputs: list[Value]) -> set[int]:
     """Which values to store: greedily, always the one that saves most recomputation."""
     numbers = list(operations)
     bit = {number: 1 << i for i, number in enumerate(numbers)}
@@ -340,7 +148,7 @@ def _stored(operations: dict[int, _Operation], outputs: list[_Value]) -> set[int
     for row, value in enumerate(outputs):
         if isinstance(value, int) and value in sinks:
             sinks[value] |= 1 << (len(numbers) + row)
-    cost = [operations[n].cost for n in numbers]
+    cost = [_cost(operations[n]) for n in numbers]
     stored: set[int] = set()
     while True:
         readers = dict(sinks)
@@ -367,9 +175,8 @@ def _stored(operations: dict[int, _Operation], outputs: list[_Value]) -> set[int
         stored.add(best)
 
 
-def _without_small_waves(operations: dict[int, _Operation], outputs: list[_Value], stored: set[int]) -> set[int]:
+def _without_small_waves(operations: dict[int, Operation], outputs: list[Value], stored: set[int]) -> set[int]:
     """Those of the stored values that are worth kernels of their own."""
-
     values = [v for operation in operations.values() for v in operation.numbers()] + outputs
     given = {v for v in values if isinstance(v, int) and v not in operations}
 
@@ -377,7 +184,7 @@ def _without_small_waves(operations: dict[int, _Operation], outputs: list[_Value
         total = (_STORE + _LOAD) * len(stored) + _START * len(_waves(operations, stored))
         for value in [*stored, *outputs]:
             cone, read = _cone(operations, given | stored - {value}, [value])
-            total += sum(operations[n].cost for n in cone) + _LOAD * len(read)
+            total += sum(_cost(operations[n]) for n in cone) + _LOAD * len(read)
         return total
 
     while True:
@@ -388,9 +195,7 @@ def _without_small_waves(operations: dict[int, _Operation], outputs: list[_Value
         stored = best
 
 
-def _cone(
-    operations: dict[int, _Operation], known: Iterable[int], results: Iterable[Any]
-) -> tuple[set[int], list[int]]:
+def _cone(operations: dict[int, Operation], known: Iterable[int], results: Iterable[Any]) -> tuple[set[int], list[int]]:
     """What must be computed for some results, and from which of the known values."""
     cone: set[int] = set()
     inputs: set[int] = set()
@@ -405,7 +210,7 @@ def _cone(
     return cone, sorted(inputs)
 
 
-def _waves(operations: dict[int, _Operation], stored: set[int]) -> list[list[int]]:
+def _waves(operations: dict[int, Operation], stored: set[int]) -> list[list[int]]:
     """The stored values, some to a kernel, each after those that it is computed from."""
     level: dict[int, int] = {}
     for number, operation in operations.items():
