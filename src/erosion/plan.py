@@ -94,7 +94,7 @@ class Plan:
         groups = [len(group) for group in shapes]
         splits = [outputs[sum(groups[:i]) : sum(groups[: i + 1])] for i in range(len(groups))]
         made = len(like) + len(taken)
-        stored = _without_small_waves(within, outputs, _stored(within, outputs))
+        stored = _stored(within, outputs)
         for results in (*_waves(within, stored), *splits):
             self._add(within, places, results)
             places |= {v: (made, row) for row, v in enumerate(results) if isinstance(v, int) and v not in places}
@@ -135,64 +135,70 @@ class Plan:
         self.kernels.append((Kernel(lanes), reads))
 
 
-def _cost(operation: Operation) -> int:
-    return _COSTS.get(operation.primitive.name, 1)
+class _Work:
+    """What it takes to compute every result of a function, each by itself, from the values stored."""
+
+    def __init__(self, operations: dict[int, Operation], outputs: list[Value]) -> None:
+        self.operations = operations
+        self.inputs = {n: [v for v in operation.numbers() if v in operations] for n, operation in operations.items()}
+        self.bit = {n: 1 << i for i, n in enumerate(operations)}
+        self.outputs = [value for value in outputs if isinstance(value, int) and value in operations]
+        self._of_cost: dict[int, int] = {}  # which operations have a cost, as bits
+        for n, operation in operations.items():
+            cost = _COSTS.get(operation.primitive.name, 1)
+            self._of_cost[cost] = self._of_cost.get(cost, 0) | self.bit[n]
+
+    def cones(self, stored: set[int]) -> dict[int, int]:
+        """What each value is computed from and is not stored, as bits."""
+        cones: dict[int, int] = {}
+        for n, inputs in self.inputs.items():
+            cones[n] = self.bit[n]
+            for v in inputs:
+                if v not in stored:
+                    cones[n] |= cones[v]
+        return cones
+
+    def cost(self, cone: int) -> int:
+        """To compute a value from that."""
+        return sum(cost * (cone & bits).bit_count() for cost, bits in self._of_cost.items())
+
+    def whole(self, stored: set[int]) -> float:
+        """The cost to compute and store what is stored, and the outputs from that."""
+        cones = self.cones(stored)
+        return _STORE * len(stored) + sum(self.cost(cones[n]) for n in [*stored, *self.outputs])
+
+    def readers(self, stored: set[int]) -> dict[int, int]:
+        """How many results read a value, directly or by what is not stored."""
+        sinks = dict.fromkeys(self.inputs, 0)
+        for row, n in enumerate(self.outputs):
+            sinks[n] |= 1 << (len(self.inputs) + row)
+        for n in reversed(self.inputs):
+            for v in self.inputs[n]:
+                sinks[v] |= self.bit[n] if n in stored else sinks[n]
+        return {n: bits.bit_count() for n, bits in sinks.items()}
 
 
 def _stored(operations: dict[int, Operation], outputs: list[Value]) -> set[int]:
-    """Which values to store: greedily, always the one that saves most recomputation."""
-    numbers = list(operations)
-    bit = {number: 1 << i for i, number in enumerate(numbers)}
-    inputs = {n: [v for v in operations[n].numbers() if v in operations] for n in numbers}
-    sinks = dict.fromkeys(numbers, 0)
-    for row, value in enumerate(outputs):
-        if isinstance(value, int) and value in sinks:
-            sinks[value] |= 1 << (len(numbers) + row)
-    cost = [_cost(operations[n]) for n in numbers]
+    """Which values to store: greedily what saves most recomputation, then less what is not worth a kernel."""
+    work = _Work(operations, outputs)
     stored: set[int] = set()
     while True:
-        readers = dict(sinks)
-        for n in reversed(numbers):
-            for v in inputs[n]:
-                readers[v] |= bit[n] if n in stored else readers[n]
-        cones: dict[int, int] = {}
-        best, gain = None, 0.0
-        for n in numbers:
-            cones[n] = functools.reduce(int.__or__, [cones[v] for v in inputs[n] if v not in stored], bit[n])
-            times = readers[n].bit_count()
-            if n in stored or times < 2 or operations[n].dtype != np.float64:
-                continue
-            work, cone = 0, cones[n]
-            while cone:
-                low = cone & -cone
-                work += cost[low.bit_length() - 1]
-                cone ^= low
-            saved = (times - 1) * work - _STORE - _LOAD * times
-            if saved > gain:
-                best, gain = n, saved
-        if best is None:
-            return stored
+        cones, readers = work.cones(stored), work.readers(stored)
+        saved = {
+            n: (readers[n] - 1) * work.cost(cones[n]) - _STORE - _LOAD * readers[n]
+            for n, operation in operations.items()
+            if n not in stored and readers[n] > 1 and operation.dtype == np.float64
+        }
+        best = max(saved, key=lambda n: saved[n], default=None)
+        if best is None or saved[best] <= 0:
+            break
         stored.add(best)
-
-
-def _without_small_waves(operations: dict[int, Operation], outputs: list[Value], stored: set[int]) -> set[int]:
-    """Those of the stored values that are worth kernels of their own."""
-    values = [v for operation in operations.values() for v in operation.numbers()] + outputs
-    given = {v for v in values if isinstance(v, int) and v not in operations}
-
-    def price(stored: set[int]) -> float:
-        total = (_STORE + _LOAD) * len(stored) + _START * len(_waves(operations, stored))
-        for value in [*stored, *outputs]:
-            cone, read = _cone(operations, given | stored - {value}, [value])
-            total += sum(_cost(operations[n]) for n in cone) + _LOAD * len(read)
-        return total
-
     while True:
         fewer = [stored.difference(wave) for wave in _waves(operations, stored)]
-        best = min(fewer, key=price, default=stored)
-        if price(best) >= price(stored):
+        cheapest = min(fewer, key=work.whole, default=stored)
+        if not fewer or work.whole(cheapest) >= work.whole(stored) + _START:
             return stored
-        stored = best
+        stored = cheapest
 
 
 def _cone(operations: dict[int, Operation], known: Iterable[int], results: Iterable[Any]) -> tuple[set[int], list[int]]:
