@@ -2,6 +2,9 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.maxima import Search
+from erosion.parameters import QUANTITIES
+from erosion.scan import Cells, Scan, joined
 from tests.reference import closed_form
 
 P = erosion.TABLE_1
@@ -188,3 +191,17 @@ def test_an_optimum_is_printed_in_degrees():
     text = str(erosion.alpha_max("linearized", P))
     assert "31.71747441" in text
     assert "interior" in text
+
+
+def test_a_jump_known_only_to_a_wide_cell_is_looked_at_from_outside_the_cell():
+    one = {q: np.full(1, getattr(P, q)) for q in QUANTITIES} | {"k": np.ones(1)}
+    search = Search(erosion.load_model("rotating"), P.replace(**one), 1.0)
+    evaluate = search._at(1e-9)
+    jump = erosion.alpha_max("rotating", P.replace(k=1.0)).jumps[-1].alpha
+    # As where cutting begins: 3e-8 wide, and the jump not in its middle.
+    cells = Cells(*(evaluate(np.zeros(1, int), np.array([jump + aside])) for aside in (-2.5e-8, 5e-9)))
+    found = Scan(joined(*cells), cells, cells, cells.low.value, np.zeros(1, int), np.ones(1, int))
+    ((case, candidate),) = search._at_jumps(found, np.array([True]))
+    assert (case, candidate.kind, candidate.side) == (0, "jump", "below")
+    assert candidate.alpha == pytest.approx(jump - 2.5e-8, abs=1e-11)
+    assert candidate.value == pytest.approx(1.77719894e-4, rel=1e-4)  # V rises like a root towards the jump
