@@ -47,6 +47,17 @@ ROWS = [
     ),
     ("erosion.impact('finnie', P, derivatives=1, wrt=[['k']])", "ValueError", "Argument `wrt` must name parameters (k"),
     ("erosion.impact('finnie', P, derivatives=1, wrt=['k', 'k'])", "ValueError", "several different parameters"),
+    ("erosion.impact(OWN, P, derivatives=1, wrt='fricton')", "ValueError", "phidot0, inertia, friction), but has"),
+    ("erosion.impact('rotating', P, derivatives=1, wrt='friction')", "ValueError", "Argument `wrt` must name param"),
+    (
+        "OWN.replace(fricton=0.3)",
+        "TypeError",
+        "Argument `fricton` is not an own parameter of Rotating; it has friction",
+    ),
+    ("OWN.replace(friction='0.3')", "TypeError", "Argument `friction` must be a number, but is '0.3'."),
+    ("OWN.replace(friction=[0.1, 0.2])", "TypeError", "Argument `friction` must be a number, but is [0.1, 0.2]."),
+    ("OWN.replace(friction=np.inf)", "ValueError", "Argument `friction` must be a finite number, but is inf."),
+    ("erosion.own_parameter(1.0, 'f', 'turns', 'Hz')", "ValueError", "Argument `dimension` must be one of 1, length"),
     ("erosion.volume('finnie', P.replace(k=[1, 2]))", "ValueError", "Argument `k` must be a scalar here"),
     ("erosion.simulate('finnie', P, rtol='a')", "ValueError", "Argument `rtol` must be in (0, 1), but is 'a'."),
     (
