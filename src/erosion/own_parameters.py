@@ -17,6 +17,7 @@ from jax.core import Tracer
 
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.quantities import Quantity
+from erosion.tables import abbreviate
 from erosion.units import Dimension
 
 _Model = TypeVar("_Model", bound=eqx.Module)
@@ -120,6 +121,11 @@ def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tup
     """Model and case with other values of some of `quantities`."""
     own = {name: value for name, value in changes.items() if name not in QUANTITIES}
     return replaced(model, own), p.replace(**{name: changes[name] for name in changes if name in QUANTITIES})
+
+
+def own_in_words(model: eqx.Module) -> str:
+    """The own parameters with their values in one line, empty where there are none."""
+    return ", ".join(f"{name} = {abbreviate(one.value)}" for name, one in own_parameters(model).items())
 
 
 def _is_number(value: Any) -> bool:

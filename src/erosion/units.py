@@ -147,7 +147,7 @@ def _check_angles(units: set[str], dimension: Dimension, complaint: str) -> None
 
 
 _QUANTITY = re.compile(
-    r"\s*(?P<number>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan))(?P<unit>(?:\s*[^\d\s.+\-(][^\n]*)?)\s*"
+    r"\s*(?P<number>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan))(?P<unit>(?:\s*[^\d\s.+\-(][^\n]*|\s+1/[^\n]*)?)\s*"
 )
 
 _EXAMPLES: Mapping[System, Mapping[str, str]] = {

@@ -118,6 +118,12 @@ SECTIONS = [
     ("stream", "v0 = [1, 2]", ": field `v0` of [stream] must be a speed"),
     ("stream", 'v0 = "normal(4400, 40)"\nseed = "x"', "`--seed` must be a whole number of at least 0, but is 'x'."),
     ("stream", 'v0 = "normal(4400, 40)"\npoints = 3', '`--points` must be "sobol" or "random", but is 3.'),
+    ("stream", 'v0 = "normal(4400, 40)"\nset = 3', ": `set` of [stream] must be a table such as {friction = 0.3}"),
+    (
+        "stream",
+        'v0 = "normal(4400, 40)"\nset.f = 3',
+        ": `set` of [stream], field `f`, must name an own parameter of lin",
+    ),
     ("stream", 'v0 = "normal(4400, 40)"\nmodel = 3', "`--model` must be a model, its name or a path, but is 3."),
 ]
 
