@@ -6,7 +6,7 @@ name means: which leaf of the model it is, what it is called, and the same model
 
 import dataclasses
 import typing
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -123,9 +123,10 @@ def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tup
     return replaced(model, own), p.replace(**{name: changes[name] for name in changes if name in QUANTITIES})
 
 
-def own_in_words(model: eqx.Module) -> str:
-    """The own parameters with their values in one line, empty where there are none."""
-    return ", ".join(f"{name} = {abbreviate(one.value)}" for name, one in own_parameters(model).items())
+def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
+    """The own parameters with their values in one line, those named `but` left out; empty where there are none."""
+    own = own_parameters(model).items()
+    return ", ".join(f"{name} = {abbreviate(one.value)}" for name, one in own if name not in but)
 
 
 def _is_number(value: Any) -> bool:

@@ -104,6 +104,30 @@ ROWS = [
     ("erosion.sweep('finnie', P, alpha='abc')", "ValueError", "`alpha` must be a one-dimensional list of numbers"),
     ("erosion.sweep('finnie', P, speed=[1])", "TypeError", "Argument `speed` is not a parameter; they are k, psi"),
     (
+        "erosion.sweep('finnie', P, friction=[1])",
+        "TypeError",
+        "Argument `friction` is not a parameter; they are k, psi",
+    ),
+    ("erosion.sweep(OWN, P, fricton=[1])", "TypeError", "phidot0, inertia, friction."),
+    ("erosion.sweep(OWN, P, friction=0.1)", "ValueError", "`friction` must be a one-dimensional list of numbers"),
+    ("erosion.sweep(OWN, P, friction=['a'])", "ValueError", "`friction` must be a one-dimensional list of numbers"),
+    ("erosion.sweep(OWN, P, friction=[0.1, np.nan])", "ValueError", "Argument `friction` must be finite, but is [0.1"),
+    (
+        "erosion.sweep([OWN, 'finnie'], P, friction=[1])",
+        "ValueError",
+        "Argument `friction` must be a parameter of every",
+    ),
+    (
+        "erosion.sweep([OWN, 'finnie'], P, k=[1], wrt='friction')",
+        "ValueError",
+        "`friction` must be a parameter of every",
+    ),
+    (
+        "erosion.stream(OWN, P, friction=Normal(0.2, 0.1))",
+        "TypeError",
+        "Argument `friction` is not a parameter; they are",
+    ),
+    (
         "erosion.sweep('finnie', P, alpha=[0.1], rtol='a')",
         "ValueError",
         "Argument `rtol` must be in (0, 1), but is 'a'.",

@@ -85,6 +85,11 @@ OWN = [
     ("stream --v0 normal(4400,40) --set friction=1", "must name an own parameter of linearized, which has none."),
     ("calibrate sand.csv --model friction.py --set friction=a", "Option `--set friction` must be a pure number"),
     ("calibrate sand.csv --models finnie,friction.py --set friction=1", "Option `--set` needs one model"),
+    ("sweep -o x.nc --set friction=1,2", "Option `--set friction` must name an own parameter of linearized, which has"),
+    ("sweep -o x.nc --model friction.py --set friction=1", "must include an axis"),
+    ("sweep -o x.nc --model friction.py --set friction=0:1", 'Option `--set friction` must be "first : last : count"'),
+    ("sweep -o x.nc --model friction.py --set friction=1,nan", "Option `--set friction` must be finite, but is 1,nan."),
+    ("sweep -o x.nc --model friction.py --model finnie --set friction=1,2", "own parameter of finnie, which has none."),
     ("compare --set friction=1", "Option `--set` is unknown."),
 ]
 OUTPUTS = [
