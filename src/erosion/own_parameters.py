@@ -83,6 +83,8 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
     Raises:
         TypeError, ValueError: for a name that is none of them, or a value that is no finite number.
     """
+    if not changes:
+        return model
     own = own_parameters(model)
     for name, value in changes.items():
         if name not in own:

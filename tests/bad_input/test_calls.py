@@ -185,6 +185,12 @@ ROWS = [
         "Argument `free` must be a list of parameters, but is 3.",
     ),
     ("erosion.calibrate('finnie', P, DATA, free=[['k']])", "ValueError", "Argument `free` must name parameters (k"),
+    ("erosion.calibrate(OWN, P, DATA, free=['fricton'])", "ValueError", "inertia, friction), but has 'fricton'."),
+    (
+        "erosion.calibrate('finnie', P, DATA, free=['friction'])",
+        "ValueError",
+        "(k, psi, r, b, m, v0, sigma, alpha, phidot0",
+    ),
     (
         "erosion.calibrate('finnie', P, DATA, free=['k'], starts='a')",
         "ValueError",
