@@ -42,8 +42,7 @@ class OwnParameter(NamedTuple):
 def own_parameter(default: float, symbol: str, meaning: str, dimension: Dimension = "1") -> Any:
     """Declare a field of a model, or of its parts, with what it is called in tables and on axes.
 
-        class CoulombTip(erosion.models.ForceLaw):
-            friction: float = erosion.own_parameter(0.2, "μ", "coefficient of friction")
+        friction: float = erosion.own_parameter(0.2, "μ", "coefficient of friction")
 
     A field that is a number by default is one of the model's own parameters without it too, under
     its name alone and without a unit.
