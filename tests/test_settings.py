@@ -72,13 +72,6 @@ def test_run_takes_own_parameters(harder, capsys):
     assert found["volume"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # PHYSICS.md, section 6; V ∝ 1/σ
 
 
-def test_optimum_shows_what_they_move(harder, capsys):
-    assert _status(["optimum", "--model", harder, "--set=factor=3", "--sensitivities"]) == 0
-    out = capsys.readouterr().out
-    assert "harder.py (factor = 3, speed = 100): the angle of greatest volume" in out
-    assert [line.split()[:2] for line in out.splitlines() if "factor of the flow stress" in line] == [["factor", "f"]]
-
-
 def test_a_stream_of_another_model_is_another_stream(harder, capsys):
     words = ["stream", "--model", harder, "--n", "64", "--no-best-angle", "--v0", "normal(4400, 40)", "-o", "jet.nc"]
     case = erosion.dump_case(P) + "\n[stream]\nset.factor = 2\n"
