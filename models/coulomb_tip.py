@@ -20,7 +20,7 @@ import erosion
 class CoulombTip(erosion.models.ForceLaw):
     """F_x = -c · depth (1 + μ k), F_y = -k c · depth, with μ = `friction`."""
 
-    friction: float = 0.2
+    friction: float = erosion.own_parameter(0.2, "μ", "coefficient of friction")
 
     def __call__(self, state, tip, p):
         """Return (F_x, F_y)."""

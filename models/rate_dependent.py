@@ -26,8 +26,8 @@ import erosion
 class CowperSymonds(erosion.models.ForceLaw):
     """F_x = -σ (1 + (ε̇/D)^(1/q)) b ψ · depth, F_y = k F_x, with D = `rate` [1/s], q = `exponent`."""
 
-    rate: float = 6500.0
-    exponent: float = 4.0
+    rate: float = erosion.own_parameter(6500.0, "D", "rate of strain that doubles the flow stress", "rate")
+    exponent: float = erosion.own_parameter(4.0, "q", "exponent of the rate of strain")
 
     def __call__(self, state, tip, p):
         """Return (F_x, F_y)."""

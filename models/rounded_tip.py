@@ -25,7 +25,7 @@ import erosion
 class RoundedTip(erosion.models.ForceLaw):
     """F_x = -σ ψ A(depth), F_y = k F_x, with the tip's radius R = `radius` · r."""
 
-    radius: float = 0.5
+    radius: float = erosion.own_parameter(0.5, "R/r", "radius of the tip over r")
 
     def __call__(self, state, tip, p):
         """Return (F_x, F_y)."""

@@ -22,7 +22,7 @@ import erosion
 class SaturatingLip(erosion.models.ForceLaw):
     """F_x = -σ b ψ L tanh(depth/L), F_y = k F_x, with L = `reach` · r."""
 
-    reach: float = 0.5
+    reach: float = erosion.own_parameter(0.5, "L/r", "depth at which the lip stops growing, over r")
 
     def __call__(self, state, tip, p):
         """Return (F_x, F_y)."""

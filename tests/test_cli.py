@@ -75,7 +75,8 @@ def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch
     captured = capsys.readouterr()
     found = json.loads(captured.out)
     assert "ZeroDivisionError" in found[str(tmp_path / "a_bad.py")]["error"]
-    assert found[str(tmp_path / "good.py")] == {"summary": "One of mine.", "equations": "plug-in", "error": None}
+    good = {"summary": "One of mine.", "equations": "plug-in", "error": None, "own_parameters": {}}
+    assert found[str(tmp_path / "good.py")] == good
     assert captured.err == "erosion: 1 of 13 models cannot be used.\n"
     assert _status(["models", "--help"]) == 0
     assert "run as Python" in " ".join(capsys.readouterr().out.split())

@@ -96,8 +96,8 @@ def test_the_shape_of_the_tip_does_not_matter_where_nothing_turns(radius):
 def test_own_parameters_are_differentiated_and_compiled_once():
     import jax
 
-    tip = parts("coulomb_tip").CoulombTip
-    slope = jax.grad(lambda friction: erosion.volume(Linearized(force=tip(friction)), P))(0.2)
+    model = Linearized(force=parts("coulomb_tip").CoulombTip())
+    slope = jax.grad(lambda friction: erosion.volume(model.replace(friction=friction), P))(0.2)
     # linearized at σ(1 + μk) and k/(1 + μk).
     exact = closed_form("linearized")
 

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from erosion.optimum import Optimum as Optimum
     from erosion.optimum import alpha_max as alpha_max
     from erosion.optimum import alpha_min as alpha_min
+    from erosion.own_parameters import own_parameter as own_parameter
     from erosion.parameters import MATERIALS as MATERIALS
     from erosion.parameters import TABLE_1 as TABLE_1
     from erosion.parameters import Parameters as Parameters
@@ -83,6 +84,7 @@ _HOMES = {
     "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
     "optimum": ("Optimum", "alpha_max", "alpha_min"),
+    "own_parameters": ("own_parameter",),
     "parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
     "provenance": ("StoreError",),
     "stream_result": ("Stream",),

@@ -13,6 +13,7 @@ from jax import lax
 from erosion.integrator import ENDED, NO_CUT, Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
+from erosion.own_parameters import own_parameters
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.tiling import alike_together
 
@@ -26,6 +27,8 @@ _TIGHTEST = 1e-13  # tolerance of the second time: rounding is near
 
 def leaf_index(model: CuttingModel, name: str) -> int:
     """Which leaf of (model, p) a parameter is: a direction that need not be compiled in."""
+    if name not in QUANTITIES:
+        return own_parameters(model)[name].leaf
     return len(jax.tree.leaves(model)) + list(QUANTITIES).index(name)
 
 

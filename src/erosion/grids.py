@@ -19,8 +19,9 @@ from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.optimum import alpha_max
+from erosion.own_parameters import own_in_words, quantities
 from erosion.parameters import QUANTITIES, Parameters, require_parameters, validate
-from erosion.partition import Region
+from erosion.partition import Region, regions
 from erosion.provenance import digest, identity
 from erosion.quantities import RESULTS, Quantity
 from erosion.units import System, ascii_unit, derivative_unit
@@ -61,11 +62,12 @@ class Grid:
         models: what each model is called, and the model, its name or its path.
         compared: whether "model" is a dimension (else there is one model).
         p: the case, all scalars; the axes replace some of its leaves.
-        axes: parameter name to its values, one-dimensional.
+        axes: parameter name to its values, one-dimensional; of the case, or every model's own.
         paired: names of the axes that go together along the dimension "pair".
         ends: meanings of the codes 0, 1, … in `ended_by`; 0 is "not-computed".
         derivatives, wrt, rtol: see `erosion.impact`.
         optimum: whether the best angle is kept too, over the other dimensions than "alpha".
+        own: values of own parameters for all models, in the place of their own.
     """
 
     models: Mapping[str, Model]
@@ -78,6 +80,7 @@ class Grid:
     wrt: str
     rtol: float
     optimum: bool = False
+    own: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def dims(self) -> tuple[str, ...]:
@@ -106,11 +109,22 @@ class Grid:
         models = {label: self.models[label] for label in labels}
         return dataclasses.replace(self, models=models, axes=axes, optimum=optimum)
 
+    def loaded(self) -> dict[str, CuttingModel]:
+        """The models, by what they are called."""
+        return {label: _loaded(model).replace(**self.own) for label, model in self.models.items()}
+
+    @functools.cached_property
+    def quantities(self) -> dict[str, Quantity]:
+        """What the parameters of case and models are called."""
+        return quantities(next(iter(self.loaded().values())))
+
     def parameters(self) -> Parameters:
         """The case with its axes in place: leaves that broadcast to the shape without "model"."""
         dims = [dim for dim in self.dims if dim != "model"]
         leaves = {}
         for name, values in self.axes.items():
+            if name not in QUANTITIES:
+                continue
             shape = [1] * len(dims)
             shape[dims.index(PAIR if name in self.paired else name)] = len(values)
             leaves[name] = values.reshape(shape)
@@ -121,7 +135,7 @@ class Grid:
         beside = tuple(dim for dim in self.dims if dim != "alpha")
         found = {name: Variable(self.dims, RESULTS[name]) for name in ("volume", "t_c")}
         for name in ("dvolume", "d2volume")[: self.derivatives]:
-            found[name] = Variable(self.dims, RESULTS[name], _derivative_attributes(name, self.wrt, self.p.units))
+            found[name] = Variable(self.dims, RESULTS[name], self._derivative_attributes(name))
         if self.optimum:
             found |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
             found["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
@@ -131,31 +145,41 @@ class Grid:
 
     def solve(self) -> dict[str, np.ndarray]:
         """Compute every impact: arrays of the variables' dimensions, names as codes."""
-        parts: dict[str, list[np.ndarray]] = {name: [] for name in self.variables()}
-        for model in map(_loaded, self.models.values()):
-            p = self.parameters()
-            found = impact(model, p, derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
-            for name in ("volume", "t_c", "dvolume", "d2volume"):
-                if name in parts:
-                    parts[name].append(np.asarray(getattr(found, name)))
-            parts["ended_by"].append(_codes(found.ended_by, self.ends))
-            if self.optimum:
-                best = alpha_max(model, self._beside_alpha(p))
-                parts["alpha_max"].append(np.asarray(best.alpha))
-                parts["volume_max"].append(np.asarray(best.volume))
-                parts["alpha_max_kind"].append(_codes(best.kind, KINDS))
-                parts["alpha_max_ended_by"].append(_codes(best.ended_by, self.ends))
-        return {
-            name: np.stack(parts[name]).reshape([self.lengths[dim] for dim in variable.dims])
-            for name, variable in self.variables().items()
-        }
+        variables = self.variables()
+        found = {name: np.full([self.lengths[dim] for dim in one.dims], one.empty) for name, one in variables.items()}
+        # A call of the kernel has one model, with one set of own parameters.
+        own = {PAIR if name in self.paired else name for name in self.axes if name not in QUANTITIES}
+        for region in regions(
+            self.shape, [1 if dim in own or dim == "model" else n for dim, n in self.lengths.items()]
+        ):
+            along = dict(zip(self.dims, region, strict=True))
+            for name, values in self[region]._of_one_model().items():
+                place = found[name][tuple(along[dim] for dim in variables[name].dims)]
+                place[...] = values.reshape(place.shape)
+        return found
+
+    def _of_one_model(self) -> dict[str, np.ndarray]:
+        """The variables of a block that holds one model and one value of each own parameter."""
+        (model,) = self.loaded().values()
+        model = model.replace(**{name: values[0] for name, values in self.axes.items() if name not in QUANTITIES})
+        p = self.parameters()
+        hits = impact(model, p, derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
+        found = {name: np.asarray(getattr(hits, name)) for name in ("volume", "t_c")}
+        for name in ("dvolume", "d2volume")[: self.derivatives]:
+            found[name] = np.asarray(getattr(hits, name))
+        if self.optimum:
+            best = alpha_max(model, self._beside_alpha(p))
+            found["alpha_max"], found["volume_max"] = np.asarray(best.alpha), np.asarray(best.volume)
+            found["alpha_max_kind"] = _codes(best.kind, KINDS)
+            found["alpha_max_ended_by"] = _codes(best.ended_by, self.ends)
+        return {**found, "ended_by": _codes(hits.ended_by, self.ends)}
 
     def _beside_alpha(self, p: Parameters) -> Parameters:
         """The parameters without the dimension "alpha"."""
         dims = [dim for dim in self.dims if dim != "model"]
         if "alpha" not in dims:
             return p
-        leaves = {name: getattr(p, name) for name in self.axes if name != "alpha"}
+        leaves = {name: getattr(p, name) for name in self.axes if name in QUANTITIES and name != "alpha"}
         axis = dims.index("alpha")
         return p.replace(alpha=self.p.alpha, **{name: np.squeeze(leaf, axis) for name, leaf in leaves.items()})
 
@@ -169,7 +193,7 @@ class Grid:
     def identity(self) -> dict[str, str]:
         """What makes this sweep this one."""
         return identity(
-            {label: _loaded(model) for label, model in self.models.items()},
+            self.loaded(),
             self.p,
             axes=f"{self.dims} " + " ".join(f"{name} {digest(v.tobytes())}" for name, v in self.axes.items()),
             derivatives=f"{self.derivatives} by {self.wrt}",
@@ -184,20 +208,34 @@ class Grid:
             found["model"] = ("model", np.array(list(self.models), dtype=object), {"long_name": "model"})
         for name, values in self.axes.items():
             dim = PAIR if name in self.paired else name
-            found[name] = (dim, values, QUANTITIES[name].attributes(self.p.units))
+            found[name] = (dim, values, self.quantities[name].attributes(self.p.units))
         return found
 
     def _provenance(self) -> dict[str, Any]:
         only = {} if self.compared else {"model": next(iter(self.models))}
         derivatives = {"derivatives_with_respect_to": self.wrt} if self.derivatives else {}
+        own = {label: own_in_words(model, but=self.axes) for label, model in self.loaded().items()}
+        own_words = "; ".join(f"{label}: {words}" if self.compared else words for label, words in own.items() if words)
         return {
             "Conventions": "CF-1.11",
             "title": "Solid particle erosion: a sweep",
             "source": f"erosion {__version__}",
             **only,
+            **({"own_parameters": own_words} if own_words else {}),
             **derivatives,
             "unit_system": self.p.units,
             "case": dump_case(self.p),
+        }
+
+    def _derivative_attributes(self, name: str) -> dict[str, str]:
+        if self.wrt == "alpha":
+            return {}
+        by, order = self.quantities[self.wrt], 1 if name == "dvolume" else 2
+        power = "" if order == 1 else "²"
+        return {
+            "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if order == 2 else ""),
+            "symbol": f"d{power}V/d{by.symbol}{power}",
+            "units": ascii_unit(derivative_unit("volume", (by.dimension,) * order, self.p.units)),
         }
 
 
@@ -211,8 +249,9 @@ def make_grid(
     wrt: str = "alpha",
     rtol: float = 1e-9,
     optimum: bool = False,
+    own: Mapping[str, float] | None = None,
 ) -> Grid:
-    """A grid, with everything checked that can be known before computing.
+    """A grid, with everything checked that can be known before computing; arguments as of `Grid`.
 
     Raises:
         ValueError, TypeError: one sentence naming the argument.
@@ -224,7 +263,8 @@ def make_grid(
     for name in QUANTITIES:
         if np.ndim(getattr(p, name)):
             raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array; give it as an axis.")
-    arrays = {name: _axis(name, values) for name, values in axes.items()}
+    known = _common(models, (*axes, wrt))
+    arrays = {name: _axis(name, values, known) for name, values in axes.items()}
     if not arrays and not compared:
         raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
     if isinstance(paired, str) or not isinstance(paired, Sequence):
@@ -236,17 +276,31 @@ def make_grid(
         raise ValueError(f"Argument `paired` must name axes of one length, but they have {sorted(lengths)}.")
     if derivatives not in (0, 1, 2):
         raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
-    if not isinstance(wrt, str) or wrt not in QUANTITIES:
-        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(QUANTITIES)}), but is {wrt!r}.")
+    if not isinstance(wrt, str) or wrt not in known:
+        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(known)}), but is {wrt!r}.")
     if not isinstance(optimum, bool):
         raise TypeError(f"Argument `optimum` must be true or false, but is {optimum!r}.")
     rtol = check_tolerance(rtol)
     events = [name for one in models.values() for name in end_names(_loaded(one))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
-    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, rtol, optimum)
-    for name, values in arrays.items():
-        validate(p.replace(**{name: values}))
+    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, rtol, optimum, own or {})
+    for name in arrays:
+        if name in {*grid.variables(), "model", PAIR}:
+            raise ValueError(f"An axis must not be called `{name}`, as something else in a sweep is.")
+        if name in QUANTITIES:
+            validate(p.replace(**{name: arrays[name]}))
     return grid
+
+
+def _common(models: Mapping[str, Model], wanted: Sequence[str]) -> list[str]:
+    """The parameters of case and models that all of them have."""
+    each = {label: list(quantities(_loaded(model))) for label, model in models.items()}
+    for name in wanted:
+        lacking = [label for label, known in each.items() if name not in known]
+        if 0 < len(lacking) < len(each):
+            raise ValueError(f"Argument `{name}` must be a parameter of every model, but {lacking[0]} has none such.")
+    first, *others = each.values()
+    return [name for name in first if all(name in other for other in others)]
 
 
 def _labelled_models(models: Sequence[Any]) -> dict[str, Model]:
@@ -275,15 +329,18 @@ def _load_once(model: str | Path, content: bytes) -> CuttingModel:
     return load_model(model)
 
 
-def _axis(name: str, values: Any) -> np.ndarray:
-    if name not in QUANTITIES:
-        raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(QUANTITIES)}.")
+def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
+    if name not in known:
+        raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(known)}.")
     try:
         array = np.asarray(values)
     except ValueError:  # lists of several lengths
         array = np.empty(0)
     if array.ndim != 1 or not array.size or array.dtype.kind not in "iuf":
         raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {values!r}.")
+    # Those of the case are checked with it.
+    if name not in QUANTITIES and not np.isfinite(array).all():
+        raise ValueError(f"Argument `{name}` must be finite, but is {values!r}.")
     return np.ascontiguousarray(array, np.float64)
 
 
@@ -303,15 +360,3 @@ def _flags(what: str, meanings: Sequence[str]) -> dict[str, Any]:
     """Codes 0, 1, … and their meanings, in the words of the CF conventions."""
     values = np.arange(len(meanings), dtype=np.int8)
     return {"long_name": what, "flag_values": values, "flag_meanings": " ".join(meanings)}
-
-
-def _derivative_attributes(name: str, wrt: str, units: System) -> dict[str, str]:
-    if wrt == "alpha":
-        return {}
-    by, order = QUANTITIES[wrt], 1 if name == "dvolume" else 2
-    power = "" if order == 1 else "²"
-    return {
-        "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if order == 2 else ""),
-        "symbol": f"d{power}V/d{by.symbol}{power}",
-        "units": ascii_unit(derivative_unit("volume", (by.dimension,) * order, units)),
-    }

@@ -21,6 +21,7 @@ from erosion.integrator import ENDED, NO_CUT, UNFINISHED, Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
+from erosion.own_parameters import quantities
 from erosion.parameters import QUANTITIES, Parameters, require_concrete, require_scalars, validate
 from erosion.precision import require_float64
 from erosion.quantities import derivative_row, result_row
@@ -69,12 +70,13 @@ class Impact:
             found = {"dvolume": self.dvolume, "d2volume": self.d2volume}
             return rows + [result_row(name, value, self.p.units) for name, value in found.items() if value is not None]
         names = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
+        known = quantities(self.model)
         for name, value, order in (("dvolume", self.dvolume, 1), ("d2volume", self.d2volume, 2)):
             if value is None:
                 continue
             for index in itertools.combinations_with_replacement(range(len(names)), order):
                 part = value if isinstance(self.wrt, str) else value[(..., *index)]
-                rows.append(derivative_row(name, part, [QUANTITIES[names[i]] for i in index], self.p.units))
+                rows.append(derivative_row(name, part, [known[names[i]] for i in index], self.p.units))
         return rows
 
     def __repr__(self) -> str:
@@ -103,7 +105,7 @@ def impact(
         model: a model, its name, or the path of its file.
         p: parameters whose leaves are scalars or arrays that broadcast.
         derivatives: 0, 1 or 2.
-        wrt: the parameter, or several, of the derivatives.
+        wrt: the parameter, or several, of the derivatives: of the case, or the model's own.
         rtol: relative tolerance of volume, end time and derivatives.
 
     Returns:
@@ -121,9 +123,10 @@ def impact(
     if not isinstance(wrt, (str, Sequence)):
         raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {wrt!r}.")
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    known = quantities(model)
     for name in names:
-        if not isinstance(name, str) or name not in QUANTITIES:
-            raise ValueError(f"Argument `wrt` must name parameters ({', '.join(QUANTITIES)}), but has {name!r}.")
+        if not isinstance(name, str) or name not in known:
+            raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {name!r}.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {wrt!r}.")
     if not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
@@ -131,7 +134,7 @@ def impact(
     derivatives, rtol = int(derivatives), max(check_tolerance(rtol), _TINY)
     lanes, shape = _lanes(p)
     single = isinstance(wrt, str)
-    if derivatives == 0 or single:
+    if derivatives == 0 or (single and wrt in QUANTITIES):
         found = integrate(model, lanes, derivatives, names if derivatives else (), rtol)
         first, second = found.volume.first, found.volume.second
     else:

@@ -5,7 +5,7 @@ angle, fits, plots) works for any model without knowing which one it is.
 """
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -13,8 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from erosion.own_parameters import replaced
 from erosion.parameters import Parameters
 
+_Model = TypeVar("_Model", bound="CuttingModel")
 Scalar = Float[Array | np.ndarray, ""]
 
 
@@ -153,6 +155,18 @@ class CuttingModel(eqx.Module):
     def closed_form(self) -> ClosedForm | None:
         """The exact solution, if there is one."""
         return None
+
+    def replace(self: _Model, **changes: Any) -> _Model:
+        """The same model with other values of its own parameters: `model.replace(friction=0.3)`.
+
+        A model's own parameters are its fields, and those of its parts, that hold one real number;
+        where two have the same name, `{"force.rate": 1.0, "torque.rate": 2.0}`. The compiled programs
+        of the model serve again.
+
+        Raises:
+            TypeError, ValueError: for a name that is none of them, or a value that is no finite number.
+        """
+        return replaced(self, changes)
 
 
 def event_rates(model: CuttingModel, state: Any, rate: Any, p: Parameters) -> tuple[dict[str, Any], dict[str, Any]]:

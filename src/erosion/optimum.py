@@ -22,6 +22,7 @@ from erosion.maxima import STEEPEST, TIGHT, Maxima, Search
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.objectives import MEASURES, OBJECTIVES, Objective
+from erosion.own_parameters import quantities, sizes
 from erosion.parameters import QUANTITIES, Parameters, require_parameters, validate
 from erosion.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
@@ -83,13 +84,13 @@ class Optimum:
 
     @functools.cached_property
     def sensitivities(self) -> Mapping[str, Any]:
-        """dα_max/dq for every parameter q but α [rad per unit of q]; computed when first read.
+        """dα_max/dq for every parameter q but α, the model's own too [rad per unit of q]; computed when first read.
 
         Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α where the end
         time t of the side that grazes is tangent. Boundary: 0. What cannot be told from zero
         in the arithmetic (1e-11 rad for a change of q by its own size) is given as 0.
         """
-        names = [name for name in QUANTITIES if name != "alpha"]
+        names = [name for name in quantities(self.integrand) if name != "alpha"]
         rates = _sensitivities(self, names)
         return dict(zip(names, rates, strict=True))
 
@@ -255,7 +256,8 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     p, model = optimum.p, optimum.integrand
     kind, alpha = np.atleast_1d(optimum.kind), np.atleast_1d(optimum.alpha)
     flat = {q: np.broadcast_to(np.asarray(getattr(p, q)), np.shape(optimum.kind)).reshape(-1) for q in QUANTITIES}
-    sizes = np.stack([np.abs(flat[q]) if q != "phidot0" else flat["v0"] / flat["r"] for q in names])
+    known = sizes(model, p)
+    size = np.stack([np.broadcast_to(known[q], np.shape(optimum.kind)).reshape(-1) for q in names])
     rates = np.zeros((len(names), kind.size))
     rates[:, kind.ravel() == "none"] = np.nan
 
@@ -270,7 +272,7 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     jumps = np.flatnonzero(kind.ravel() == "jump")
     if jumps.size:
         rates[:, jumps] = _along_jump(along_angle, jumps, optimum)
-    rates = np.where(np.abs(rates * sizes) < 1e-11, 0.0, rates)
+    rates = np.where(np.abs(rates * size) < 1e-11, 0.0, rates)
     return rates.reshape(len(names), *np.shape(optimum.kind))
 
 

@@ -11,6 +11,7 @@ from erosion.cases import dump_case
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.nozzle import NozzleAngle
+from erosion.own_parameters import own_in_words
 from erosion.parameters import QUANTITIES
 from erosion.particles import Particles
 from erosion.quantities import RESULTS, result_row
@@ -168,11 +169,13 @@ class Stream:
             dataset["single_alpha_max"] = ((), self.nozzle.single_alpha, single)
             dataset["alpha_max_interval"] = ("end_of_interval", [best.low, best.high], angle)
         laws = "; ".join(f"{name}: {law}" for name, law in self.particles.laws.items())
+        own = own_in_words(self.model)
         dataset.attrs |= {
             "Conventions": "CF-1.11",
             "title": "Solid particle erosion: a stream",
             "source": f"erosion {__version__}",
             "model": model_name(self.model),
+            **({"own_parameters": own} if own else {}),
             "distributions": laws,
             "particles": self.n,
             "unit_system": units,

@@ -52,7 +52,7 @@ def sweep(
         model: a model, its name or path; several in a list make the first dimension, "model".
         p: the case, all scalars; an axis takes the place of its leaf.
         derivatives: 0, 1 or 2 derivatives of the volume by `wrt`.
-        wrt: one parameter.
+        wrt: one parameter, of the case or the model's own.
         rtol: relative tolerance, see `impact`.
         optimum: also keep alpha_max, volume_max, alpha_max_kind and alpha_max_ended_by, over
             the other axes than alpha; see `erosion.alpha_max`.
@@ -65,7 +65,9 @@ def sweep(
             interrupted sweep and returns a finished one; the bits do not depend on where and
             how often it was interrupted.
         progress: called with the impacts done and their whole number.
-        **axes: parameter name to one-dimensional values, in the units of `p`.
+        **axes: parameter name to one-dimensional values, in the units of `p`. A model's own
+            parameters are shared by all impacts of a call of the kernel: of each value of these
+            a call of its own.
 
     Returns:
         volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings say of

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 System = Literal["inch-pound", "si"]
 Dimension = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
-    "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
+    "rate", "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
 ]  # fmt: skip
 
 SYSTEMS: tuple[System, ...] = get_args(System)
@@ -31,14 +31,14 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
         "inch-pound": {
             "1": "", "length": "inch", "area": "inch**2", "volume": "inch**3", "mass": "slinch",
             "time": "s", "speed": "inch/s", "stress": "lbf/inch**2", "angle": "rad",
-            "angular speed": "rad/s", "volume per angle": "inch**3/rad",
+            "angular speed": "rad/s", "rate": "1/s", "volume per angle": "inch**3/rad",
             "volume per angle²": "inch**3/rad**2", "density": "slinch/inch**3",
             "volume per mass": "inch**3/slinch", "mass per mass": "slinch/slinch",
         },
         "si": {
             "1": "", "length": "m", "area": "m**2", "volume": "m**3", "mass": "kg",
             "time": "s", "speed": "m/s", "stress": "Pa", "angle": "rad",
-            "angular speed": "rad/s", "volume per angle": "m**3/rad",
+            "angular speed": "rad/s", "rate": "1/s", "volume per angle": "m**3/rad",
             "volume per angle²": "m**3/rad**2", "density": "kg/m**3",
             "volume per mass": "m**3/kg", "mass per mass": "kg/kg",
         },
@@ -138,7 +138,7 @@ _SPINS = {*_ANGLES, "revolutions_per_minute", "revolutions_per_second"}
 
 def _check_angles(units: set[str], dimension: Dimension, complaint: str) -> None:
     """Refuse what pint takes for a pure number: an angle for one, or cycles (Hz) for radians."""
-    if dimension == "1" or (dimension == "mass per mass" and units & _SPINS):
+    if dimension == "1" or (dimension in ("mass per mass", "rate") and units & _SPINS):
         raise UnitError(complaint)
     if dimension == "angle" and not units <= _ANGLES:
         raise UnitError(complaint)
@@ -147,18 +147,20 @@ def _check_angles(units: set[str], dimension: Dimension, complaint: str) -> None
 
 
 _QUANTITY = re.compile(
-    r"\s*(?P<number>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan))(?P<unit>(?:\s*[^\d\s.+\-(][^\n]*)?)\s*"
+    r"\s*(?P<number>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan))(?P<unit>(?:\s*[^\d\s.+\-(][^\n]*|\s+1/[^\n]*)?)\s*"
 )
 
 _EXAMPLES: Mapping[System, Mapping[str, str]] = {
     "inch-pound": {
         "length": '"0.04 in"', "mass": '"2.855e-7 slinch"', "speed": '"4400 in/s"', "stress": '"200e3 lbf/in^2"',
-        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "time": '"60 us"', "volume": '"1e-4 in^3"',
+        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
+        "volume": '"1e-4 in^3"',
         "density": '"0.098 lb/in^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
     },
     "si": {
         "length": '"1 mm"', "mass": '"50 ug"', "speed": '"110 m/s"', "stress": '"1.4 GPa"',
-        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "time": '"60 us"', "volume": '"3 mm^3"',
+        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
+        "volume": '"3 mm^3"',
         "density": '"2.7 g/cm^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
     },
 }  # fmt: skip

@@ -1,6 +1,7 @@
 """A folder of files that are not what they should be, and no computing."""
 
 import os
+import shutil
 from pathlib import Path
 
 import h5py
@@ -32,6 +33,7 @@ def workshop(tmp_path_factory) -> Path:
     (folder / "bad.csv").write_text("angle [deg], erosion [-]\n20,1\n95,2\n")
     (folder / "weights.csv").write_text("angle [deg], mass_loss [mg]\n20,1\n30,2\n40,3\n")
     (folder / "mute.py").write_text('"""A file without a model."""\n')
+    shutil.copy(Path(__file__).parents[2] / "models" / "coulomb_tip.py", folder / "friction.py")
     (folder / "raises.py").write_text("raise SystemExit(3)\n")
     os.mkfifo(folder / "pipe")
     return folder

@@ -47,6 +47,17 @@ ROWS = [
     ),
     ("erosion.impact('finnie', P, derivatives=1, wrt=[['k']])", "ValueError", "Argument `wrt` must name parameters (k"),
     ("erosion.impact('finnie', P, derivatives=1, wrt=['k', 'k'])", "ValueError", "several different parameters"),
+    ("erosion.impact(OWN, P, derivatives=1, wrt='fricton')", "ValueError", "phidot0, inertia, friction), but has"),
+    ("erosion.impact('rotating', P, derivatives=1, wrt='friction')", "ValueError", "Argument `wrt` must name param"),
+    (
+        "OWN.replace(fricton=0.3)",
+        "TypeError",
+        "Argument `fricton` is not an own parameter of Rotating; it has friction",
+    ),
+    ("OWN.replace(friction='0.3')", "TypeError", "Argument `friction` must be a number, but is '0.3'."),
+    ("OWN.replace(friction=[0.1, 0.2])", "TypeError", "Argument `friction` must be a number, but is [0.1, 0.2]."),
+    ("OWN.replace(friction=np.inf)", "ValueError", "Argument `friction` must be a finite number, but is inf."),
+    ("erosion.own_parameter(1.0, 'f', 'turns', 'Hz')", "ValueError", "Argument `dimension` must be one of 1, length"),
     ("erosion.volume('finnie', P.replace(k=[1, 2]))", "ValueError", "Argument `k` must be a scalar here"),
     ("erosion.simulate('finnie', P, rtol='a')", "ValueError", "Argument `rtol` must be in (0, 1), but is 'a'."),
     (
@@ -92,6 +103,30 @@ ROWS = [
     ),
     ("erosion.sweep('finnie', P, alpha='abc')", "ValueError", "`alpha` must be a one-dimensional list of numbers"),
     ("erosion.sweep('finnie', P, speed=[1])", "TypeError", "Argument `speed` is not a parameter; they are k, psi"),
+    (
+        "erosion.sweep('finnie', P, friction=[1])",
+        "TypeError",
+        "Argument `friction` is not a parameter; they are k, psi",
+    ),
+    ("erosion.sweep(OWN, P, fricton=[1])", "TypeError", "phidot0, inertia, friction."),
+    ("erosion.sweep(OWN, P, friction=0.1)", "ValueError", "`friction` must be a one-dimensional list of numbers"),
+    ("erosion.sweep(OWN, P, friction=['a'])", "ValueError", "`friction` must be a one-dimensional list of numbers"),
+    ("erosion.sweep(OWN, P, friction=[0.1, np.nan])", "ValueError", "Argument `friction` must be finite, but is [0.1"),
+    (
+        "erosion.sweep([OWN, 'finnie'], P, friction=[1])",
+        "ValueError",
+        "Argument `friction` must be a parameter of every",
+    ),
+    (
+        "erosion.sweep([OWN, 'finnie'], P, k=[1], wrt='friction')",
+        "ValueError",
+        "`friction` must be a parameter of every",
+    ),
+    (
+        "erosion.stream(OWN, P, friction=Normal(0.2, 0.1))",
+        "TypeError",
+        "Argument `friction` is not a parameter; they are",
+    ),
     (
         "erosion.sweep('finnie', P, alpha=[0.1], rtol='a')",
         "ValueError",
@@ -150,6 +185,12 @@ ROWS = [
         "Argument `free` must be a list of parameters, but is 3.",
     ),
     ("erosion.calibrate('finnie', P, DATA, free=[['k']])", "ValueError", "Argument `free` must name parameters (k"),
+    ("erosion.calibrate(OWN, P, DATA, free=['fricton'])", "ValueError", "inertia, friction), but has 'fricton'."),
+    (
+        "erosion.calibrate('finnie', P, DATA, free=['friction'])",
+        "ValueError",
+        "(k, psi, r, b, m, v0, sigma, alpha, phidot0",
+    ),
     (
         "erosion.calibrate('finnie', P, DATA, free=['k'], starts='a')",
         "ValueError",

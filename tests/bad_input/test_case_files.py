@@ -111,6 +111,8 @@ SECTIONS = [
     ("sweep", "alpha = [0.1]\nmodel = 3", "`--model` must be a model, its name or a path, but is 3."),
     ("sweep", 'alpha = [0.1]\nmodel = ["finnie", 3]', "`--model` must be a model, its name or a path, but is 3."),
     ("sweep", 'alpha = [0.1]\nwrt = ["k"]', "`--wrt` must name a parameter"),
+    ("sweep", "alpha = [0.1]\nset = 3", ": `set` of [sweep] must be a table such as {friction = 0.3}, but is 3."),
+    ("sweep", "alpha = [0.1]\nset.f = 3", ": `set` of [sweep], field `f`, must name an own parameter of linearized"),
     ("stream", "speed = 3", ": field `speed` of [stream] is unknown; they are model, n"),
     ("stream", 'n = "x"', ": field `n` of [stream] must be a whole number such as 1e6, but is 'x'."),
     ("stream", "n = 1.5", ": field `n` of [stream] must be a whole number such as 1e6, but is 1.5."),
@@ -118,6 +120,12 @@ SECTIONS = [
     ("stream", "v0 = [1, 2]", ": field `v0` of [stream] must be a speed"),
     ("stream", 'v0 = "normal(4400, 40)"\nseed = "x"', "`--seed` must be a whole number of at least 0, but is 'x'."),
     ("stream", 'v0 = "normal(4400, 40)"\npoints = 3', '`--points` must be "sobol" or "random", but is 3.'),
+    ("stream", 'v0 = "normal(4400, 40)"\nset = 3', ": `set` of [stream] must be a table such as {friction = 0.3}"),
+    (
+        "stream",
+        'v0 = "normal(4400, 40)"\nset.f = 3',
+        ": `set` of [stream], field `f`, must name an own parameter of lin",
+    ),
     ("stream", 'v0 = "normal(4400, 40)"\nmodel = 3', "`--model` must be a model, its name or a path, but is 3."),
 ]
 

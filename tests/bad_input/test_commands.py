@@ -41,7 +41,7 @@ CASE_AND_OPTIONS = [
     ("run --units SI", "Option `--units` must be one of"),
     ("run --material gold", "Option `--material` must be one of 'mild steel'"),
     ("run --material copper --sigma 3", "Options `--material` and `--sigma` both set the flow stress"),
-    ("run --beta 3", "Option `--beta` is unknown. Did you mean --inertia?"),
+    ("run --inertai 3", "Option `--inertai` is unknown. Did you mean --inertia?"),
     ("run -x", "Option `-x` is unknown."),
     ("run extra", "The word 'extra' belongs to no option."),
     ("run --json=maybe", "Option `--json` must have a value that makes sense, but has 'maybe'"),
@@ -64,6 +64,33 @@ MODELS = [
     ("run --model mute.py", "mute.py: must define `model`, or exactly one complete CuttingModel class, but has none."),
     ("optimum --model folder", "There is no model 'folder'"),
     ("models --path nowhere", "nowhere: there is no such file or folder of models."),
+]
+OWN = [
+    ("run --set friction=1", "Option `--set friction` must name an own parameter of linearized, which has none."),
+    ("run --model friction.py --set fricton=1", "must name an own parameter of friction.py, which has friction."),
+    ("run --model friction.py --set friction", "Option `--set` must be such as \"friction=0.3\", but is 'friction'."),
+    ("run --model friction.py --set friction=", "Option `--set` must be such as \"friction=0.3\", but is 'friction='."),
+    ("run --model friction.py --set =3", "Option `--set` must be such as \"friction=0.3\", but is '=3'."),
+    ("run --model friction.py --set", "Option `--set` must have a value, but has none."),
+    ("run --model friction.py --set friction=a", "Option `--set friction` must be a pure number such as 2, but 'a'"),
+    ("run --model friction.py --set friction=inf", "Option `--set friction` must be finite, but is inf."),
+    ("run --model friction.py --set 'friction=1 kg'", "Option `--set friction` must be a pure number such as 2"),
+    ("run --model friction.py --set friction=1 --set friction=2", "Option `--set` must give `friction` once"),
+    ("run --model friction.py --set k=1", "must name an own parameter of friction.py, which has friction."),
+    ("optimum --model friction.py --set friction=1:2:3", "but '1:2:3' cannot be read."),
+    (
+        "stream --model friction.py --v0 normal(4400,40) --set friction=normal(0.2,0.1)",
+        "Option `--set friction` must be",
+    ),
+    ("stream --v0 normal(4400,40) --set friction=1", "must name an own parameter of linearized, which has none."),
+    ("calibrate sand.csv --model friction.py --set friction=a", "Option `--set friction` must be a pure number"),
+    ("calibrate sand.csv --models finnie,friction.py --set friction=1", "Option `--set` needs one model"),
+    ("sweep -o x.nc --set friction=1,2", "Option `--set friction` must name an own parameter of linearized, which has"),
+    ("sweep -o x.nc --model friction.py --set friction=1", "must include an axis"),
+    ("sweep -o x.nc --model friction.py --set friction=0:1", 'Option `--set friction` must be "first : last : count"'),
+    ("sweep -o x.nc --model friction.py --set friction=1,nan", "Option `--set friction` must be finite, but is 1,nan."),
+    ("sweep -o x.nc --model friction.py --model finnie --set friction=1,2", "own parameter of finnie, which has none."),
+    ("compare --set friction=1", "Option `--set` is unknown."),
 ]
 OUTPUTS = [
     ("run --plot cut.doc", "cut.doc: a plot's file name must end in .svg, .png or .pdf."),
@@ -208,7 +235,7 @@ FITS = [
     ("calibrate sand.csv --density -1", "Option `--density` must be positive and finite, but is -1"),
     ("calibrate weights.csv", "Option `--density` of the target must be given"),
 ]
-ROWS = [*CASE_AND_OPTIONS, *MODELS, *OUTPUTS, *QUESTIONS, *SWEEPS, *STREAMS, *FITS]
+ROWS = [*CASE_AND_OPTIONS, *MODELS, *OWN, *OUTPUTS, *QUESTIONS, *SWEEPS, *STREAMS, *FITS]
 
 
 @pytest.mark.usefixtures("in_workshop", "no_computing")

@@ -42,9 +42,10 @@ def _raised(expression: str) -> list[str]:
     import erosion
 
     names = {"np": np, "erosion": erosion, "P": erosion.TABLE_1, **vars(erosion.distributions)}
+    own = erosion.load_model(_ROOT / "models" / "coulomb_tip.py")
     data = {"angle [deg]": [10.0, 20.0, 30.0], "erosion [-]": [1.0, 2.0, 3.0]}
     try:
-        eval(expression, {**names, "DATA": data})
+        eval(expression, {**names, "DATA": data, "OWN": own})
     except Exception as error:  # noqa: BLE001 (whatever it is, it is what the row is about)
         return [type(error).__name__, str(error)]
     return ["", "nothing was raised"]

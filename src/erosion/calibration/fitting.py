@@ -31,12 +31,13 @@ def calibrate(
     """Fit parameters of a model to measured erosion, by least squares.
 
     Args:
-        model: a model, its name, or the path of its file.
+        model: a model, its name, or the path of its file; the first guess of its own parameters.
         p: the case: the first guess of the free parameters, and the values of all others.
         data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
-        free: the parameters to fit: ["k", "psi"].
+        free: the parameters to fit, of the case or the model's own: ["k", "psi"].
         bounds: (least, greatest) of free parameters, in the case's units; by default a factor
-            of 100 about the case, and of the spin ±2 v₀/r about it.
+            of 100 about the case, and of the spin ±2 v₀/r about it; of an own parameter that
+            starts at zero or below it, ±2 times its size (of zero: 1).
         density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
             for data of mass loss.
         loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some
@@ -57,7 +58,7 @@ def calibrate(
         if np.ndim(getattr(p, name)):
             raise ValueError(f"Argument `p` must be one case, but its {name} has shape {np.shape(getattr(p, name))}.")
     measured = read_measurements(data, p.units)
-    forward = Forward(model, p, check_free(free, measured), measured, _density(density, measured, p))
+    forward = Forward(model, p, check_free(free, measured, model), measured, _density(density, measured, p))
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
     starts = check_whole("starts", starts, 1)

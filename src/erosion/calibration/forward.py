@@ -1,10 +1,13 @@
 """From free parameters to predicted erosion, with exact derivatives.
 
 Positive parameters q are fitted as θ = log q, the spin φ̇₀ as θ = φ̇₀ r/v₀ (of the case): then
-steps are of order 1 whatever the units, and nothing leaves its range.
+steps are of order 1 whatever the units, and nothing leaves its range. So are a model's own
+parameters, which have no range that is known here: one that starts at zero or below it is fitted in
+multiples of its size, and may change its sign.
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,7 +15,8 @@ import numpy as np
 from erosion.calibration.measurements import Measurements
 from erosion.kernel import impact
 from erosion.model import CuttingModel
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.own_parameters import own_parameters, quantities, sizes, values, with_values
+from erosion.parameters import Parameters
 
 SCALE = "scale"
 """The name of the factor between the model's volume and erosion in units of its own."""
@@ -44,12 +48,13 @@ class Forward:
     @property
     def logarithmic(self) -> np.ndarray:
         """Which θ are logarithms, shape (names,)."""
-        return np.array([name != "phidot0" for name in self.names])
+        return np.array([name not in self._units for name in self.names])
 
     @property
     def start(self) -> np.ndarray:
         """θ of the case, shape (names,); of the scale 0."""
-        return self.theta({**{name: float(getattr(self.p, name)) for name in self.free}, SCALE: 1.0})
+        known = {**values(self.model, self.p), SCALE: 1.0}
+        return self.theta({name: float(known[name]) for name in self.names})
 
     def theta(self, values: Mapping[str, float]) -> np.ndarray:
         """θ of parameter values."""
@@ -57,7 +62,7 @@ class Forward:
 
     def to_theta(self, name: str, value: float) -> float:
         """One parameter's θ."""
-        return value / self._spin_unit if name == "phidot0" else float(np.log(value))
+        return value / self._units[name] if name in self._units else float(np.log(value))
 
     def values(self, theta: np.ndarray) -> dict[str, float]:
         """The parameters at θ, by name."""
@@ -65,17 +70,17 @@ class Forward:
 
     def from_theta(self, name: str, theta: float) -> float:
         """One parameter's value."""
-        return float(theta * self._spin_unit if name == "phidot0" else np.exp(theta))
+        return float(theta * self._units[name] if name in self._units else np.exp(theta))
 
     def slopes(self, theta: np.ndarray) -> np.ndarray:
         """dq/dθ, shape (names,)."""
         values = self.values(theta)
-        return np.array([self._spin_unit if name == "phidot0" else values[name] for name in self.names])
+        return np.array([self._units.get(name, values[name]) for name in self.names])
 
-    def parameters(self, theta: np.ndarray) -> Parameters:
-        """The case with the free parameters at θ."""
+    def at(self, theta: np.ndarray) -> tuple[CuttingModel, Parameters]:
+        """Model and case with the free parameters at θ."""
         values = self.values(theta)
-        return self.p.replace(**{name: values[name] for name in self.free})
+        return with_values(self.model, self.p, {name: values[name] for name in self.free})
 
     def predict(self, theta: np.ndarray, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """The erosion at θ and its derivatives.
@@ -87,8 +92,9 @@ class Forward:
         Returns:
             Erosion, shape (rows,), and ∂/∂θ, shape (rows, names); NaN where an impact failed.
         """
-        p = self.parameters(theta).replace(**conditions)
-        found = impact(self.model, p, derivatives=1, wrt=self.free)
+        model, p = self.at(theta)
+        p = p.replace(**conditions)
+        found = impact(model, p, derivatives=1, wrt=self.free)
         factor = 1.0
         if self.data.needs_density and self.density is not None:
             factor = self.density
@@ -106,12 +112,15 @@ class Forward:
             rates.append(erosion)
         return erosion, np.stack(rates, axis=-1)
 
-    @property
-    def _spin_unit(self) -> float:
-        return float(self.p.v0 / self.p.r)
+    @functools.cached_property
+    def _units(self) -> dict[str, float]:
+        """Of what is not fitted as its logarithm: how much of it θ = 1 is."""
+        size, own = sizes(self.model, self.p), own_parameters(self.model)
+        signed = [name for name in self.free if name in own and float(own[name].value) <= 0]
+        return {name: float(size[name]) for name in ("phidot0", *signed)}
 
 
-def check_free(free: Sequence[str], data: Measurements) -> tuple[str, ...]:
+def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> tuple[str, ...]:
     """The names of the parameters to fit.
 
     Raises:
@@ -120,9 +129,12 @@ def check_free(free: Sequence[str], data: Measurements) -> tuple[str, ...]:
     if not isinstance(free, Sequence):
         raise TypeError(f"Argument `free` must be a list of parameters, but is {free!r}.")
     names = (free,) if isinstance(free, str) else tuple(free)
+    known = quantities(model)
     for name in names:
-        if not isinstance(name, str) or name not in QUANTITIES:
-            raise ValueError(f"Argument `free` must name parameters ({', '.join(QUANTITIES)}), but has {name!r}.")
+        if not isinstance(name, str) or name not in known:
+            raise ValueError(f"Argument `free` must name parameters ({', '.join(known)}), but has {name!r}.")
+        if name == SCALE:
+            raise ValueError(f"Argument `free` must not name `{SCALE}`, as the factor of data in units of its own is.")
         if name == "alpha" or name in data.conditions:
             raise ValueError(f"Argument `free` must not name `{name}`: the data has a column of it.")
     if not names or len(set(names)) != len(names):

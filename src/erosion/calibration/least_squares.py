@@ -91,10 +91,11 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
     Raises:
         ValueError: for bounds of no free parameter, or that make no sense.
     """
+    signed = [name for name, log in zip(forward.names, forward.logarithmic, strict=True) if not log]
     for name, pair in bounds.items():
         if name not in forward.names:
             raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
-        if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name == "phidot0")):
+        if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name in signed)):
             raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
     start = forward.start
     width = np.array([_WIDTH[bool(one)] for one in forward.logarithmic])

@@ -13,7 +13,8 @@ from erosion.calibration.least_squares import CalibrationError, Problem, Solutio
 from erosion.calibration.measurements import Measurements
 from erosion.model import CuttingModel
 from erosion.models import model_name
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.own_parameters import quantities
+from erosion.parameters import Parameters
 from erosion.quantities import Quantity
 from erosion.tables import Row, format_number, to_html, to_text
 from erosion.units import unit_name
@@ -62,8 +63,8 @@ class Calibration:
 
     @property
     def model(self) -> CuttingModel:
-        """The fitted model."""
-        return self.problem.forward.model
+        """The fitted model: with the estimates of its own parameters in place."""
+        return self.problem.forward.at(self.solution.theta)[0]
 
     @property
     def data(self) -> Measurements:
@@ -78,7 +79,7 @@ class Calibration:
     @property
     def p(self) -> Parameters:
         """The case with the estimates in place."""
-        return self.problem.forward.parameters(self.solution.theta)
+        return self.problem.forward.at(self.solution.theta)[1]
 
     @property
     def estimates(self) -> dict[str, float]:
@@ -244,8 +245,9 @@ class Calibration:
         """Estimates with errors and intervals of `level` as rows of a table."""
         rows = []
         errors, ranges = self.standard_errors, self.intervals(level)
+        known = {**quantities(self.model), SCALE: _SCALE}
         for name, value in self.estimates.items():
-            quantity = _SCALE if name == SCALE else QUANTITIES[name]
+            quantity = known[name]
             low, high = ranges[name]
             said = (
                 "not determined by these data" if name in self.undetermined else f"{level:.0%}: {low:.6g} … {high:.6g}"

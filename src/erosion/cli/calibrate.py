@@ -19,6 +19,7 @@ from erosion.cli.options import (
     user_errors,
     warn,
 )
+from erosion.cli.settings import SetOption, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
     from erosion.calibration import Calibration, Profile
@@ -30,6 +31,7 @@ def calibrate(
     *,
     case: CaseOptions | None = None,
     model: ModelOption = "linearized",
+    own: SetOption = None,
     models: Annotated[str | None, Parameter(help='Rank several models: "all" or "linearized,rotating".')] = None,
     free: Annotated[str, Parameter(help="Parameters to fit, with commas between.")] = "k,psi",
     density: Annotated[str | None, Parameter(help='Of the target, for mass losses: "2.7 g/cm^3".')] = None,
@@ -50,6 +52,8 @@ def calibrate(
     if not 0 < level < 1:
         raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
     names = [name.strip() for name in free.split(",") if name.strip()]
+    if own and models is not None:
+        raise InputError("Option `--set` needs one model: give it by `--model`, without `--models`.")
     require_outputs(openfoam, fluent, plot=plot, inputs=(data, case.case))
     start_engine()
     from rich.console import Console
@@ -57,6 +61,7 @@ def calibrate(
     from erosion.calibration import rank_models, read_measurements, to_fluent, to_openfoam
     from erosion.calibration.forward import SCALE
 
+    chosen = load_set(model, settings(own), p.units)
     several = None if models is None or models == "all" else [one.strip() for one in models.split(",") if one.strip()]
     console = Console(stderr=True, highlight=False)
     with user_errors(), console.status("reading") as status:
@@ -68,7 +73,7 @@ def calibrate(
             p,
             measured,
             names,
-            models=[model] if models is None else several,
+            models=[chosen] if models is None else several,
             progress=status.update,
             density=density,
             loss=loss,
@@ -117,7 +122,7 @@ def _as_json(fit: "Calibration", level: float) -> dict[str, Any]:
     from erosion.units import unit_name
 
     return {
-        "model": model_name(fit.model),
+        **model_as_json(model_name(fit.model), fit.model),
         "rows": len(fit.data),
         "estimates": fit.estimates,
         "standard_errors": fit.standard_errors,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -22,7 +22,7 @@ def models(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List every model: name, what it says, and the source's equations.
+    """List every model: name, what it says, the source's equations, and its own parameters (for --set).
 
     A model that cannot be used is listed with the reason, and the exit status is then 1.
     """
@@ -32,7 +32,12 @@ def models(
         found = available_models(path)
     if json:
         keys = ("summary", "equations", "error")
-        print_json({name: {key: getattr(info, key) for key in keys} for name, info in found.items()})
+        print_json(
+            {
+                name: {key: getattr(info, key) for key in keys} | {"own_parameters": _own(info)}
+                for name, info in found.items()
+            }
+        )
     else:
         _print_table(found)
     broken = [name for name, info in found.items() if info.error]
@@ -52,4 +57,18 @@ def _print_table(found: "Mapping[str, ModelInfo]") -> None:
     for name, info in found.items():
         said = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
         table.add_row(Text(name), said)
+        for own, one in _own(info).items():
+            meaning = f"  {one['symbol']}, {one['meaning']}" if one["symbol"] != own else ""
+            table.add_row("", Text.assemble(f"{own} = {one['value']:g}", (meaning, "dim")))
     print_rich(table)
+
+
+def _own(info: "ModelInfo") -> dict[str, dict[str, Any]]:
+    """Value and names of a model's own parameters; none of a model that cannot be used."""
+    from erosion.own_parameters import own_parameters
+
+    own = {} if info.error else own_parameters(info.make())
+    return {
+        name: {"value": float(one.value), "symbol": one.quantity.symbol, "meaning": one.quantity.meaning}
+        for name, one in own.items()
+    }

@@ -10,7 +10,6 @@ from erosion.cli.options import (
     InputError,
     JsonOption,
     ModelOption,
-    load,
     parameters_as_json,
     print_json,
     print_table,
@@ -19,6 +18,7 @@ from erosion.cli.options import (
     user_errors,
     warn,
 )
+from erosion.cli.settings import SetOption, in_full, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
     from erosion.optimum import Optimum
@@ -32,6 +32,7 @@ def optimum(
     *,
     case: CaseOptions | None = None,
     model: ModelOption = "linearized",
+    own: SetOption = None,
     alpha_range: Annotated[
         tuple[str, str] | None,
         Parameter(negative_iterable="", help='Only angles between these two: "20deg" "60deg".'),
@@ -49,7 +50,7 @@ def optimum(
     if case.alpha is not None:
         raise InputError("Option `--alpha` has no meaning here: all angles are searched, or those of --alpha-range.")
     p = case.parameters()
-    chosen = load(model)
+    chosen = load_set(model, settings(own), p.units)
     between = None if alpha_range is None else _angles(alpha_range, p)
     require_outputs(plot=plot, inputs=(case.case,))
     start_engine()
@@ -96,7 +97,7 @@ def _as_json(model: str, best: "Optimum", *, with_sensitivities: bool) -> dict[s
     if with_sensitivities:
         answer["sensitivities"] = {name: float(rate) for name, rate in best.sensitivities.items()}
     return {
-        "model": model,
+        **model_as_json(model, best.model),
         "parameters": parameters_as_json(best.p),
         "objective": best.objective,
         "least": best.least,
@@ -114,7 +115,10 @@ def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
 
     measure = MEASURES.get(best.objective)
     unit = "" if measure is None else unit_name(RESULTS[measure].dimension, best.p.units)
-    print_table(f"{model}: the angle of {'least' if best.least else 'greatest'} {best.objective}", best.rows())
+    print_table(
+        f"{in_full(model, best.model)}: the angle of {'least' if best.least else 'greatest'} {best.objective}",
+        best.rows(),
+    )
     others = [
         Row(f"{np.rad2deg(c.alpha):.10g}°", "", format_number(c.value), unit, f"{c.kind} {c.side}".strip())
         for c in best.candidates[1:]
@@ -134,17 +138,11 @@ def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
     if jumps:
         print_table("Jumps", jumps, _AT)
     if with_sensitivities:
-        from erosion.parameters import QUANTITIES
+        from erosion.own_parameters import quantities, sizes
 
-        # For the spin, which may be 0, v₀/r stands for its size.
+        known, size = quantities(best.model), sizes(best.model, best.p)
         rows = [
-            Row(name, QUANTITIES[name].symbol, format_number(_by_size(best, name)), "rad", QUANTITIES[name].meaning)
-            for name in best.sensitivities
+            Row(name, known[name].symbol, format_number(rate * size[name]), "rad", known[name].meaning)
+            for name, rate in best.sensitivities.items()
         ]
         print_table("How the angle moves", rows, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))
-
-
-def _by_size(best: "Optimum", name: str) -> float:
-    p = best.p
-    size = p.v0 / p.r if name == "phidot0" else getattr(p, name)
-    return float(best.sensitivities[name] * size)

@@ -9,7 +9,6 @@ from erosion.cli.options import (
     CaseOptions,
     JsonOption,
     ModelOption,
-    load,
     parameters_as_json,
     print_json,
     print_table,
@@ -18,19 +17,21 @@ from erosion.cli.options import (
     user_errors,
     warn,
 )
+from erosion.cli.settings import SetOption, in_full, load_set, model_as_json, settings
 
 
 def run(
     *,
     case: CaseOptions | None = None,
     model: ModelOption = "linearized",
+    own: SetOption = None,
     plot: Annotated[Path | None, Parameter(help="Also draw the cut into this file (.svg, .png, .pdf).")] = None,
     json: JsonOption = False,
 ) -> None:
     """Follow one impact to the end of its cut: when, how, and how much is removed."""
     case = case or CaseOptions()
     p = case.parameters()
-    chosen = load(model)
+    chosen = load_set(model, settings(own), p.units)
     require_outputs(plot=plot, inputs=(case.case,))
     start_engine()
     import warnings
@@ -71,7 +72,7 @@ def run(
         units = {name: unit_name(RESULTS[name].dimension, p.units) for name in RESULTS if name in numbers}
         print_json(
             {
-                "model": model,
+                **model_as_json(model, chosen),
                 "parameters": parameters_as_json(p),
                 **numbers,
                 "units": units,
@@ -88,6 +89,6 @@ def run(
             "dvolume", quantity.symbol, format_number(dvolume), unit_name(quantity.dimension, p.units), quantity.meaning
         ),
     ]
-    print_table(f"{model} at α = {np.rad2deg(float(p.alpha)):.6g}°", rows)
+    print_table(f"{in_full(model, chosen)} at α = {np.rad2deg(float(p.alpha)):.6g}°", rows)
     if plot is not None:
         print(f"figure: {plot}")

@@ -19,6 +19,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.progress import progress_bar
+from erosion.cli.settings import SetOption, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
     from erosion.parameters import Parameters
@@ -31,6 +32,7 @@ def stream(
     *,
     case: CaseOptions | None = None,
     model: Annotated[str | None, Parameter(help="A model's name, or the path of a Python file.")] = None,
+    own: SetOption = None,
     n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
     seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None,
     points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None,
@@ -48,19 +50,21 @@ def stream(
     if out is not None and out.suffix != ".nc":
         raise InputError(f"Option `--out` must end in .nc, but is {out}.")
     options = with_file(case, file)
-    section = options.section("stream", ("model", "n", "seed", "points"))
+    section = options.section("stream", ("model", "n", "seed", "points", "set"))
     p, laws = _case_and_laws(options, section)
     try:
         count = read_whole(section.get("n", 2**20)) if n is None else n
     except ValueError as error:
         raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
     require_outputs(plot=plot, inputs=(options.case,))
+    said = settings(own, section, f"{options.case}: `set` of [stream]")
+    chosen = load_set(model or section.get("model", "linearized"), said, p.units)
     start_engine()
     from erosion.streams import StreamInterrupted, prepare_stream
 
     with user_errors(TypeError):
         job = prepare_stream(
-            model or section.get("model", "linearized"),
+            chosen,
             p,
             n=count,
             seed=section.get("seed", 0) if seed is None else seed,
@@ -113,7 +117,7 @@ def _show(found: "Stream", json: bool) -> None:
         return
     summary = found.to_dataset()
     scalars = [str(name) for name, variable in summary.data_vars.items() if not variable.dims]
-    content: dict[str, Any] = {"model": summary.attrs["model"], "particles": found.n}
+    content: dict[str, Any] = {**model_as_json(summary.attrs["model"], found.model), "particles": found.n}
     content |= {name: float(summary[name]) for name in scalars}
     content["quantiles"] = {f"{share:g}": volume for share, volume in found.quantiles.items()}
     content["shares"] = {end: share.value for end, share in found.shares.items()}

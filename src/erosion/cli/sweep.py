@@ -12,6 +12,7 @@ from erosion.cli.options import (
     InputError,
     JsonOption,
     WholeOption,
+    load,
     print_json,
     print_table,
     require_outputs,
@@ -21,6 +22,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.progress import progress_bar
+from erosion.cli.settings import SetOption, Settings, read_settings, settings
 
 if TYPE_CHECKING:
     from erosion.parameters import Parameters
@@ -33,6 +35,7 @@ def sweep(
     out: Annotated[Path, Parameter(name=("--out", "-o"), help="out.nc (netCDF), or out.zarr for any size.")],
     case: CaseOptions | None = None,
     model: Annotated[list[str] | None, Parameter(help="A model's name or path; give several for a comparison.")] = None,
+    own: SetOption = None,
     paired: Annotated[str | None, Parameter(help='Axes that go together: "alpha,v0".')] = None,
     derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
     wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
@@ -48,17 +51,22 @@ def sweep(
     """Compute impacts over a grid, into a labelled file; started again, go on where it stopped.
 
     Any of the case's parameters may be an axis: --alpha "1deg:90deg:90" (first, last, count),
-    --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3". A case file says the same in a table
-    [sweep], which options overrule.
+    --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3"; so may the model's own: --set
+    "friction=0:0.4:5". A case file says the same in a table [sweep], which options overrule.
     """
     options = with_file(case, file)
-    section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum"))
+    section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum", "set"))
     if out.suffix not in (".nc", ".zarr"):
         raise InputError(f"Option `--out` must end in .nc or .zarr, but is {out}.")
     if out.suffix != ".zarr" and not (workers is scheduler is chunks is None):
         raise InputError(f"Options `--chunks`, `--workers` and `--scheduler` need `--out` to end in .zarr, not {out}.")
     require_outputs(plot=plot, inputs=(options.case,))
     p, axes = _case_and_axes(options, section)
+    chosen = model or section.get("model", "linearized")
+    if isinstance(chosen, list) and len(chosen) == 1:
+        chosen = chosen[0]
+    given = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
+    axes |= {name: values for name, values in given.items() if values.ndim}
     start_engine()
     from erosion.grids import make_grid
     from erosion.sweeps import prepare_sweep
@@ -68,10 +76,8 @@ def sweep(
         "derivatives": section.get("derivatives", 0) if derivatives is None else derivatives,
         "wrt": wrt or section.get("wrt", "alpha"),
         "optimum": section.get("optimum", False) if optimum is None else optimum,
+        "own": {name: float(values) for name, values in given.items() if not values.ndim},
     }
-    chosen = model or section.get("model", "linearized")
-    if isinstance(chosen, list) and len(chosen) == 1:
-        chosen = chosen[0]
     with user_errors(TypeError):
         grid = make_grid(chosen, p, axes, **arguments)
         cut = _chunks(chunks)
@@ -112,6 +118,17 @@ def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
             raise InputError(f"{what} {error}.") from error
     p = p.replace(**{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}
+
+
+def _own_values(model: Any, said: Settings, p: "Parameters") -> dict[str, Any]:
+    """The models' own parameters that are set: of each a single value, shape (), or those of an axis."""
+    from erosion.axes import read_axis
+
+    found: dict[str, Any] = {}
+    if said:
+        for name in model if isinstance(model, list) else [model]:
+            found = read_settings(name, load(name), said, p.units, read_axis)
+    return found
 
 
 def _chunks(text: str | None) -> dict[str, int] | None:

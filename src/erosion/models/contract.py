@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.model import CuttingModel, Scales, Tip
-from erosion.parameters import TABLE_1
+from erosion.own_parameters import own_parameters
+from erosion.parameters import QUANTITIES, TABLE_1
 
 
 def flaw(model: CuttingModel) -> str | None:
@@ -22,6 +23,9 @@ def flaw(model: CuttingModel) -> str | None:
     for leaf in leaves:
         if not isinstance(leaf, (int, float, np.ndarray, np.generic, jax.Array)):
             return f"its own parameters must be numbers or arrays, but one is {leaf!r}"
+    for name in own_parameters(model):
+        if name in QUANTITIES:
+            return f"its own parameters must have other names than those of a case, but one is `{name}`"
     return _flaw(structure, tuple((np.shape(leaf), str(jnp.result_type(leaf))) for leaf in leaves))
 
 

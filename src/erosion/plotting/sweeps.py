@@ -26,7 +26,7 @@ def plot_sweep(sweep: xr.Dataset) -> Figure:
     Raises:
         ValueError: for a sweep of other dimensions.
     """
-    numeric = sorted((dim for dim in sweep.dims if dim in QUANTITIES), key=lambda dim: -sweep.sizes[dim])
+    numeric = sorted((dim for dim in sweep.dims if sweep[dim].dtype.kind == "f"), key=lambda dim: -sweep.sizes[dim])
     many = [dim for dim in numeric if sweep.sizes[dim] > _FEW]
     if len(sweep.dims) == 2 and len(many) == 2:
         fig, ax = new_axes(6.2, 4.4)
@@ -94,7 +94,12 @@ def _units(sweep: xr.Dataset) -> System:
 
 def _axis(sweep: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
     """Values as shown and the label of a parameter's axis; angles in degrees."""
-    values, quantity = sweep[name].values, QUANTITIES[name]
+    values = sweep[name].values
+    if name not in QUANTITIES:
+        about = sweep[name].attrs
+        unit = "" if about["units"] == "1" else f"  [{about['units']}]"
+        return values, f"{about['symbol']}  {about['long_name']}{unit}"
+    quantity = QUANTITIES[name]
     if quantity.dimension == "angle":
         return np.rad2deg(values), f"{quantity.symbol}  {quantity.meaning}  [°]"
     scale = readable_scale(quantity.dimension, _units(sweep), float(np.abs(values).max()))
@@ -103,9 +108,10 @@ def _axis(sweep: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
 
 
 def _labels(sweep: xr.Dataset, name: str) -> list[str]:
-    if name not in QUANTITIES:
+    if sweep[name].dtype.kind != "f":
         return [str(value) for value in sweep[name].values]
-    quantity = QUANTITIES[name]
     values, label = _axis(sweep, name)
     unit = label.partition("[")[2].rstrip("]")
-    return [f"{quantity.symbol} = {value:.4g}{'' if unit == '°' else ' '}{unit}".rstrip() for value in values]
+    return [
+        f"{sweep[name].attrs['symbol']} = {value:.4g}{'' if unit == '°' else ' '}{unit}".rstrip() for value in values
+    ]

@@ -19,6 +19,7 @@ from erosion.models import (
     TanAlpha,
     VelocityAligned,
 )
+from erosion.own_parameters import quantities, sizes, values, with_values
 from erosion.parameters import QUANTITIES, TABLE_1, Parameters
 from erosion.trajectory import Trajectory, simulate
 from erosion.units import conversion_factor
@@ -28,7 +29,6 @@ _RTOL = 1e-12
 _STEP = 5e-4  # of differences, relative; their error goes as its fourth power
 _SIMILAR = {"m": 3.0, "v0": 0.4, "sigma": 1.7, "b": 2.5, "psi": 0.6}
 """Factors of an impact similar to another; r and the spin follow from them."""
-_OTHERS = [name for name in QUANTITIES if name != "alpha"]
 
 
 def cases() -> list[Parameters]:
@@ -54,6 +54,7 @@ class Subject:
     def __init__(self, name: str, model: CuttingModel, *, registered: bool) -> None:
         self.name, self.model, self.registered = name, model, registered
         self.cases = cases()
+        self.others = [name for name in quantities(model) if name != "alpha"]
 
     def checks(self) -> dict[str, Callable[[], Iterable[Any]]]:
         """The checks that apply to the model: name to the errors of its cases."""
@@ -75,8 +76,8 @@ class Subject:
         # A program more, of twice the size, for the engine's own arithmetic: of registered models
         # one shows it. A plug-in's is unknown.
         if not self.registered or self.name == "rotating":
-            found["∂V/∂q"] = lambda: np.max([self._slopes(q)[0] for q in _OTHERS], axis=0)
-            found["∂²V/∂α∂q"] = lambda: np.max([self._slopes(q)[1] for q in _OTHERS], axis=0)
+            found["∂V/∂q"] = lambda: np.max([self._slopes(q)[0] for q in self.others], axis=0)
+            found["∂²V/∂α∂q"] = lambda: np.max([self._slopes(q)[1] for q in self.others], axis=0)
         return found
 
     def worst(self, errors: Iterable[Any]) -> tuple[float, str]:
@@ -147,26 +148,28 @@ class Subject:
 
     @functools.cached_property
     def _mixed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        found = pair_derivatives(self.model, self.hits.p, [("alpha", q) for q in _OTHERS], rtol=_RTOL).volume
-        return {q: (found.other[:, j], found.second[:, j]) for j, q in enumerate(_OTHERS)}
+        found = pair_derivatives(self.model, self.hits.p, [("alpha", q) for q in self.others], rtol=_RTOL).volume
+        return {q: (found.other[:, j], found.second[:, j]) for j, q in enumerate(self.others)}
 
     def _slopes(self, q: str) -> list[np.ndarray]:
         """Errors of ∂V/∂q and ∂V′/∂q against central differences extrapolated to step 0 (Richardson)."""
         p, hits = self.hits.p, self.hits
-        # For the spin, which may be 0, v₀/r stands for its size.
-        unit = np.asarray(p.v0 / p.r if q == "phidot0" else getattr(p, q))
-        step = _STEP * unit * np.array([[1.0], [0.5]])
+        start, unit = values(self.model, p)[q], sizes(self.model, p)[q]
 
-        def moved(sign: int) -> Impact:
-            return impact(self.model, p.replace(**{q: getattr(p, q) + sign * step}), derivatives=2, rtol=_RTOL)
+        def moved(share: float) -> Impact:
+            model, there = with_values(self.model, p, {q: start + share * _STEP * unit})
+            return impact(model, there, derivatives=2, rtol=_RTOL)
 
         exact = (hits.dvolume, hits.d2volume) if q == "alpha" else self._mixed[q]
-        up, down = moved(1), moved(-1)
+        around = {share: moved(share) for share in (1.0, -1.0, 0.5, -0.5)}
         # Beside a kink or a jump there is no derivative to compare with.
-        smooth = np.all((up.ended_by == hits.ended_by) & (down.ended_by == hits.ended_by), axis=0)
+        smooth = np.all([there.ended_by == hits.ended_by for there in around.values()], axis=0)
         errors = []
-        for got, above, below in zip(exact, (up.volume, up.dvolume), (down.volume, down.dvolume), strict=True):
-            coarse, fine = (above - below) / (2 * step)
+        for name, got in zip(("volume", "dvolume"), exact, strict=True):
+            coarse, fine = (
+                (getattr(around[share], name) - getattr(around[-share], name)) / (2 * share * _STEP * unit)
+                for share in (1.0, 0.5)
+            )
             size = np.maximum(np.maximum(hits.volume, np.abs(hits.dvolume)) / unit, np.abs(got))
             error = np.abs(got - (4 * fine - coarse) / 3)
             relative = np.where(error != 0, error / np.where(size > 0, size, 1.0), 0.0)

@@ -1,0 +1,151 @@
+"""A model's own parameters: numbers that are fields of the model, known by name as those of a case are.
+
+Whatever takes the name of a parameter takes that of a model's own as well. Here is what such a
+name means: which leaf of the model it is, what it is called, and the same model with another value.
+"""
+
+import dataclasses
+import typing
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from erosion.parameters import QUANTITIES, Parameters
+from erosion.quantities import Quantity
+from erosion.tables import abbreviate
+from erosion.units import Dimension
+
+_Model = TypeVar("_Model", bound=eqx.Module)
+
+
+class OwnParameter(NamedTuple):
+    """One of a model's own parameters.
+
+    Args:
+        path: the fields that lead to it: ("force", "friction").
+        leaf: its place among the leaves of the model.
+        value: of the model at hand, a number or JAX's stand-in for one.
+        quantity: symbol, meaning and dimension.
+    """
+
+    path: tuple[str, ...]
+    leaf: int
+    value: Any
+    quantity: Quantity
+
+
+def own_parameter(default: float, symbol: str, meaning: str, dimension: Dimension = "1") -> Any:
+    """Declare a field of a model, or of its parts, with what it is called in tables and on axes.
+
+        friction: float = erosion.own_parameter(0.2, "μ", "coefficient of friction")
+
+    A field that is a number by default is one of the model's own parameters without it too, under
+    its name alone and without a unit.
+
+    Args:
+        default: the value of a model made without another.
+        symbol: "μ".
+        meaning: "coefficient of friction".
+        dimension: "1", "length", "rate", …; the value is in the units of the case, whichever
+            system that is in, so that numbers in multiples of the case's (of r, of v0) are safer.
+    """
+    known = typing.get_args(Dimension)
+    if dimension not in known:
+        raise ValueError(f"Argument `dimension` must be one of {', '.join(known)}, but is {dimension!r}.")
+    return eqx.field(default=default, metadata={"quantity": Quantity(symbol, meaning, dimension)})
+
+
+def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
+    """The model's own parameters by name: its fields, and those of its parts, that hold one real number.
+
+    A name is the field's. Where several parts have a field of the same name, as much of its path
+    goes before it as tells them apart: "force.rate", "torque.rate".
+    """
+    found = []
+    for leaf, (keys, value) in enumerate(jax.tree_util.tree_flatten_with_path(model)[0]):
+        # What is within a tuple or a dictionary has no name of its own.
+        path = tuple(key.name for key in keys if isinstance(key, jax.tree_util.GetAttrKey))
+        if len(path) == len(keys) and _is_number(value):
+            found.append(OwnParameter(path, leaf, value, _quantity(model, path)))
+    paths = [one.path for one in found]
+    return {_name(one.path, paths): one for one in found}
+
+
+def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
+    """The same model with other values of some of its own parameters.
+
+    Raises:
+        TypeError, ValueError: for a name that is none of them, or a value that is no finite number.
+    """
+    if not changes:
+        return model
+    own = own_parameters(model)
+    for name, value in changes.items():
+        if name not in own:
+            has = ", ".join(own) or "none"
+            raise TypeError(f"Argument `{name}` is not an own parameter of {type(model).__name__}; it has {has}.")
+        if not _is_number(value):
+            raise TypeError(f"Argument `{name}` must be a number, but is {value!r}.")
+        if not isinstance(value, Tracer) and not np.isfinite(value):
+            raise ValueError(f"Argument `{name}` must be a finite number, but is {value}.")
+    leaves, structure = jax.tree.flatten(model)
+    for name, value in changes.items():
+        # A number in the place of a number, and an array in that of an array: then what is compiled serves again.
+        array = isinstance(leaves[own[name].leaf], (np.ndarray, jax.Array)) or isinstance(value, Tracer)
+        leaves[own[name].leaf] = jnp.asarray(value, float) if array else float(value)
+    return jax.tree.unflatten(structure, leaves)
+
+
+def quantities(model: eqx.Module) -> dict[str, Quantity]:
+    """What the parameters of an impact are called: those of the case, then the model's own."""
+    return {**QUANTITIES, **{name: one.quantity for name, one in own_parameters(model).items()}}
+
+
+def values(model: eqx.Module, p: Parameters) -> dict[str, Any]:
+    """The parameters of an impact, as `quantities` has them."""
+    own = {name: one.value for name, one in own_parameters(model).items()}
+    return {**{name: getattr(p, name) for name in QUANTITIES}, **own}
+
+
+def sizes(model: eqx.Module, p: Parameters) -> dict[str, Any]:
+    """A change of each parameter that matters: as much as there is of it, 1 where that is 0; of the spin v₀/r."""
+    found = {name: np.where(value == 0, 1.0, np.abs(value)) for name, value in values(model, p).items()}
+    return {**found, "phidot0": np.asarray(p.v0 / p.r)}
+
+
+def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tuple[_Model, Parameters]:
+    """Model and case with other values of some of `quantities`."""
+    own = {name: value for name, value in changes.items() if name not in QUANTITIES}
+    return replaced(model, own), p.replace(**{name: changes[name] for name in changes if name in QUANTITIES})
+
+
+def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
+    """The own parameters with their values in one line, those named `but` left out; empty where there are none."""
+    own = own_parameters(model).items()
+    return ", ".join(f"{name} = {abbreviate(one.value)}" for name, one in own if name not in but)
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.ndarray, np.generic, jax.Array)):
+        return False
+    return np.ndim(value) == 0 and jnp.result_type(value).kind in "iuf"
+
+
+def _quantity(model: Any, path: tuple[str, ...]) -> Quantity:
+    """As the field declares it, else from its name."""
+    for part in path[:-1]:
+        model = getattr(model, part)
+    field = next(field for field in dataclasses.fields(model) if field.name == path[-1])
+    return field.metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
+
+
+def _name(path: tuple[str, ...], paths: list[tuple[str, ...]]) -> str:
+    """The shortest end of the path that no other has."""
+    ends = (path[-length:] for length in range(1, len(path)))
+    alone = (end for end in ends if sum(other[-len(end) :] == end for other in paths) == 1)
+    return ".".join(next(alone, path))

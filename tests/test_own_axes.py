@@ -1,0 +1,121 @@
+"""Sweeps over a model's own parameters."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.cli import _status
+from erosion.grids import make_grid
+from erosion.models import Finnie, Linearized
+from erosion.plotting.sweeps import plot_sweep
+from erosion.sweeps import SweepInterrupted, sweep
+from tests.test_own_parameters import FRICTION, MODEL, P
+from tests.test_settings import FILE
+from tests.test_sweeps import assert_same_bits, stop_after
+
+ANGLES = np.deg2rad([10.0, 20.0, 30.0])
+# One program for the whole file, that of derivatives along any parameter.
+ASKED: dict[str, Any] = {"derivatives": 1, "wrt": "friction"}
+
+
+@pytest.fixture(scope="module")
+def whole() -> xr.Dataset:
+    return sweep(MODEL, P, alpha=ANGLES, friction=[0.0, 0.1, 0.3], **ASKED)
+
+
+def alone(friction: float, alpha: Any) -> erosion.Impact:
+    return erosion.impact(MODEL.replace(friction=friction), P.replace(alpha=alpha), **ASKED)
+
+
+def test_an_own_parameter_is_an_axis(whole):
+    assert whole.volume.dims == ("alpha", "friction")
+    for friction in (0.0, 0.1, 0.3):
+        found, hits = whole.sel(friction=friction), alone(friction, ANGLES)
+        for name in ("volume", "t_c", "dvolume"):
+            np.testing.assert_array_equal(found[name], getattr(hits, name))
+
+
+def test_it_has_its_label_and_unit(whole):
+    assert whole.friction.attrs == {"long_name": "coefficient of friction", "symbol": "μ", "units": "1"}
+    assert whole.dvolume.attrs["symbol"] == "dV/dμ"
+    assert whole.dvolume.attrs["long_name"] == "derivative of the volume by μ (coefficient of friction)"
+    assert whole.dvolume.attrs["units"] == "in^3"
+    # Of what is an axis, the model's own value means nothing.
+    assert "own_parameters" not in whole.attrs
+    other = sweep(MODEL.replace(friction=0.3), P, alpha=ANGLES, **ASKED)
+    assert other.attrs["own_parameters"] == "friction = 0.3"
+    np.testing.assert_array_equal(other.volume, whole.volume.sel(friction=0.3))
+
+
+def test_it_goes_together_with_a_parameter_of_the_case():
+    found = sweep(MODEL, P, friction=[0.1, 0.3, 0.3], alpha=ANGLES, paired=("friction", "alpha"), **ASKED)
+    assert found.volume.dims == ("pair",)
+    assert found.friction.dims == found.alpha.dims == ("pair",)
+    expected = [alone(friction, alpha).volume for friction, alpha in zip((0.1, 0.3, 0.3), ANGLES, strict=True)]
+    np.testing.assert_array_equal(found.volume, expected)
+
+
+def test_each_value_has_its_best_angle():
+    found = sweep(MODEL, P, friction=[0.0, 0.5], optimum=True, alpha=ANGLES, **ASKED)
+    assert found.alpha_max.dims == ("friction",)
+    # linearized at k/(1 + μk): ½ arctan.
+    assert found.alpha_max.values == pytest.approx(np.arctan([2.0, 1.0]) / 2, abs=1e-9)
+
+
+def test_several_models_share_it():
+    grid = make_grid([MODEL, Finnie(force=FRICTION())], P, {"friction": [0.1, 0.2]}, wrt="friction")
+    assert grid.lengths == {"model": 2, "friction": 2}
+    with pytest.raises(ValueError, match="Argument `friction` must be a parameter of every model, but finnie has none"):
+        make_grid([MODEL, "finnie"], P, {"friction": [0.1, 0.2]})
+
+
+def test_it_must_not_be_called_as_a_result():
+    class Odd(FRICTION):
+        volume: float = 1.0
+
+    with pytest.raises(ValueError, match="An axis must not be called `volume`, as something else in a sweep is"):
+        make_grid(Linearized(force=Odd()), P, {"volume": [1.0]})
+
+
+@pytest.mark.parametrize("store", ["out.nc", "out.zarr"])
+def test_an_interrupted_sweep_goes_on(tmp_path, store):
+    axes: dict[str, Any] = {"friction": [0.1, 0.2], "alpha": np.linspace(0.1, 1.5, 10_000), **ASKED}
+    chunks = {"chunks": {"friction": 1}} if store.endswith("zarr") else {}
+    path = tmp_path / store
+    with pytest.raises(SweepInterrupted):
+        sweep(MODEL, P, store=path, progress=stop_after(1), **chunks, **axes)
+    found = sweep(MODEL, P, store=path, **chunks, **axes)
+    assert_same_bits(found.load(), sweep(MODEL, P, **axes))
+    assert found.friction.attrs["symbol"] == "μ"
+    with pytest.raises(erosion.StoreError, match="of another axes"):
+        sweep(MODEL, P, store=path, **chunks, **{**axes, "friction": [0.1, 0.3]})
+    with pytest.raises(erosion.StoreError, match="of another models"):
+        sweep(MODEL.replace(friction=0.9), P, store=path, **chunks, **axes)
+
+
+def test_a_figure_names_it(whole):
+    map_ = plot_sweep(sweep(MODEL, P, friction=np.linspace(0, 0.5, 7), alpha=np.linspace(0.1, 1.5, 8), **ASKED))
+    assert map_.axes[0].get_xlabel() == "μ  coefficient of friction"
+    family = plot_sweep(whole)
+    assert [text.get_text() for text in family.legends[0].get_texts()] == ["μ = 0", "μ = 0.1", "μ = 0.3"]
+
+
+def test_the_command_line_takes_axes_of_own_parameters(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("harder.py").write_text(FILE)
+    Path("case.toml").write_text(erosion.dump_case(P) + '\n[sweep]\nmodel = "harder.py"\nset.factor = [1, 2]\n')
+    words = ["sweep", "case.toml", "-o", "out.nc", "--alpha", "20deg,30deg", "--plot", "out.svg"]
+    assert _status([*words, "--set", "speed=5 m/s", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["dimensions"] == {"alpha": 2, "factor": 2}
+    found = xr.load_dataset("out.nc")
+    assert found.volume[0].values == pytest.approx(
+        1.816436352531e-4 / np.array([1, 2]), rel=1e-8
+    )  # PHYSICS.md, 6; V ∝ 1/σ
+    assert found.attrs["own_parameters"] == "speed = 196.8503937007874"
+    assert _status([*words, "--set", "speed=6 m/s"]) == 2
+    assert "holds another result (of another models)" in capsys.readouterr().err

@@ -1,0 +1,171 @@
+"""A model's own parameters: their names, and what takes them. The truth is friction in closed form."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import erosion
+from erosion import blocks
+from erosion.cli.optimum import _print as print_optimum
+from erosion.models import Finnie, ForceLaw, Linearized, Torque
+from erosion.objectives import EndTime
+from erosion.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
+from tests.reference import closed_form
+
+P = erosion.TABLE_1
+FRICTION = type(getattr(erosion.load_model("models/coulomb_tip.py"), "force"))  # noqa: B009
+MODEL = Linearized(force=FRICTION())
+
+
+class Hardness(ForceLaw):
+    rate: float = erosion.own_parameter(2.0, "D", "rate of something", "rate")
+    terms: int = 1
+    coefficients: tuple[float, float] = (1.0, 2.0)
+    curve: jax.Array = eqx.field(converter=jnp.asarray, default=(1.0, 2.0))
+    bent: bool = False
+
+    def __call__(self, state, tip, p):
+        horizontal = -p.stiffness * tip.depth * self.terms * self.rate / 2
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+class Drag(Torque):
+    rate: float = 3.0
+
+    def __call__(self, state, force, p):
+        return p.r * force[0] * self.rate / 3
+
+
+def with_friction(friction, p=P):
+    """The equivalent case without friction; see `models/coulomb_tip.py`."""
+    more = 1 + friction * p.k
+    return p.replace(sigma=p.sigma * more, k=p.k / more)
+
+
+def test_names_are_those_of_the_fields_that_hold_one_real_number():
+    assert {name: one.value for name, one in own_parameters(MODEL).items()} == {"friction": 0.2}
+    assert list(own_parameters(Linearized(force=Hardness()))) == ["rate", "terms"]
+    assert own_parameters(erosion.load_model("rotating")) == {}
+
+
+def test_fields_of_one_name_bear_as_much_of_their_path_as_tells_them_apart():
+    both = Finnie(force=Hardness(), torque=Drag())
+    assert list(own_parameters(both)) == ["force.rate", "terms", "torque.rate"]
+    # An objective is a model with another inside it, whose names stay.
+    assert list(own_parameters(EndTime(both))) == list(own_parameters(both))
+    changed = replaced(both, {"force.rate": 5, "torque.rate": 7})
+    assert [one.value for one in own_parameters(changed).values()] == [5.0, 1, 7.0]
+
+
+def test_labels_are_those_of_the_field_or_its_name():
+    known = quantities(Finnie(force=Hardness(), torque=Drag()))
+    assert known["k"].symbol == "k"
+    assert known["force.rate"].label("si") == "D  rate of something [1/s]"
+    assert known["torque.rate"].label("si") == "rate  own parameter of the model"
+    assert quantities(MODEL)["friction"].label("si") == "μ  coefficient of friction"
+
+
+def test_values_and_sizes_are_those_of_case_and_model():
+    resting = MODEL.replace(friction=0)
+    assert values(resting, P)["friction"] == 0
+    assert values(resting, P)["k"] == P.k
+    assert sizes(resting, P)["friction"] == 1
+    assert sizes(MODEL.replace(friction=-0.3), P)["friction"] == 0.3
+    assert sizes(MODEL, P)["phidot0"] == P.v0 / P.r
+    model, p = with_values(MODEL, P, {"friction": 0.4, "k": 3.0})
+    assert (values(model, p)["friction"], float(p.k)) == (0.4, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"fricton": 1}, TypeError, "Argument `fricton` is not an own parameter of Linearized; it has friction."),
+        ({"k": 1}, TypeError, "Argument `k` is not an own parameter of Linearized; it has friction."),
+        ({"friction": "a"}, TypeError, "Argument `friction` must be a number, but is 'a'."),
+        ({"friction": True}, TypeError, "Argument `friction` must be a number, but is True."),
+        ({"friction": [0.1, 0.2]}, TypeError, "Argument `friction` must be a number, but is [0.1, 0.2]."),
+        ({"friction": np.nan}, ValueError, "Argument `friction` must be a finite number, but is nan."),
+    ],
+)
+def test_what_replaces_a_value_must_be_a_number(changes, error, message):
+    with pytest.raises(error) as raised:
+        MODEL.replace(**changes)
+    assert str(raised.value) == message
+
+
+def test_a_model_without_own_parameters_says_so():
+    with pytest.raises(TypeError, match="`friction` is not an own parameter of Finnie; it has none"):
+        Finnie().replace(friction=1)
+
+
+def test_a_name_of_the_case_is_refused():
+    class Blunt(Hardness):
+        r: float = 1.0
+
+    with pytest.raises(erosion.ModelError, match="other names than those of a case, but one is `r`"):
+        erosion.load_model(Linearized(force=Blunt()))
+
+
+def test_derivatives_by_friction_are_those_of_the_closed_form():
+    exact = closed_form("linearized")
+    alpha = np.deg2rad([10.0, 20.0, 40.0])
+    p = P.replace(alpha=alpha)
+
+    def volume(friction, p):
+        return exact.volume(with_friction(friction, p))
+
+    slope, curve = (jax.vmap(derivative, (None, 0))(0.2, alpha) for derivative in (
+        jax.grad(lambda f, a: volume(f, P.replace(alpha=a))),
+        jax.grad(jax.grad(lambda f, a: volume(f, P.replace(alpha=a)))),
+    ))  # fmt: skip
+    found = erosion.impact(MODEL, p, derivatives=2, wrt="friction")
+    assert found.volume == pytest.approx(np.asarray(volume(0.2, p)), rel=1e-10)
+    assert found.dvolume == pytest.approx(np.asarray(slope), rel=1e-8)
+    assert found.d2volume == pytest.approx(np.asarray(curve), rel=1e-7)
+    assert [row.symbol for row in found.rows()[-2:]] == ["∂V/∂μ", "∂²V/∂μ²"]
+    assert "coefficient of friction" in str(found)
+
+
+def test_own_parameters_stand_beside_those_of_the_case():
+    both = erosion.impact(MODEL, P, derivatives=2, wrt=["k", "friction"])
+    alone = erosion.impact(MODEL, P, derivatives=2, wrt="friction")
+    assert both.dvolume[1] == alone.dvolume
+    assert both.d2volume[1, 1] == alone.d2volume
+    exact = closed_form("linearized")
+    mixed = jax.grad(jax.grad(lambda k, f: exact.volume(with_friction(f, P.replace(k=k)))), argnums=1)(2.0, 0.2)
+    assert both.d2volume[0, 1] == pytest.approx(float(mixed), rel=1e-8)
+    assert [row.symbol for row in both.rows()[-3:]] == ["∂²V/∂k²", "∂²V/∂k∂μ", "∂²V/∂μ²"]
+
+
+def test_another_value_compiles_nothing():
+    erosion.impact(MODEL, P, derivatives=2, wrt="friction")
+    programs = blocks._compiled_chunk()._cache_size()
+    for friction in (0, np.float64(0.1), jnp.asarray(0.3)):
+        erosion.impact(MODEL.replace(friction=friction), P, derivatives=2, wrt="friction")
+    assert blocks._compiled_chunk()._cache_size() == programs
+
+
+def test_the_best_angle_knows_how_friction_moves_it(capsys):
+    k, friction = 2.0, 0.2
+    found = erosion.alpha_max(MODEL, P)
+    ratio = k / (1 + friction * k)
+    assert found.alpha == pytest.approx(np.arctan(ratio) / 2, abs=1e-9)
+    assert list(found.sensitivities) == [*(name for name in quantities(MODEL) if name != "alpha")]
+    assert found.sensitivities["friction"] == pytest.approx(-(ratio**2) / (1 + ratio**2) / 2, rel=1e-6)
+    print_optimum("tip.py", found, with_sensitivities=True)
+    out = capsys.readouterr().out
+    assert "tip.py (friction = 0.2): the angle of greatest volume" in out
+    assert [line.split()[:2] for line in out.splitlines() if "coefficient of friction" in line] == [["friction", "μ"]]
+
+
+def test_a_whole_number_is_a_parameter_as_well():
+    model = Linearized(force=Hardness(curve=jnp.asarray(1.0)))
+    assert list(own_parameters(model)) == ["rate", "terms", "curve"]
+    found = erosion.impact(model, P, derivatives=1, wrt=["terms", "sigma"])
+    # σ and the number of terms stand side by side: σ V_σ = n V_n.
+    assert found.dvolume[0] == pytest.approx(found.dvolume[1] * P.sigma, rel=1e-9)

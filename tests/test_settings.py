@@ -1,0 +1,103 @@
+"""`--set`: a model's own parameters at the command line and in case files."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import _status
+from erosion.cli.options import InputError
+from erosion.cli.settings import in_full, load_set, read_settings, settings
+from erosion.units import read_quantity
+
+ROOT = Path(__file__).parent.parent
+P = erosion.TABLE_1
+FILE = """
+import erosion
+
+class Harder(erosion.models.ForceLaw):
+    factor: float = erosion.own_parameter(1.0, "f", "factor of the flow stress")
+    speed: float = erosion.own_parameter(100.0, "u", "of nothing here", "speed")
+
+    def __call__(self, state, tip, p):
+        horizontal = -p.stiffness * self.factor * tip.depth
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+model = erosion.models.Linearized(force=Harder())
+"""
+
+
+@pytest.fixture
+def harder(tmp_path, monkeypatch):
+    """The name of a file in the folder where the verbs work: `linearized` at a multiple of the flow stress."""
+    monkeypatch.chdir(tmp_path)
+    Path("harder.py").write_text(FILE)
+    return "harder.py"
+
+
+def test_options_win_over_the_case_file():
+    said = settings(["a = 1", "b=x=y"], {"set": {"a": 2, "c": "3 in"}}, "case.toml: `set` of [sweep]")
+    assert said == {
+        "a": ("Option `--set a`", "1"),
+        "b": ("Option `--set b`", "x=y"),
+        "c": ("case.toml: `set` of [sweep], field `c`,", "3 in"),
+    }
+    assert settings(None) == {}
+
+
+def test_a_set_that_is_no_table_is_refused():
+    with pytest.raises(InputError, match=r"`set` of \[sweep\] must be a table such as {friction = 0.3}, but is 3."):
+        settings(None, {"set": 3}, "case.toml: `set` of [sweep]")
+
+
+def test_quantities_are_read_in_the_units_of_the_case(harder):
+    model = erosion.load_model(harder)
+    said = settings(["speed=10 m/s", "factor=2"])
+    assert read_settings(harder, model, said, "si", read_quantity) == {"speed": 10.0, "factor": 2.0}
+    assert read_settings(harder, model, said, "inch-pound", read_quantity)["speed"] == pytest.approx(10 / 0.0254)
+    assert in_full(harder, load_set(harder, said, "si")) == "harder.py (factor = 2, speed = 10)"
+    assert in_full("finnie", erosion.load_model("finnie")) == "finnie"
+
+
+def test_run_takes_own_parameters(harder, capsys):
+    assert _status(["run", "--model", harder, "--set", "factor=2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["model"], found["own_parameters"]) == (harder, {"factor": 2.0, "speed": 100.0})
+    assert found["volume"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # PHYSICS.md, section 6; V ∝ 1/σ
+
+
+def test_a_stream_of_another_model_is_another_stream(harder, capsys):
+    words = ["stream", "--model", harder, "--n", "64", "--no-best-angle", "--v0", "normal(4400, 40)", "-o", "jet.nc"]
+    case = erosion.dump_case(P) + "\n[stream]\nset.factor = 2\n"
+    Path("case.toml").write_text(case)
+    assert _status([*words, "--case", "case.toml", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["own_parameters"] == {"factor": 2.0, "speed": 100.0}
+    assert found["mean_volume"] == pytest.approx(1.816436352531e-4 / 2, rel=0.01)
+    import xarray as xr
+
+    assert xr.load_dataset("jet.nc").attrs["own_parameters"] == "factor = 2, speed = 100"
+    assert _status([*words, "--set", "factor=3"]) == 2
+    assert "holds another result (of another models); it is left as it is." in capsys.readouterr().err
+
+
+def test_models_lists_them(capsys, tmp_path):
+    shutil.copy(ROOT / "models/coulomb_tip.py", tmp_path)
+    assert _status(["models", "--path", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    friction = {"value": 0.2, "symbol": "μ", "meaning": "coefficient of friction"}
+    assert found[str(tmp_path / "coulomb_tip.py")]["own_parameters"] == {"friction": friction}
+    assert found["rotating"]["own_parameters"] == {}
+    assert _status(["models", "--path", str(tmp_path)]) == 0
+    assert "friction = 0.2  μ, coefficient of friction" in capsys.readouterr().out
+
+
+def test_every_unit_that_is_shown_is_read():
+    assert read_quantity("40.4 1/s", "rate", "si") == 40.4
+    assert np.isclose(read_quantity("3 1/ms", "rate", "si"), 3000)
