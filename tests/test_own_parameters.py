@@ -169,3 +169,11 @@ def test_a_whole_number_is_a_parameter_as_well():
     found = erosion.impact(model, P, derivatives=1, wrt=["terms", "sigma"])
     # σ and the number of terms stand side by side: σ V_σ = n V_n.
     assert found.dvolume[0] == pytest.approx(found.dvolume[1] * P.sigma, rel=1e-9)
+
+
+def test_a_model_with_an_array_of_its_own_has_derivatives_by_several_parameters():
+    # rate/2 = terms = 1: the force is that of `linearized`, in which V ∝ 1/ψ and does not depend on r.
+    found = erosion.impact(Linearized(force=Hardness()), P, derivatives=1, wrt=("psi", "r", "rate"))
+    exact = -float(closed_form("linearized").volume(P)) / float(P.psi)
+    assert found.dvolume[:2] == pytest.approx([exact, 0.0], rel=1e-8, abs=1e-14)
+    assert found.dvolume[2] == pytest.approx(exact * float(P.psi) / 2, rel=1e-8)

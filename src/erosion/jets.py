@@ -58,7 +58,7 @@ def unit(leaves: tuple[CuttingModel, Parameters], direction: Direction) -> Any:
         size = special.get(direction, getattr(p, direction))
     else:
         sizes = jax.tree.leaves((jax.tree.map(jnp.abs, model), p.replace(alpha=1.0, phidot0=p.v0 / p.r)))
-        size = sum(jnp.where(direction == i, leaf, 0.0) for i, leaf in enumerate(sizes))
+        size = sum(jnp.where(direction == i, leaf, 0.0) for i, leaf in enumerate(sizes) if not jnp.ndim(leaf))
     return lax.stop_gradient(jnp.where(size == 0, 1.0, size))
 
 
