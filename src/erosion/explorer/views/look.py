@@ -10,7 +10,7 @@ from erosion.explorer.sliders import ANGLES as ANGLE_SLIDER
 from erosion.explorer.state import State
 from erosion.kernel import Impact
 from erosion.parameters import QUANTITIES
-from erosion.plotting.studies import broken
+from erosion.plotting.curves import broken
 from erosion.plotting.style import STYLES
 
 Option = dict[str, Any]
@@ -50,8 +50,9 @@ def line(name: str, x: np.ndarray, y: np.ndarray, color: str, dashes: Any = "sol
 
 def points(x: np.ndarray, y: np.ndarray) -> list[list[float | None]]:
     """Pairs of numbers with as many digits as a plot shows, and None for what is not a number."""
-    pairs = np.column_stack([x, y]).astype(float)
-    return [[None if not np.isfinite(n) else round(n, 5) for n in pair] for pair in pairs.tolist()]
+    pairs = np.column_stack([x, y]).astype(float).round(5)
+    # As objects, of which None can be one.
+    return np.where(np.isfinite(pairs), pairs.astype(object), None).tolist()
 
 
 def frame(x_axis: Any, y_axis: Any, series: list[Option], **more: Any) -> Option:
@@ -72,11 +73,6 @@ def gaps(curve: Impact) -> np.ndarray:
     degrees, _ = broken(DEGREES, curve.volume, np.deg2rad(1) * curve.dvolume)
     at = np.flatnonzero(np.isnan(degrees))
     return at - np.arange(at.size)
-
-
-def with_gaps(values: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Values with NaN put in where the curve jumps."""
-    return np.insert(values.astype(float), before, np.nan)
 
 
 def angle_handle(state: State) -> Option:
