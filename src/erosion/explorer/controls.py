@@ -59,7 +59,10 @@ class Controls:
         self._units.set_value(state.case.units)
         for name, box in self._boxes.items():
             box.set_value(name in state.models)
-        self._shown.set_options(list(state.models), value=state.shown)
+        # Setting options has the browser lay out the whole page again.
+        if self._shown.options != list(state.models):
+            self._shown.set_options(list(state.models), value=state.shown)
+        self._shown.set_value(state.shown)
         self._showing = False
 
     def _field(self, name: str) -> Field:

@@ -44,6 +44,14 @@ class Field(ui.element, component="web/field.js"):
         self.run_method("complain", why)
 
 
+class Prose(ui.element, component="web/prose.js"):
+    """HTML that changes often."""
+
+    def draw(self, content: str, key: str) -> None:
+        """Show it; `key` says when that is done."""
+        self.run_method("draw", content, key)
+
+
 class Cut(ui.element, component="web/cut.js"):
     """The cut drawn to scale, to be played."""
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from erosion.trajectory import TurnWarning
 
 HOST = "127.0.0.1"
 _PORT = 8080
+_SWITCH = 0.0005  # s
 _CHECKED = ("linearized", "finnie", "rotating")
 _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
@@ -33,6 +35,8 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         port: a free one of this machine.
         show: open a browser.
     """
+    # A thread that comes back from XLA waits so long for the one that has the interpreter: 5 ms else.
+    sys.setswitchinterval(_SWITCH)
     # The page says it in words.
     warnings.simplefilter("ignore", TurnWarning)
 
@@ -54,10 +58,9 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         await _listening(port)
         print(f"http://{HOST}:{port}/", flush=True)
         # Not before, for compiling would slow the start of the server.
-        all_ready(service.answers, service.start, service.preparation.ready)
+        all_ready(service.answers, service.start, service.preparation)
 
     app.on_startup(lambda: background_tasks.create(announce()))
-    app.on_shutdown(service.preparation.close)
     ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
 
 

@@ -9,6 +9,7 @@ from nicegui import ui
 from erosion.explorer import exports
 from erosion.explorer.answers import Answers
 from erosion.explorer.state import State
+from erosion.explorer.threads import in_thread
 
 _OUTLINE = "dense no-caps outline"
 
@@ -44,8 +45,9 @@ class Sharing:
 
     def _item(self, title: str, file: str, make: Callable[..., bytes], *arguments: Any) -> None:
         async def hand_out() -> None:
+            state = self._state()
             try:
-                content = await asyncio.to_thread(make, *arguments, self._answers, self._state())
+                content = await asyncio.wrap_future(in_thread(lambda: make(*arguments, self._answers, state)))
             # A plug-in's own code may raise anything; the page says so and goes on.
             except Exception as error:  # noqa: BLE001
                 ui.notify(f"{file}: {error}", type="negative")

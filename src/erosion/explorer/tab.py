@@ -10,13 +10,14 @@ from nicegui import background_tasks, ui
 from erosion.explorer import found as finding
 from erosion.explorer.answers import Answers
 from erosion.explorer.controls import Controls
-from erosion.explorer.elements import Cut, Plot
+from erosion.explorer.elements import Cut, Plot, Prose
 from erosion.explorer.found import Found
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.sharing import Sharing
 from erosion.explorer.sliders import at_position, with_spin
 from erosion.explorer.state import State
+from erosion.explorer.threads import in_thread
 from erosion.explorer.views import VIEWS
 
 _REST = 0.2  # s; after so long without a change the slower answers are begun
@@ -101,7 +102,7 @@ class Tab:
             if name == "cut":
                 return Cut()
             if name == "numbers":
-                return ui.html("", sanitize=False)
+                return Prose()
             if name == "histories":
                 return Plot("400px", follows=True)
             if name == "spins":
@@ -134,9 +135,6 @@ class Tab:
 
         background_tasks.create(while_open(), context=self._main)
 
-    def _ready(self, answer: Any, model: str) -> bool:
-        return self.service.preparation.ready(answer, model)
-
     def _prepared(self) -> None:
         if not self._main.is_deleted:
             self._at_once.offer(self.state)
@@ -144,11 +142,11 @@ class Tab:
 
     async def _show_at_once(self, state: State) -> None:
         def work() -> tuple[Found, dict[str, Any]]:
-            found = finding.at_once(self.service.answers, state, self._ready)
+            found = finding.at_once(self.service.answers, state, self.service.preparation)
             return found, {name: view(found, self._models) for name, view in VIEWS.items()}
 
         patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
-        found, contents = await asyncio.to_thread(work)
+        found, contents = await asyncio.wrap_future(in_thread(work))
         patience.cancel()
         self._draw(contents, found)
         self._tell_progress(found)
@@ -158,15 +156,15 @@ class Tab:
         if self._later.waiting:
             return
         ui.navigate.history.replace(f"/?{state.query()}")
-        answers = self.service.answers
-        found = await asyncio.to_thread(finding.at_once, answers, state, self._ready)
-        for step in finding.later(answers, found, self._ready):
+        answers, preparation = self.service.answers, self.service.preparation
+        found = await asyncio.wrap_future(in_thread(lambda: finding.at_once(answers, state, preparation)))
+        for step in finding.later(answers, found, preparation):
 
             def work(step: finding.Step = step) -> dict[str, Any]:
-                finding.take(found, step)
+                finding.take(found, [step], preparation)
                 return {name: VIEWS[name](found, self._models) for name in step.views}
 
-            contents = await asyncio.to_thread(work)
+            contents = await asyncio.wrap_future(in_thread(work))
             if self._later.waiting:
                 return
             self._draw(contents, found)
@@ -178,25 +176,21 @@ class Tab:
         key = found.state.query()
         for name, content in contents.items():
             element = self._elements[name]
-            if isinstance(element, Plot):
-                option, handles, label = content
-                same = self._drawn.get(name) == option
-                element.draw(None if same else option, handles, label, key)
-                self._drawn[name] = option
-            elif isinstance(element, Cut):
-                (picture,) = content
-                element.draw(picture, key)
-            elif self._drawn.get(name) != content:
-                element.set_content(*content)
-                self._drawn[name] = content
+            picture, *more = content
+            if isinstance(element, Plot) and self._drawn.get(name) == picture:
+                picture = None
+            else:
+                self._drawn[name] = picture
+            element.draw(picture, *more, key)
 
     def _tell_progress(self, found: Found) -> None:
-        done, begun = self.service.preparation.progress()
-        ready = finding.all_ready(self.service.answers, found.state, self._ready)
-        failures = [failure for name in found.state.models if (failure := self.service.preparation.failure(name))]
+        preparation = self.service.preparation
+        done, begun, models = preparation.progress()
+        ready = finding.all_ready(self.service.answers, found.state, preparation)
+        failures = [failure for name in found.state.models if (failure := preparation.failure(name))]
         errors = list(dict.fromkeys([*failures, *found.errors]))
         self._progress.set_visibility(done < begun)
         self._progress.set_value(done / max(begun, 1))
-        preparing = f"Preparing models: {done} of {begun} programs compiled" if done < begun else ""
-        self._status.set_text(" · ".join([*errors, *([preparing] if preparing else [])]))
+        preparing = f"Preparing {', '.join(models)}: {done} of {begun} programs compiled"
+        self._status.set_text(" · ".join([*errors, *([preparing] if models else [])]))
         self._main.props(f"data-ready={'true' if ready else 'false'}")

@@ -57,6 +57,7 @@ export default {
   methods: {
     draw(option, handles, label, key) {
       if (option) this.chart.setOption(option, { replaceMerge: ["series"] });
+      this.drawn = true;
       this.handles = handles.map((h, index) => {
         // A handle in the hand stays there, and one that follows the cut where the cut is.
         if (this.held === index) return { ...h, index, x: this.handles[index].x };
@@ -74,7 +75,7 @@ export default {
     },
     place(h) {
       this.layout; // read, so that a new layout places handles again
-      if (!this.chart || !this.chart.getOption()) return {};
+      if (!this.drawn) return {};
       const x = this.chart.convertToPixel({ gridIndex: h.grid || 0 }, [h.x, 0])[0], box = this.grid(h);
       const shown = Number.isFinite(x) && x > box.x - 1 && x < box.x + box.width + 1;
       return { left: `${x}px`, top: `${box.y}px`, height: `${box.height}px`, display: shown ? "block" : "none" };
