@@ -102,10 +102,9 @@ def test_preparation_begins_once_and_says_what_failed() -> None:
     preparation.ready(bad, "b")
     while not (preparation.ready(good, "a") and preparation.ready(bad, "b")):
         pass
-    preparation.close()
     assert preparation.failure("a") is None
     assert preparation.failure("b") == "b: no such forces"
-    assert told[-1] == (2, 2)
+    assert told[-1] == (2, 2, ())
 
 
 def test_python_lines_compute_the_same(capsys: pytest.CaptureFixture) -> None:

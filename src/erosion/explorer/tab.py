@@ -176,12 +176,13 @@ class Tab:
         key = found.state.query()
         for name, content in contents.items():
             element = self._elements[name]
-            picture, *more = content
-            if isinstance(element, Plot) and self._drawn.get(name) == picture:
-                picture = None
+            if isinstance(element, Plot):
+                option, handles, label = content
+                same = self._drawn.get(name) == option
+                element.draw(None if same else option, handles, label, key)
+                self._drawn[name] = option
             else:
-                self._drawn[name] = picture
-            element.draw(picture, *more, key)
+                element.draw(*content, key)
 
     def _tell_progress(self, found: Found) -> None:
         preparation = self.service.preparation

@@ -51,8 +51,9 @@ def line(name: str, x: np.ndarray, y: np.ndarray, color: str, dashes: Any = "sol
 def points(x: np.ndarray, y: np.ndarray) -> list[list[float | None]]:
     """Pairs of numbers with as many digits as a plot shows, and None for what is not a number."""
     pairs = np.column_stack([x, y]).astype(float).round(5)
-    # As objects, of which None can be one.
-    return np.where(np.isfinite(pairs), pairs.astype(object), None).tolist()
+    drawn = pairs.astype(object)
+    drawn[~np.isfinite(pairs)] = None
+    return drawn.tolist()
 
 
 def frame(x_axis: Any, y_axis: Any, series: list[Option], **more: Any) -> Option:
