@@ -53,7 +53,17 @@ class Prose(ui.element, component="web/prose.js"):
 
 
 class Cut(ui.element, component="web/cut.js"):
-    """The cut drawn to scale, to be played."""
+    """The cut drawn to scale, to be played.
+
+    Args:
+        instant: shown at first, as a share of the cut's time.
+        on_instant: is given the one shown when a hand or the play stops at it.
+    """
+
+    def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
+        super().__init__()
+        self.props.update({"instant": instant})
+        self.on("instant", lambda event: on_instant(_number(event)))
 
     def draw(self, content: Mapping[str, Any], key: str) -> None:
         """Draw a cut; `key` says when that is done."""

@@ -1,6 +1,7 @@
 """Handing out: link, figures, data, case and Python lines."""
 
 import asyncio
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -21,10 +22,13 @@ class Sharing:
         answers: of all models.
         sources: by name, what `erosion.load_model` takes.
         state: the tab's present state.
+        go: is given the state that the reader asks for.
     """
 
-    def __init__(self, answers: Answers, sources: Mapping[str, str], state: Callable[[], State]) -> None:
-        self._answers, self._sources, self._state = answers, sources, state
+    def __init__(
+        self, answers: Answers, sources: Mapping[str, str], state: Callable[[], State], go: Callable[[State], None]
+    ) -> None:
+        self._answers, self._sources, self._state, self._go = answers, sources, state, go
         ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
         with ui.button("Export", icon="download").props(_OUTLINE), ui.menu():
             for name, (title, _) in exports.FIGURES.items():
@@ -37,7 +41,7 @@ class Sharing:
             ui.separator()
             self._item("The case (TOML)", "case.toml", lambda _, state: exports.case_toml(state))
             ui.menu_item("Python lines…", self._show_python)
-        ui.button("Dark", icon="contrast", on_click=lambda: ui.run_javascript("Quasar.Dark.toggle()")).props(_OUTLINE)
+        ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
         with ui.dialog() as self._python, ui.card().classes("panel"):
             self._lines = ui.code("", language="python").classes("w-full")
             with ui.row():
@@ -60,6 +64,11 @@ class Sharing:
         origin = await ui.run_javascript("location.origin")
         ui.clipboard.write(f"{origin}/?{self._state().query()}")
         ui.notify("Link copied.")
+
+    async def _toggle_dark(self) -> None:
+        # What the browser prefers is known there alone.
+        dark = bool(await ui.run_javascript("Quasar.Dark.isActive"))
+        self._go(dataclasses.replace(self._state(), dark=not dark))
 
     def _show_python(self) -> None:
         self._lines.set_content(exports.python_lines(self._state(), self._sources))

@@ -67,12 +67,13 @@ class Tab:
         self._drawn: dict[str, Any] = {}
         self._at_once = LatestWins(self._show_at_once, self._start)
         self._later = LatestWins(self._show_later, self._start)
+        self._dark = ui.dark_mode(state.dark)
         with ui.element("header").classes("bar"):
             ui.html("erosion explorer", tag="h1", sanitize=False)
             with ui.element("div").classes("status").props("role=status"):
                 self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
                 self._status = ui.label()
-            self._sharing = Sharing(service.answers, service.sources, lambda: self.state)
+            Sharing(service.answers, service.sources, lambda: self.state, self._go)
         with ui.element("main").classes("explorer") as self._main:
             with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
                 self._controls = Controls(service.start, service.summaries, self._go)
@@ -100,7 +101,7 @@ class Tab:
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
             ui.html(_TITLES[name], tag="h2", sanitize=False)
             if name == "cut":
-                return Cut()
+                return Cut(self.state.instant, self._stay_at)
             if name == "numbers":
                 return Prose()
             if name == "histories":
@@ -110,6 +111,9 @@ class Tab:
             if name == "sensitivities":
                 return Plot("400px")
             return Plot("400px", on_pick=self._pick_angle)
+
+    def _stay_at(self, instant: float) -> None:
+        self._go(dataclasses.replace(self.state, instant=instant))
 
     def _pick_angle(self, degrees: float) -> None:
         self._go(self._with_case(at_position("alpha", degrees, self.state.case, self.service.start.case)))
@@ -121,6 +125,7 @@ class Tab:
         """Show another state."""
         self.state = state
         self._controls.show(state)
+        self._dark.set_value(state.dark)
         self._at_once.offer(state)
         self._later.offer(state)
 

@@ -16,7 +16,7 @@ from erosion.plotting.style import STYLES
 Option = dict[str, Any]
 
 STAR = "path://M0,-10L2.9,-3.1L10,-3.1L4.3,1.5L6.2,8.6L0,4.4L-6.2,8.6L-4.3,1.5L-10,-3.1L-2.9,-3.1Z"
-LEGEND = {"top": 0, "type": "scroll"}
+LEGEND = {"top": 0, "type": "scroll", "selectedMode": False}  # what is drawn is the state's to say
 DEGREES = np.rad2deg(ANGLES)
 
 
