@@ -185,8 +185,10 @@ def test_presets_and_reset(page: Page) -> None:
     page.get_by_role("button", name="Spin").click()
     page.get_by_text("s = −0.25").click()
     settle(page, "phidot0", "-27500")
+    before = curve(page, "volumes", "rotating")
     page.get_by_role("button", name="Dark").click()
     expect(page.locator("body.body--dark")).to_have_count(1)
+    np.testing.assert_array_equal(curve(page, "volumes", "rotating"), before)
     page.get_by_role("button", name="Reset").click()
     settle(page, "sigma", "200000")
     assert page.input_value("#phidot0-entry") == "0"

@@ -16,7 +16,9 @@ from erosion.kernel import Impact
 from erosion.optimum import Optimum
 from erosion.trajectory import Trajectory
 
-_PATIENCE = 20.0  # s; a model that has no answer then is left out until it has one
+# s; a model that has no answer then is left out until it has one.
+PATIENCE_AT_ONCE = 5.0
+PATIENCE_LATER = 60.0
 
 
 @dataclasses.dataclass
@@ -77,7 +79,7 @@ def at_once(answers: Answers, state: State, preparation: Preparation) -> Found:
             step.keep(known)
         elif not step.views and preparation.ready(step.compiled, step.model):
             unknown.append(step)
-    take(found, unknown, preparation)
+    take(found, unknown, preparation, PATIENCE_AT_ONCE)
     return found
 
 
@@ -95,13 +97,13 @@ def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
     return all(compiled)
 
 
-def take(found: Found, steps: Sequence[Step], preparation: Preparation) -> None:
+def take(found: Found, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
     """Take steps side by side; an error becomes a sentence, and who is late is left out."""
     asked = [in_thread(functools.partial(step.answer, step.model, step.case)) for step in steps]
-    wait(asked, timeout=_PATIENCE)
+    wait(asked, timeout=patience)
     for step, answer in zip(steps, asked, strict=True):
         if not answer.done():
-            preparation.leave_out(step.model, answer, f"no answer in {_PATIENCE:g} s; left out until it comes")
+            preparation.leave_out(step.model, answer, f"no answer in {patience:g} s; left out until it comes")
         # A plug-in's own code may raise anything; the page says so and goes on.
         elif (error := answer.exception()) is not None:
             found.errors.append(f"{step.model}: {sentence(error)}")

@@ -166,7 +166,7 @@ class Tab:
         for step in finding.later(answers, found, preparation):
 
             def work(step: finding.Step = step) -> dict[str, Any]:
-                finding.take(found, [step], preparation)
+                finding.take(found, [step], preparation, finding.PATIENCE_LATER)
                 return {name: VIEWS[name](found, self._models) for name in step.views}
 
             contents = await asyncio.wrap_future(in_thread(work))
