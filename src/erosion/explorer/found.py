@@ -98,17 +98,32 @@ def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
 
 
 def take(found: Found, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
-    """Take steps side by side; an error becomes a sentence, and who is late is left out."""
-    asked = [in_thread(functools.partial(step.answer, step.model, step.case)) for step in steps]
-    wait(asked, timeout=patience)
-    for step, answer in zip(steps, asked, strict=True):
-        if not answer.done():
-            preparation.leave_out(step.model, answer, f"no answer in {patience:g} s; left out until it comes")
-        # A plug-in's own code may raise anything; the page says so and goes on.
-        elif (error := answer.exception()) is not None:
-            found.errors.append(f"{step.model}: {sentence(error)}")
+    """Take steps, the models side by side; an error becomes a sentence, and a model that is late is left out."""
+    # One after another for a model: what never ends keeps one of XLA's threads, of which there are few.
+    models = dict.fromkeys(step.model for step in steps)
+    asked = {model: in_thread(functools.partial(_ask, [s for s in steps if s.model == model])) for model in models}
+    wait(asked.values(), timeout=patience)
+    for model, answers in asked.items():
+        if answers.done():
+            for step, (answer, error) in answers.result():
+                if error is None:
+                    step.keep(answer)
+                else:
+                    found.errors.append(f"{model}: {sentence(error)}")
         else:
-            step.keep(answer.result())
+            preparation.leave_out(model, answers, f"no answer in {patience:g} s; left out until it comes")
+
+
+def _ask(steps: Sequence[Step]) -> list[tuple[Step, tuple[Any, Exception | None]]]:
+    """The steps' answers, or the errors instead."""
+    said = []
+    for step in steps:
+        try:
+            said.append((step, (step.answer(step.model, step.case), None)))
+        # A plug-in's own code may raise anything; the page says so and goes on.
+        except Exception as error:  # noqa: BLE001
+            said.append((step, (None, error)))
+    return said
 
 
 def _first(answers: Answers, found: Found) -> Iterator[Step]:

@@ -1,6 +1,8 @@
 """The page's server, on this machine alone."""
 
 import asyncio
+import atexit
+import os
 import socket
 import sys
 import warnings
@@ -22,6 +24,7 @@ from erosion.trajectory import TurnWarning
 HOST = "127.0.0.1"
 _PORT = 8080
 _SWITCH = 0.0005  # s
+_INTERRUPTED = 130  # a shell's exit status of what Ctrl+C ended
 _CHECKED = ("linearized", "finnie", "rotating")
 _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
@@ -61,7 +64,12 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         all_ready(service.answers, service.start, service.preparation)
 
     app.on_startup(lambda: background_tasks.create(announce()))
-    ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
+    try:
+        ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
+    except KeyboardInterrupt:
+        # At the interpreter's own end, a thread that is still inside XLA would abort the process.
+        atexit.register(os._exit, _INTERRUPTED)
+        raise
 
 
 async def _listening(port: int) -> None:

@@ -65,6 +65,7 @@ class Tab:
         self.service, self.state = service, state
         self._models = list(service.summaries)
         self._drawn: dict[str, Any] = {}
+        self._link: asyncio.TimerHandle | None = None
         self._at_once = LatestWins(self._show_at_once, self._start)
         self._later = LatestWins(self._show_later, self._start)
         self._dark = ui.dark_mode(state.dark)
@@ -128,6 +129,14 @@ class Tab:
         self._dark.set_value(state.dark)
         self._at_once.offer(state)
         self._later.offer(state)
+        if self._link is not None:
+            self._link.cancel()
+        self._link = asyncio.get_running_loop().call_later(_REST, self._write_link)
+
+    def _write_link(self) -> None:
+        if not self._main.is_deleted:
+            with self._main:
+                ui.navigate.history.replace(f"/?{self.state.query()}")
 
     def _start(self, work: Awaitable[None]) -> None:
         async def while_open() -> None:
@@ -160,7 +169,6 @@ class Tab:
         await asyncio.sleep(_REST)
         if self._later.waiting:
             return
-        ui.navigate.history.replace(f"/?{state.query()}")
         answers, preparation = self.service.answers, self.service.preparation
         found = await asyncio.wrap_future(in_thread(lambda: finding.at_once(answers, state, preparation)))
         for step in finding.later(answers, found, preparation):
