@@ -100,29 +100,31 @@ def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
 def take(found: Found, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
     """Take steps, the models side by side; an error becomes a sentence, and a model that is late is left out."""
     # One after another for a model: what never ends keeps one of XLA's threads, of which there are few.
-    models = dict.fromkeys(step.model for step in steps)
-    asked = {model: in_thread(functools.partial(_ask, [s for s in steps if s.model == model])) for model in models}
+    asked = {
+        model: in_thread(functools.partial(_answer, [step for step in steps if step.model == model]))
+        for model in dict.fromkeys(step.model for step in steps)
+    }
     wait(asked.values(), timeout=patience)
     for model, answers in asked.items():
-        if answers.done():
-            for step, (answer, error) in answers.result():
-                if error is None:
-                    step.keep(answer)
-                else:
-                    found.errors.append(f"{model}: {sentence(error)}")
-        else:
+        if not answers.done():
             preparation.leave_out(model, answers, f"no answer in {patience:g} s; left out until it comes")
+            continue
+        for step, said in answers.result():
+            if isinstance(said, Exception):
+                found.errors.append(f"{model}: {sentence(said)}")
+            else:
+                step.keep(said)
 
 
-def _ask(steps: Sequence[Step]) -> list[tuple[Step, tuple[Any, Exception | None]]]:
-    """The steps' answers, or the errors instead."""
-    said = []
+def _answer(steps: Sequence[Step]) -> list[tuple[Step, Any]]:
+    """The steps with their answers, or with the errors that came instead."""
+    said: list[tuple[Step, Any]] = []
     for step in steps:
         try:
-            said.append((step, (step.answer(step.model, step.case), None)))
+            said.append((step, step.answer(step.model, step.case)))
         # A plug-in's own code may raise anything; the page says so and goes on.
         except Exception as error:  # noqa: BLE001
-            said.append((step, (None, error)))
+            said.append((step, error))
     return said
 
 
