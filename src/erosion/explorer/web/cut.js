@@ -41,7 +41,7 @@ export default {
     this.sizes = new ResizeObserver(() => this.frame());
     this.sizes.observe(this.$refs.svg);
   },
-  beforeUnmount() { this.sizes.disconnect(); cancelAnimationFrame(this.request); },
+  beforeUnmount() { this.sizes.disconnect(); clearTimeout(this.rest); cancelAnimationFrame(this.request); },
   methods: {
     draw(cut, key) {
       Object.assign(this, cut);
