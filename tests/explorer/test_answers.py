@@ -1,11 +1,13 @@
 """What the page asks, and how it asks: remembered answers, single events, the latest first."""
 
 import asyncio
+import threading
 from collections.abc import Awaitable
 
 import numpy as np
 import pytest
 
+from erosion.explorer import found as finding
 from erosion.explorer.answers import ANGLES, Answer, Answers
 from erosion.explorer.exports import case_toml, curves_csv, python_lines
 from erosion.explorer.latest import LatestWins
@@ -102,10 +104,35 @@ def test_preparation_begins_once_and_says_what_failed() -> None:
     preparation.ready(bad, "b")
     while not (preparation.ready(good, "a") and preparation.ready(bad, "b")):
         pass
-    preparation.close()
     assert preparation.failure("a") is None
     assert preparation.failure("b") == "b: no such forces"
-    assert told[-1] == (2, 2)
+    assert told[-1] == (2, 2, ())
+
+
+def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(finding, "PATIENCE_AT_ONCE", 0.2)
+    answers, preparation = Answers({"linearized": Linearized(), "plug_in": Linearized()}), Preparation(CASE)
+    goes_on = threading.Event()
+    compiled = Answer(lambda model, case: "compiled")
+    for name in ("curve", "point", "cut"):
+        setattr(answers, name, Answer(lambda model, case: model == "linearized" or goes_on.wait()))
+    both = State(CASE.replace(k=3.0), ("linearized", "plug_in"), "linearized")
+
+    def ready(answer: Answer, model: str) -> bool:
+        return Preparation.ready(preparation, compiled, model)
+
+    monkeypatch.setattr(preparation, "ready", ready)
+    while not (preparation.ready(compiled, "linearized") and preparation.ready(compiled, "plug_in")):
+        pass
+    found = finding.at_once(answers, both, preparation)
+    assert (list(found.curves), list(found.points), found.cut) == (["linearized"], ["linearized"], True)
+    assert preparation.failure("plug_in") == "plug_in: no answer in 0.2 s; left out until it comes"
+    assert not preparation.ready(compiled, "plug_in")
+    goes_on.set()
+    while not preparation.ready(compiled, "plug_in"):
+        pass
+    assert preparation.failure("plug_in") is None
+    assert set(finding.at_once(answers, both, preparation).curves) == {"linearized", "plug_in"}
 
 
 def test_python_lines_compute_the_same(capsys: pytest.CaptureFixture) -> None:

@@ -102,14 +102,27 @@ def test_everything_works_by_keyboard(page: Page) -> None:
 
 def test_a_link_carries_the_whole_state(page: Page) -> None:
     page.get_by_role("checkbox", name="as-printed").click()
+    page.get_by_role("checkbox", name="finnie").click()
     page.get_by_role("button", name="si", exact=True).click()
     enter(page, "v0", "0.12345678901234567 km/s")
+    page.get_by_role("button", name="Dark").click()
+    page.get_by_label("Time in the cut").fill("0.5")
+    page.wait_for_url("**&instant=0.5&dark=true")
     settle(page, "v0", "123.457")
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_role("button", name="Copy link").click()
+    expect(page.get_by_text("Link copied.")).to_be_visible()
+    link = page.evaluate("navigator.clipboard.readText()")
+    assert link == page.url
     other = page.context.new_page()
-    other.goto(page.url)
+    other.goto(link)
     other.wait_for_selector("main[data-ready=true]")
     settle(other, "v0", "123.457")
     assert other.url == page.url
+    expect(other.locator("body.body--dark")).to_have_count(1)
+    for control in ("output", ".numbers tr.shown th", ".models input", ".models [aria-checked]", ".cut .grain"):
+        said = "all => all.map(one => one.ariaChecked ?? one.value ?? one.getAttribute('points') ?? one.innerText)"
+        assert other.locator(control).evaluate_all(said) == page.locator(control).evaluate_all(said)
     assert float(parameters(other).v0) == 123.45678901234567
     assert parameters(other).units == "si"
     np.testing.assert_array_equal(curve(other, "volumes", "as-printed"), curve(page, "volumes", "as-printed"))
@@ -172,8 +185,10 @@ def test_presets_and_reset(page: Page) -> None:
     page.get_by_role("button", name="Spin").click()
     page.get_by_text("s = −0.25").click()
     settle(page, "phidot0", "-27500")
+    before = curve(page, "volumes", "rotating")
     page.get_by_role("button", name="Dark").click()
     expect(page.locator("body.body--dark")).to_have_count(1)
+    np.testing.assert_array_equal(curve(page, "volumes", "rotating"), before)
     page.get_by_role("button", name="Reset").click()
     settle(page, "sigma", "200000")
     assert page.input_value("#phidot0-entry") == "0"

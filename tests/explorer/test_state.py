@@ -20,8 +20,10 @@ def read(query: str, state: State = STATE) -> State:
 
 @pytest.mark.parametrize("units", ["inch-pound", "si"])
 def test_a_link_is_exact(units: str) -> None:
-    state = State(CASE.to(units).replace(alpha=1 / 3, v0=np.pi), ("finnie",), "finnie")
+    case = CASE.to(units).replace(alpha=1 / 3, v0=np.pi)
+    state = State(case, ("finnie",), "finnie", instant=1 / 3, dark=True)
     assert read(state.query()) == state
+    assert read(State(case, ("finnie",), "finnie", dark=False).query(), state).dark is False
 
 
 def test_a_link_may_say_little_and_use_units() -> None:
@@ -40,6 +42,9 @@ def test_a_link_may_say_little_and_use_units() -> None:
         ("speed=3", "Field `speed` is unknown"),
         ("units=cgs", "must be one of 'inch-pound', 'si'"),
         ("models=plug-in.py", "'plug-in.py', which is not one of the models here"),
+        ("instant=2", r"Field `instant` must be in \[0, 1\]"),
+        ("instant=soon", r"Field `instant` must be in \[0, 1\]"),
+        ("dark=yes", "Field `dark` must be 'true' or 'false'"),
         ("models=finnie&shown=rotating", "Field `shown` must be one of the models"),
     ],
 )

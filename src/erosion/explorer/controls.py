@@ -20,7 +20,7 @@ class Controls:
     """Presets, parameters and models.
 
     Args:
-        start: what reset goes back to; sliders reach about its case.
+        start: whose case and models reset goes back to; sliders reach about its case.
         summaries: by name, what each model is.
         go: is given the state that the reader asks for.
     """
@@ -30,7 +30,7 @@ class Controls:
         self._showing = False
         self._shown_fields: dict[str, tuple[str, str, float]] = {}
         with ui.element("div").classes("presets"):
-            ui.button("Reset", on_click=lambda: go(start)).props("dense no-caps outline")
+            ui.button("Reset", on_click=self._reset).props("dense no-caps outline")
             ui.button("Table 1", on_click=self._table_1).props("dense no-caps outline")
             with ui.button("Metal").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
                 for material in MATERIALS:
@@ -59,7 +59,10 @@ class Controls:
         self._units.set_value(state.case.units)
         for name, box in self._boxes.items():
             box.set_value(name in state.models)
-        self._shown.set_options(list(state.models), value=state.shown)
+        # Setting options has the browser lay out the whole page again.
+        if self._shown.options != list(state.models):
+            self._shown.set_options(list(state.models), value=state.shown)
+        self._shown.set_value(state.shown)
         self._showing = False
 
     def _field(self, name: str) -> Field:
@@ -108,6 +111,9 @@ class Controls:
     def _convert(self, event: Any) -> None:
         if not self._showing:
             self._go(dataclasses.replace(self._state, case=self._state.case.to(event.value)))
+
+    def _reset(self) -> None:
+        self._go(dataclasses.replace(self._start, instant=self._state.instant, dark=self._state.dark))
 
     def _table_1(self) -> None:
         self._go(dataclasses.replace(self._state, case=Case.of(TABLE_1).to(self._state.case.units)))

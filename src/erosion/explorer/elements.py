@@ -44,8 +44,26 @@ class Field(ui.element, component="web/field.js"):
         self.run_method("complain", why)
 
 
+class Prose(ui.element, component="web/prose.js"):
+    """HTML that changes often."""
+
+    def draw(self, content: str, key: str) -> None:
+        """Show it; `key` says when that is done."""
+        self.run_method("draw", content, key)
+
+
 class Cut(ui.element, component="web/cut.js"):
-    """The cut drawn to scale, to be played."""
+    """The cut drawn to scale, to be played.
+
+    Args:
+        instant: shown at first, as a share of the cut's time.
+        on_instant: is given the one shown when a hand or the play stops at it.
+    """
+
+    def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
+        super().__init__()
+        self.props.update({"instant": instant})
+        self.on("instant", lambda event: on_instant(_number(event)))
 
     def draw(self, content: Mapping[str, Any], key: str) -> None:
         """Draw a cut; `key` says when that is done."""

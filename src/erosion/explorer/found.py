@@ -1,19 +1,24 @@
 """What is known of a state: what is needed at once, and what takes longer."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import wait
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from erosion.explorer.answers import Answer, Answers, Spins
+from erosion.explorer.preparation import Preparation, sentence
 from erosion.explorer.state import Case, State
+from erosion.explorer.threads import in_thread
 from erosion.kernel import Impact
 from erosion.optimum import Optimum
 from erosion.trajectory import Trajectory
 
-Ready = Callable[[Answer, str], bool]
-"""Whether an answer about a model is compiled, so that it takes milliseconds."""
+# s; a model that has no answer then is left out until it has one.
+PATIENCE_AT_ONCE = 5.0
+PATIENCE_LATER = 60.0
 
 
 @dataclasses.dataclass
@@ -65,49 +70,72 @@ class Step(NamedTuple):
     views: tuple[str, ...]
 
 
-def at_once(answers: Answers, state: State, ready: Ready) -> Found:
+def at_once(answers: Answers, state: State, preparation: Preparation) -> Found:
     """What takes milliseconds, of models that are compiled, and what is known already."""
-    found = Found(state)
+    found, unknown = Found(state), []
     for step in (*_first(answers, found), *_second(answers, found)):
         known = step.answer.known(step.model, step.case)
         if known is not None:
             step.keep(known)
-        elif not step.views and ready(step.compiled, step.model):
-            take(found, step)
+        elif not step.views and preparation.ready(step.compiled, step.model):
+            unknown.append(step)
+    take(found, unknown, preparation, PATIENCE_AT_ONCE)
     return found
 
 
-def later(answers: Answers, found: Found, ready: Ready) -> Iterator[Step]:
+def later(answers: Answers, found: Found, preparation: Preparation) -> Iterator[Step]:
     """What takes longer and is not known yet, the nearest at hand first."""
     for step in _second(answers, found):
-        if step.answer.known(step.model, step.case) is None and ready(step.compiled, step.model):
+        if step.answer.known(step.model, step.case) is None and preparation.ready(step.compiled, step.model):
             yield step
 
 
-def all_ready(answers: Answers, state: State, ready: Ready) -> bool:
+def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
     """Whether everything that moves with a slider is compiled."""
     # A list, for asking begins the compiling of each.
-    compiled = [ready(step.compiled, step.model) for step in _first(answers, Found(state))]
+    compiled = [preparation.ready(step.compiled, step.model) for step in _first(answers, Found(state))]
     return all(compiled)
 
 
-def take(found: Found, step: Step) -> None:
-    """Take a step; an error becomes a sentence."""
-    try:
-        step.keep(step.answer(step.model, step.case))
-    # A plug-in's own code may raise anything; the page says so and goes on.
-    except Exception as error:  # noqa: BLE001
-        found.errors.append(f"{step.model}: {' '.join(str(error).split()) or type(error).__name__}")
+def take(found: Found, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
+    """Take steps, the models side by side; an error becomes a sentence, and a model that is late is left out."""
+    # One after another for a model: what never ends keeps one of XLA's threads, of which there are few.
+    asked = {
+        model: in_thread(functools.partial(_answer, [step for step in steps if step.model == model]))
+        for model in dict.fromkeys(step.model for step in steps)
+    }
+    wait(asked.values(), timeout=patience)
+    for model, answers in asked.items():
+        if not answers.done():
+            preparation.leave_out(model, answers, f"no answer in {patience:g} s; left out until it comes")
+            continue
+        for step, said in answers.result():
+            if isinstance(said, Exception):
+                found.errors.append(f"{model}: {sentence(said)}")
+            else:
+                step.keep(said)
+
+
+def _answer(steps: Sequence[Step]) -> list[tuple[Step, Any]]:
+    """The steps with their answers, or with the errors that came instead."""
+    said: list[tuple[Step, Any]] = []
+    for step in steps:
+        try:
+            said.append((step, step.answer(step.model, step.case)))
+        # A plug-in's own code may raise anything; the page says so and goes on.
+        except Exception as error:  # noqa: BLE001
+            said.append((step, error))
+    return said
 
 
 def _first(answers: Answers, found: Found) -> Iterator[Step]:
     state = found.state
     over_angles = state.case.at_any_angle()
+    # The longest first.
+    yield Step(answers.cut, state.shown, state.case, _as(found, "cut"), answers.cut, ())
     for model in sorted(state.models, key=lambda name: name != state.shown):
         yield Step(answers.curve, model, over_angles, _into(found.curves, model), answers.curve, ())
         yield Step(answers.point, model, state.case, _into(found.points, model), answers.curve, ())
-        if model == state.shown:
-            yield Step(answers.cut, model, state.case, _as(found, "cut"), answers.cut, ())
 
 
 def _second(answers: Answers, found: Found) -> Iterator[Step]:

@@ -1,13 +1,24 @@
-"""Compiling in the background: what is asked of a model for the first time takes seconds, then milliseconds."""
+"""What can be had in milliseconds: programs compiled in the background, of models that answer."""
 
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+from typing import NamedTuple
 
 from erosion.explorer.answers import Answer
 from erosion.explorer.state import Case
+from erosion.explorer.threads import in_thread
 
-_THREADS = 2  # of XLA's compiler, which leaves the interpreter to the page
+_SIDE_BY_SIDE = 2  # of XLA's compiler, which leaves the interpreter to the page
+_TURN = 60.0  # s; so long a program waits for others to be compiled, which may never be
+
+
+class Progress(NamedTuple):
+    """How many programs are compiled, how many were asked for, and the models still without one."""
+
+    done: int
+    begun: int
+    models: tuple[str, ...]
 
 
 class Preparation:
@@ -19,35 +30,56 @@ class Preparation:
 
     def __init__(self, case: Case) -> None:
         self._case = case
-        self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="prepare")
+        self._turns = threading.Semaphore(_SIDE_BY_SIDE)
         self._lock = threading.Lock()
         self._begun: dict[tuple[Answer, str], Future] = {}
+        self._late: dict[str, tuple[Future, str]] = {}
         self.listeners: set[Callable[[], None]] = set()
 
     def ready(self, answer: Answer, model: str) -> bool:
-        """Whether this is compiled; if not, it will be."""
+        """Whether this is compiled and the model answers; if it is not compiled, it will be."""
         with self._lock:
             if (answer, model) not in self._begun:
-                self._begun[answer, model] = self._pool.submit(answer, model, self._case)
+                self._begun[answer, model] = in_thread(lambda: self._compile(answer, model))
                 self._begun[answer, model].add_done_callback(self._tell)
-            return self._begun[answer, model].done()
+            return self._begun[answer, model].done() and not self._is_late(model)
+
+    def leave_out(self, model: str, late: Future, why: str) -> None:
+        """Count a model as not ready until a late answer comes."""
+        self._late[model] = late, why
+        late.add_done_callback(self._tell)
 
     def failure(self, model: str) -> str | None:
         """Why a model cannot be computed, if it cannot."""
+        if self._is_late(model):
+            return f"{model}: {self._late[model][1]}"
         for (_, name), future in list(self._begun.items()):
             if name == model and future.done() and (error := future.exception()) is not None:
-                return f"{model}: {' '.join(str(error).split()) or type(error).__name__}"
+                return f"{model}: {sentence(error)}"
         return None
 
-    def progress(self) -> tuple[int, int]:
-        """How many programs are compiled, and how many were asked for."""
-        begun = list(self._begun.values())
-        return sum(future.done() for future in begun), len(begun)
+    def progress(self) -> Progress:
+        """How far compiling is."""
+        begun = list(self._begun.items())
+        waiting = [model for (_, model), future in begun if not future.done()]
+        return Progress(len(begun) - len(waiting), len(begun), tuple(dict.fromkeys(waiting)))
 
-    def close(self) -> None:
-        """Start nothing any more."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+    def _compile(self, answer: Answer, model: str) -> None:
+        in_turn = self._turns.acquire(timeout=_TURN)
+        try:
+            answer(model, self._case)
+        finally:
+            if in_turn:
+                self._turns.release()
+
+    def _is_late(self, model: str) -> bool:
+        return model in self._late and not self._late[model][0].done()
 
     def _tell(self, _: Future) -> None:
         for listener in list(self.listeners):
             listener()
+
+
+def sentence(error: BaseException) -> str:
+    """An error in one line."""
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,7 +1,10 @@
 """The page's server, on this machine alone."""
 
 import asyncio
+import atexit
+import os
 import socket
+import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +23,8 @@ from erosion.trajectory import TurnWarning
 
 HOST = "127.0.0.1"
 _PORT = 8080
+_SWITCH = 0.0005  # s
+_INTERRUPTED = 130  # a shell's exit status of what Ctrl+C ended
 _CHECKED = ("linearized", "finnie", "rotating")
 _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
@@ -33,6 +38,8 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         port: a free one of this machine.
         show: open a browser.
     """
+    # A thread that comes back from XLA waits so long for the one that has the interpreter: 5 ms else.
+    sys.setswitchinterval(_SWITCH)
     # The page says it in words.
     warnings.simplefilter("ignore", TurnWarning)
 
@@ -54,11 +61,15 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         await _listening(port)
         print(f"http://{HOST}:{port}/", flush=True)
         # Not before, for compiling would slow the start of the server.
-        all_ready(service.answers, service.start, service.preparation.ready)
+        all_ready(service.answers, service.start, service.preparation)
 
     app.on_startup(lambda: background_tasks.create(announce()))
-    app.on_shutdown(service.preparation.close)
-    ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
+    try:
+        ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
+    except KeyboardInterrupt:
+        # At the interpreter's own end, a thread that is still inside XLA would abort the process.
+        atexit.register(os._exit, _INTERRUPTED)
+        raise
 
 
 async def _listening(port: int) -> None:

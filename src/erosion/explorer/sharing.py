@@ -1,6 +1,7 @@
 """Handing out: link, figures, data, case and Python lines."""
 
 import asyncio
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ from nicegui import ui
 from erosion.explorer import exports
 from erosion.explorer.answers import Answers
 from erosion.explorer.state import State
+from erosion.explorer.threads import in_thread
 
 _OUTLINE = "dense no-caps outline"
 
@@ -20,12 +22,15 @@ class Sharing:
         answers: of all models.
         sources: by name, what `erosion.load_model` takes.
         state: the tab's present state.
+        go: is given the state that the reader asks for.
     """
 
-    def __init__(self, answers: Answers, sources: Mapping[str, str], state: Callable[[], State]) -> None:
-        self._answers, self._sources, self._state = answers, sources, state
+    def __init__(
+        self, answers: Answers, sources: Mapping[str, str], state: Callable[[], State], go: Callable[[State], None]
+    ) -> None:
+        self._answers, self._sources, self._state, self._go = answers, sources, state, go
         ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
-        with ui.button("Export", icon="download").props(_OUTLINE), ui.menu():
+        with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
             for name, (title, _) in exports.FIGURES.items():
                 for suffix in ("svg", "png"):
                     self._item(f"{title} ({suffix.upper()})", f"{name}.{suffix}", exports.figure, name, suffix)
@@ -36,7 +41,7 @@ class Sharing:
             ui.separator()
             self._item("The case (TOML)", "case.toml", lambda _, state: exports.case_toml(state))
             ui.menu_item("Python lines…", self._show_python)
-        ui.button("Dark", icon="contrast", on_click=lambda: ui.run_javascript("Quasar.Dark.toggle()")).props(_OUTLINE)
+        ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
         with ui.dialog() as self._python, ui.card().classes("panel"):
             self._lines = ui.code("", language="python").classes("w-full")
             with ui.row():
@@ -44,8 +49,9 @@ class Sharing:
 
     def _item(self, title: str, file: str, make: Callable[..., bytes], *arguments: Any) -> None:
         async def hand_out() -> None:
+            state = self._state()
             try:
-                content = await asyncio.to_thread(make, *arguments, self._answers, self._state())
+                content = await asyncio.wrap_future(in_thread(lambda: make(*arguments, self._answers, state)))
             # A plug-in's own code may raise anything; the page says so and goes on.
             except Exception as error:  # noqa: BLE001
                 ui.notify(f"{file}: {error}", type="negative")
@@ -58,6 +64,11 @@ class Sharing:
         origin = await ui.run_javascript("location.origin")
         ui.clipboard.write(f"{origin}/?{self._state().query()}")
         ui.notify("Link copied.")
+
+    async def _toggle_dark(self) -> None:
+        # What the browser prefers is known there alone.
+        dark = bool(await ui.run_javascript("Quasar.Dark.isActive"))
+        self._go(dataclasses.replace(self._state(), dark=not dark))
 
     def _show_python(self) -> None:
         self._lines.set_content(exports.python_lines(self._state(), self._sources))

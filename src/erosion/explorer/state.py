@@ -11,6 +11,7 @@ from erosion.parameters import QUANTITIES, Parameters, validate
 from erosion.units import System
 
 _NAMES = tuple(QUANTITIES)
+_SAID = {True: "true", False: "false"}
 
 
 class Case(NamedTuple):
@@ -79,11 +80,15 @@ class State:
         case: the impact.
         models: names of the checked models, in the order of the list; at least one.
         shown: the one of them whose cut is drawn.
+        instant: at which its erodent is shown, as a share of the cut's time.
+        dark: whether the page is; None as the browser prefers.
     """
 
     case: Case
     models: tuple[str, ...]
     shown: str
+    instant: float = 1.0
+    dark: bool | None = None
 
     def checking(self, models: tuple[str, ...]) -> "State":
         """With other models checked; the cut drawn stays where it can."""
@@ -92,9 +97,12 @@ class State:
     def query(self) -> str:
         """The state as the query of a link, exact to the last bit."""
         numbers = {name: repr(number) for name, number in self.case.numbers().items()}
-        return urlencode(
-            {"units": self.case.units, **numbers, "models": ",".join(self.models), "shown": self.shown}, safe=","
-        )
+        said = {"units": self.case.units, **numbers, "models": ",".join(self.models), "shown": self.shown}
+        if self.instant != 1:
+            said["instant"] = repr(self.instant)
+        if self.dark is not None:
+            said["dark"] = _SAID[self.dark]
+        return urlencode(said, safe=",")
 
     def reading(self, query: Mapping[str, str], known: Collection[str]) -> "State":
         """This state, changed by what a link says; quantities may carry units ("alpha=30 deg").
@@ -107,7 +115,7 @@ class State:
             ValueError: one sentence on what the link has wrong.
         """
         for name in query:
-            if name not in (*QUANTITIES, "units", "models", "shown"):
+            if name not in (*QUANTITIES, "units", "models", "shown", "instant", "dark"):
                 raise ValueError(f"Field `{name}` is unknown.")
         case = self.case.to(query.get("units", self.case.units))
         quantities: dict[str, Any] = case.numbers()
@@ -120,7 +128,13 @@ class State:
                 raise ValueError(f"Field `models` names {name!r}, which is not one of the models here.")
         if shown not in asked:
             raise ValueError(f"Field `shown` must be one of the models, but is {shown!r}.")
-        return State(case, tuple(name for name in known if name in asked), shown)
+        instant, dark = query.get("instant", repr(self.instant)), query.get("dark")
+        if not _is_number(instant) or not 0 <= float(instant) <= 1:
+            raise ValueError(f"Field `instant` must be in [0, 1], a share of the cut's time, but is {instant!r}.")
+        if dark not in (None, *_SAID.values()):
+            raise ValueError(f"Field `dark` must be 'true' or 'false', but is {dark!r}.")
+        models = tuple(name for name in known if name in asked)
+        return State(case, models, shown, float(instant), self.dark if dark is None else dark == _SAID[True])
 
 
 def _is_number(text: str) -> bool:

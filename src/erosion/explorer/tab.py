@@ -10,13 +10,14 @@ from nicegui import background_tasks, ui
 from erosion.explorer import found as finding
 from erosion.explorer.answers import Answers
 from erosion.explorer.controls import Controls
-from erosion.explorer.elements import Cut, Plot
+from erosion.explorer.elements import Cut, Plot, Prose
 from erosion.explorer.found import Found
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.sharing import Sharing
 from erosion.explorer.sliders import at_position, with_spin
 from erosion.explorer.state import State
+from erosion.explorer.threads import in_thread
 from erosion.explorer.views import VIEWS
 
 _REST = 0.2  # s; after so long without a change the slower answers are begun
@@ -64,14 +65,16 @@ class Tab:
         self.service, self.state = service, state
         self._models = list(service.summaries)
         self._drawn: dict[str, Any] = {}
+        self._link: asyncio.TimerHandle | None = None
         self._at_once = LatestWins(self._show_at_once, self._start)
         self._later = LatestWins(self._show_later, self._start)
+        self._dark = ui.dark_mode(state.dark)
         with ui.element("header").classes("bar"):
             ui.html("erosion explorer", tag="h1", sanitize=False)
             with ui.element("div").classes("status").props("role=status"):
                 self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
                 self._status = ui.label()
-            self._sharing = Sharing(service.answers, service.sources, lambda: self.state)
+            Sharing(service.answers, service.sources, lambda: self.state, self._go)
         with ui.element("main").classes("explorer") as self._main:
             with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
                 self._controls = Controls(service.start, service.summaries, self._go)
@@ -99,9 +102,9 @@ class Tab:
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
             ui.html(_TITLES[name], tag="h2", sanitize=False)
             if name == "cut":
-                return Cut()
+                return Cut(self.state.instant, self._stay_at)
             if name == "numbers":
-                return ui.html("", sanitize=False)
+                return Prose()
             if name == "histories":
                 return Plot("400px", follows=True)
             if name == "spins":
@@ -109,6 +112,9 @@ class Tab:
             if name == "sensitivities":
                 return Plot("400px")
             return Plot("400px", on_pick=self._pick_angle)
+
+    def _stay_at(self, instant: float) -> None:
+        self._go(dataclasses.replace(self.state, instant=instant))
 
     def _pick_angle(self, degrees: float) -> None:
         self._go(self._with_case(at_position("alpha", degrees, self.state.case, self.service.start.case)))
@@ -120,8 +126,17 @@ class Tab:
         """Show another state."""
         self.state = state
         self._controls.show(state)
+        self._dark.set_value(state.dark)
         self._at_once.offer(state)
         self._later.offer(state)
+        if self._link is not None:
+            self._link.cancel()
+        self._link = asyncio.get_running_loop().call_later(_REST, self._write_link)
+
+    def _write_link(self) -> None:
+        if not self._main.is_deleted:
+            with self._main:
+                ui.navigate.history.replace(f"/?{self.state.query()}")
 
     def _start(self, work: Awaitable[None]) -> None:
         async def while_open() -> None:
@@ -134,9 +149,6 @@ class Tab:
 
         background_tasks.create(while_open(), context=self._main)
 
-    def _ready(self, answer: Any, model: str) -> bool:
-        return self.service.preparation.ready(answer, model)
-
     def _prepared(self) -> None:
         if not self._main.is_deleted:
             self._at_once.offer(self.state)
@@ -144,11 +156,11 @@ class Tab:
 
     async def _show_at_once(self, state: State) -> None:
         def work() -> tuple[Found, dict[str, Any]]:
-            found = finding.at_once(self.service.answers, state, self._ready)
+            found = finding.at_once(self.service.answers, state, self.service.preparation)
             return found, {name: view(found, self._models) for name, view in VIEWS.items()}
 
         patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
-        found, contents = await asyncio.to_thread(work)
+        found, contents = await asyncio.wrap_future(in_thread(work))
         patience.cancel()
         self._draw(contents, found)
         self._tell_progress(found)
@@ -157,16 +169,15 @@ class Tab:
         await asyncio.sleep(_REST)
         if self._later.waiting:
             return
-        ui.navigate.history.replace(f"/?{state.query()}")
-        answers = self.service.answers
-        found = await asyncio.to_thread(finding.at_once, answers, state, self._ready)
-        for step in finding.later(answers, found, self._ready):
+        answers, preparation = self.service.answers, self.service.preparation
+        found = await asyncio.wrap_future(in_thread(lambda: finding.at_once(answers, state, preparation)))
+        for step in finding.later(answers, found, preparation):
 
             def work(step: finding.Step = step) -> dict[str, Any]:
-                finding.take(found, step)
+                finding.take(found, [step], preparation, finding.PATIENCE_LATER)
                 return {name: VIEWS[name](found, self._models) for name in step.views}
 
-            contents = await asyncio.to_thread(work)
+            contents = await asyncio.wrap_future(in_thread(work))
             if self._later.waiting:
                 return
             self._draw(contents, found)
@@ -183,20 +194,17 @@ class Tab:
                 same = self._drawn.get(name) == option
                 element.draw(None if same else option, handles, label, key)
                 self._drawn[name] = option
-            elif isinstance(element, Cut):
-                (picture,) = content
-                element.draw(picture, key)
-            elif self._drawn.get(name) != content:
-                element.set_content(*content)
-                self._drawn[name] = content
+            else:
+                element.draw(*content, key)
 
     def _tell_progress(self, found: Found) -> None:
-        done, begun = self.service.preparation.progress()
-        ready = finding.all_ready(self.service.answers, found.state, self._ready)
-        failures = [failure for name in found.state.models if (failure := self.service.preparation.failure(name))]
+        preparation = self.service.preparation
+        done, begun, models = preparation.progress()
+        ready = finding.all_ready(self.service.answers, found.state, preparation)
+        failures = [failure for name in found.state.models if (failure := preparation.failure(name))]
         errors = list(dict.fromkeys([*failures, *found.errors]))
         self._progress.set_visibility(done < begun)
         self._progress.set_value(done / max(begun, 1))
-        preparing = f"Preparing models: {done} of {begun} programs compiled" if done < begun else ""
-        self._status.set_text(" · ".join([*errors, *([preparing] if preparing else [])]))
+        preparing = f"Preparing {', '.join(models)}: {done} of {begun} programs compiled"
+        self._status.set_text(" · ".join([*errors, *([preparing] if models else [])]))
         self._main.props(f"data-ready={'true' if ready else 'false'}")

@@ -77,5 +77,5 @@ def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray,
     h = np.diff(x)
     unexplained = np.abs(np.diff(y) - h * (slope[1:] + slope[:-1]) / 2)
     expected = h * (np.abs(slope[1:]) + np.abs(slope[:-1]))
-    jumps = np.flatnonzero((unexplained > 0.01 * np.nanmax(np.abs(y))) & (unexplained > expected)) + 1
+    jumps = np.flatnonzero((unexplained > 0.01 * np.nanmax(np.abs(y), initial=0.0)) & (unexplained > expected)) + 1
     return with_gaps(jumps, x, y)

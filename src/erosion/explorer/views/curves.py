@@ -17,10 +17,9 @@ from erosion.explorer.views.look import (
     gaps,
     line,
     styles,
-    with_gaps,
 )
 from erosion.optimum import Optimum
-from erosion.plotting.angles import describe
+from erosion.plotting.curves import describe, with_gaps
 from erosion.plotting.motion import EVENT_LABELS
 from erosion.plotting.style import DIM, ENDS, readable_scale
 from erosion.quantities import RESULTS
@@ -36,10 +35,10 @@ def volumes(found: Found, models: Collection[str]) -> tuple[Option, list[Option]
     series = []
     for model, curve in found.in_order(found.curves):
         color, dashes = styles(models)[model]
-        before, best = gaps(curve), found.best.get(model)
+        best = found.best.get(model)
         marks = {} if best is None else _marks(best, scale.size, color, shown=model == found.state.shown)
-        volume = with_gaps(curve.volume / scale.size, before)
-        series.append(line(model, with_gaps(DEGREES, before), volume, color, dashes, **marks))
+        degrees, volume = with_gaps(gaps(curve), DEGREES, curve.volume / scale.size)
+        series.append(line(model, degrees, volume, color, dashes, **marks))
     quantity = RESULTS["volume"]
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
     said = [f"{model} removes most {describe(best)}" for model, best in found.in_order(found.best)]
@@ -57,17 +56,16 @@ def end_times(found: Found, models: Collection[str]) -> tuple[Option, list[Optio
     series = []
     for model, curve in found.in_order(curves):
         color, dashes = styles(models)[model]
-        before = gaps(curve)
-        t_c = with_gaps(curve.t_c / scale.size, before)
-        series.append(line(model, with_gaps(DEGREES, before), t_c, color, dashes))
+        degrees, t_c = with_gaps(gaps(curve), DEGREES, curve.t_c / scale.size)
+        series.append(line(model, degrees, t_c, color, dashes))
     for event, times in (found.ends or {}).items():
         color = ENDS.get(event, DIM)
         label = EVENT_LABELS.get(event, event)
         thin = {"color": color, "type": [4, 4], "width": 1.8}
         # Where a candidate jumps there is no line.
         before = np.flatnonzero(np.abs(np.diff(times)) > _APART * largest) + 1
-        x, y = with_gaps(DEGREES, before), with_gaps(times / scale.size, before)
-        series.append(line(label, x, y, color, lineStyle=thin, z=1))
+        degrees, times = with_gaps(before, DEGREES, times / scale.size)
+        series.append(line(label, degrees, times, color, lineStyle=thin, z=1))
     quantity = RESULTS["t_c"]
     top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **top)

@@ -10,13 +10,13 @@ from erosion.explorer.sliders import ANGLES as ANGLE_SLIDER
 from erosion.explorer.state import State
 from erosion.kernel import Impact
 from erosion.parameters import QUANTITIES
-from erosion.plotting.studies import broken
+from erosion.plotting.curves import broken
 from erosion.plotting.style import STYLES
 
 Option = dict[str, Any]
 
 STAR = "path://M0,-10L2.9,-3.1L10,-3.1L4.3,1.5L6.2,8.6L0,4.4L-6.2,8.6L-4.3,1.5L-10,-3.1L-2.9,-3.1Z"
-LEGEND = {"top": 0, "type": "scroll"}
+LEGEND = {"top": 0, "type": "scroll", "selectedMode": False}  # what is drawn is the state's to say
 DEGREES = np.rad2deg(ANGLES)
 
 
@@ -50,8 +50,10 @@ def line(name: str, x: np.ndarray, y: np.ndarray, color: str, dashes: Any = "sol
 
 def points(x: np.ndarray, y: np.ndarray) -> list[list[float | None]]:
     """Pairs of numbers with as many digits as a plot shows, and None for what is not a number."""
-    pairs = np.column_stack([x, y]).astype(float)
-    return [[None if not np.isfinite(n) else round(n, 5) for n in pair] for pair in pairs.tolist()]
+    pairs = np.column_stack([x, y]).astype(float).round(5)
+    drawn = pairs.astype(object)
+    drawn[~np.isfinite(pairs)] = None
+    return drawn.tolist()
 
 
 def frame(x_axis: Any, y_axis: Any, series: list[Option], **more: Any) -> Option:
@@ -72,11 +74,6 @@ def gaps(curve: Impact) -> np.ndarray:
     degrees, _ = broken(DEGREES, curve.volume, np.deg2rad(1) * curve.dvolume)
     at = np.flatnonzero(np.isnan(degrees))
     return at - np.arange(at.size)
-
-
-def with_gaps(values: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Values with NaN put in where the curve jumps."""
-    return np.insert(values.astype(float), before, np.nan)
 
 
 def angle_handle(state: State) -> Option:

@@ -8,7 +8,7 @@ import numpy as np
 from erosion.explorer.found import Found
 from erosion.explorer.views.look import styles
 from erosion.optimum import Optimum
-from erosion.plotting.angles import describe
+from erosion.plotting.curves import describe
 from erosion.plotting.style import readable_scale
 from erosion.quantities import RESULTS
 from erosion.units import Dimension, System, unit_name

@@ -9,6 +9,7 @@ from erosion.explorer.found import Found
 from erosion.explorer.sliders import SPINS as SPIN_SLIDER
 from erosion.explorer.views.look import Option, axis, frame, line, points, styles
 from erosion.parameters import QUANTITIES
+from erosion.plotting.curves import with_gaps
 from erosion.plotting.style import PALETTE
 from erosion.quantities import RESULTS
 
@@ -23,7 +24,8 @@ def spins(found: Found, models: Collection[str]) -> tuple[Option, list[Option], 
         degrees = np.rad2deg(best.alpha)
         at_jump = best.kind == "jump"
         apart = np.flatnonzero((np.abs(np.diff(degrees)) > _APART) | (np.diff(at_jump.astype(int)) != 0)) + 1
-        series.append(line(model, np.insert(SPINS, apart, np.nan), np.insert(degrees, apart, np.nan), color, dashes))
+        s, best_angle = with_gaps(apart, SPINS, degrees)
+        series.append(line(model, s, best_angle, color, dashes))
         hollow = {"color": "transparent", "borderColor": color, "borderWidth": 1.6}
         marks = {"type": "scatter", "name": f"{model}, at a jump", "itemStyle": hollow, "symbolSize": 8}
         if at_jump.any():

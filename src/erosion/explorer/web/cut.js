@@ -3,6 +3,7 @@
 const GRAIN = [[0, 1], [52, 0.78], [108, 0.95], [163, 0.8], [221, 0.97], [300, 0.8]];
 const GHOSTS = [0, 0.25, 0.5, 0.75, 1];
 const SECONDS = 5; // of a whole cut, played
+const REST = 200; // ms; after so long the instant shown is part of the link
 
 export default {
   template: `<div class="cut">
@@ -23,9 +24,10 @@ export default {
       :disabled="!moves"><svg viewBox="0 0 24 24" aria-hidden="true"><path :d="playing ? 'M6 5h4v14H6zM14 5h4v14h-4z' : 'M8 5v14l11-7z'"/></svg></button>
       <input type="range" min="0" max="1" step="0.005" :value="fraction" aria-label="Time in the cut" :aria-valuetext="time"
         :disabled="!moves" @input="scrub"><output>{{ time }}</output></div></div>`,
-  data: () => ({
+  props: { instant: Number },
+  data: (own) => ({
     t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, box: [0, 0, 1, 1],
-    fraction: 1, playing: false, letters: 0.1,
+    fraction: own.instant, playing: false, letters: 0.1,
   }),
   computed: {
     moves() { return this.t.length > 1; },
@@ -39,7 +41,7 @@ export default {
     this.sizes = new ResizeObserver(() => this.frame());
     this.sizes.observe(this.$refs.svg);
   },
-  beforeUnmount() { this.sizes.disconnect(); cancelAnimationFrame(this.request); },
+  beforeUnmount() { this.sizes.disconnect(); clearTimeout(this.rest); cancelAnimationFrame(this.request); },
   methods: {
     draw(cut, key) {
       Object.assign(this, cut);
@@ -93,10 +95,14 @@ export default {
       return { cx: x + this.size * Math.cos(phi), cy: y - this.size * Math.sin(phi) };
     },
     arm() { const a = this.tip(), b = this.mass(); return { x1: a.cx, y1: a.cy, x2: b.cx, y2: b.cy }; },
-    scrub(event) { this.playing = false; this.fraction = Number(event.target.value); this.tell(); },
+    scrub(event) { this.playing = false; this.fraction = Number(event.target.value); this.tell(); this.stay(); },
+    stay() {
+      clearTimeout(this.rest);
+      this.rest = setTimeout(() => this.$emit("instant", this.fraction), REST);
+    },
     toggle() {
       this.playing = !this.playing;
-      if (!this.playing) return;
+      if (!this.playing) return this.stay();
       if (this.fraction >= 1) this.fraction = 0;
       let before = performance.now();
       const step = (now) => {
@@ -104,7 +110,7 @@ export default {
         this.fraction = Math.min(1, this.fraction + (now - before) / 1000 / SECONDS);
         before = now;
         this.tell();
-        if (this.fraction >= 1) this.playing = false;
+        if (this.fraction >= 1) { this.playing = false; this.stay(); }
         else this.request = requestAnimationFrame(step);
       };
       this.request = requestAnimationFrame(step);

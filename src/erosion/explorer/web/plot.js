@@ -3,6 +3,8 @@ import { echarts } from "nicegui-echart";
 
 const variable = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
 
+const isDark = () => document.body.classList.contains("body--dark");
+
 function theme() {
   const ink = variable("--ink"), faint = variable("--faint"), dim = variable("--dim");
   const axis = {
@@ -40,7 +42,15 @@ export default {
     this.$el.chart = this.chart;
     this.sizes = new ResizeObserver(() => { this.chart.resize(); this.layout++; });
     this.sizes.observe(this.$el);
-    this.scheme = new MutationObserver(() => this.chart.setTheme(theme()));
+    this.dark = isDark();
+    this.scheme = new MutationObserver(() => {
+      if (this.dark === isDark()) return;
+      this.dark = isDark();
+      this.chart.setTheme(theme());
+      // A new theme takes ECharts back to the first option that it was ever given.
+      if (this.option) this.chart.setOption(this.option, true);
+      this.layout++;
+    });
     this.scheme.observe(document.body, { attributes: true, attributeFilter: ["class"] });
     this.follow = (event) => {
       this.now = event.detail;
@@ -56,7 +66,10 @@ export default {
   },
   methods: {
     draw(option, handles, label, key) {
-      if (option) this.chart.setOption(option, { replaceMerge: ["series"] });
+      if (option) {
+        this.chart.setOption(option, { replaceMerge: ["series"] });
+        this.option = option;
+      }
       this.handles = handles.map((h, index) => {
         // A handle in the hand stays there, and one that follows the cut where the cut is.
         if (this.held === index) return { ...h, index, x: this.handles[index].x };
@@ -74,7 +87,7 @@ export default {
     },
     place(h) {
       this.layout; // read, so that a new layout places handles again
-      if (!this.chart || !this.chart.getOption()) return {};
+      if (!this.option) return {};
       const x = this.chart.convertToPixel({ gridIndex: h.grid || 0 }, [h.x, 0])[0], box = this.grid(h);
       const shown = Number.isFinite(x) && x > box.x - 1 && x < box.x + box.width + 1;
       return { left: `${x}px`, top: `${box.y}px`, height: `${box.height}px`, display: shown ? "block" : "none" };
