@@ -101,7 +101,9 @@ def integrate(
         # Neighbours in turn to one thread and the other: they are alike, and so is what they cost.
         tables = np.array_split(positions, -(-positions.size // (max(_SHELF, call) * threads)))
         shelves = [table[i::threads] for table in tables for i in range(threads)]
-        parts = [part for some in _pool(threads).map(shelf, shelves) for part in some]
+        # Not kept for the next batch: a plug-in's own code may never give a thread back.
+        with concurrent.futures.ThreadPoolExecutor(threads) as pool:
+            parts = [part for some in pool.map(shelf, shelves) for part in some]
         again, smaller = (np.concatenate(part) for part in zip(*parts, strict=True))
         return again, smaller
 
@@ -201,12 +203,6 @@ def _compiler_options() -> dict[str, Any]:
 def _sizes(order: int) -> tuple[int, int]:
     """Lanes of a block, and of a call."""
     return (BLOCK[order], CALL) if jax.default_backend() == "cpu" else (2**14, 2**19)
-
-
-@functools.cache
-def _pool(threads: int) -> concurrent.futures.ThreadPoolExecutor:
-    """Kept, because small batches come by the hundred."""
-    return concurrent.futures.ThreadPoolExecutor(threads, "erosion")
 
 
 def _threads() -> int:
