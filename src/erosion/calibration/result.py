@@ -9,8 +9,9 @@ from scipy import stats
 
 from erosion.calibration.forward import SCALE
 from erosion.calibration.identifiability import Identifiability, identify
-from erosion.calibration.least_squares import CalibrationError, Problem, Solution, descend
+from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
+from erosion.calibration.profiles import Profile, crossing, profile
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.parameters import QUANTITIES, Parameters
@@ -19,33 +20,8 @@ from erosion.tables import Row, format_number, to_html, to_text
 from erosion.units import unit_name
 
 _SCALE = Quantity("s", "measured over computed volume", "1")
+_PROFILED = 3.5  # standard errors to either side of an estimate
 _POOR = 1e-3  # a χ² that random errors exceed this seldom is no fit
-
-
-@dataclasses.dataclass(frozen=True)
-class Profile:
-    """How the misfit grows as one parameter is moved and all others are fitted again.
-
-    Args:
-        name: of the parameter.
-        values: ascending, shape (points,).
-        rise: Δχ² above the best fit, shape (points,); a quadratic where the fit is linear.
-    """
-
-    name: str
-    values: np.ndarray
-    rise: np.ndarray
-
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Where Δχ² crosses χ²₁'s quantile of `level`; infinite on a side where it never does."""
-        height = stats.chi2.ppf(_checked_level(level), 1)
-        best = int(np.argmin(self.rise))
-        ends = []
-        for side, none in ((slice(best, None, -1), -np.inf), (slice(best, None), np.inf)):
-            values, roots = self.values[side], np.sqrt(np.maximum.accumulate(self.rise[side]))
-            beyond = roots[-1] < np.sqrt(height)
-            ends.append(none if beyond else float(np.interp(np.sqrt(height), roots, values)))
-        return ends[0], ends[1]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,14 +82,22 @@ class Calibration:
             return self.covariance / np.outer(errors, errors)
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """A confidence interval of each parameter: symmetric in θ, so always in its range."""
-        width = self._quantile(level)
-        forward, theta = self.problem.forward, self.solution.theta
+        """A confidence interval of each parameter, by its profile likelihood.
+
+        It reaches to where χ² has risen by the square of the quantile (of the normal
+        distribution, or of Student's where the noise is estimated) with all other parameters
+        fitted again, or to the bound. Where the misfit is a parabola that is so many
+        `standard_errors` to either side; near jumps of V(α) it is not. Infinite for what the
+        data does not determine, and NaN where the model fails on the way.
+        """
+        quantile = self._quantile(level)
+        if level not in self._offsets:
+            self._offsets[level] = [self._crossings(at, quantile) for at in range(len(self.names))]
+        values = self.problem.forward.from_theta
         with np.errstate(over="ignore"):
-            errors = np.sqrt(np.diag(self._covariance))
             return {
-                name: (forward.from_theta(name, one - width * error), forward.from_theta(name, one + width * error))
-                for name, one, error in zip(self.names, theta, errors, strict=True)
+                name: (float(values(name, one + low)), float(values(name, one + high)))
+                for name, one, (low, high) in zip(self.names, self.solution.theta, self._offsets[level], strict=True)
             }
 
     @functools.cached_property
@@ -214,31 +198,16 @@ class Calibration:
         """
         if name not in self.names:
             raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
-        at = self.names.index(name)
+        at, forward = self.names.index(name), self.problem.forward
         error = float(np.sqrt(self._covariance[at, at]))
-        reach = 3.5 * error if np.isfinite(error) else 1.0
-        problem = self.problem
-        low, high = problem.lower[at], problem.upper[at]
-        best = self.solution.theta[at]
-        offsets = np.linspace(-reach, reach, points | 1)
-        middle = len(offsets) // 2
-        costs = np.empty(len(offsets))
-        costs[middle] = self.solution.cost
-        places = np.clip(best + offsets, low, high)
-        for side in (range(middle + 1, len(offsets)), range(middle - 1, -1, -1)):
-            theta = self.solution.theta
-            for i in side:
-                theta = np.where(np.arange(len(theta)) == at, places[i], theta)
-                found = descend(problem, theta, held=at)
-                if found is None:
-                    raise CalibrationError(
-                        f"The profile of {name} failed at {problem.forward.from_theta(name, places[i]):g}."
-                    )
-                theta, costs[i] = found.theta, found.cost
-        values = np.array([problem.forward.from_theta(name, place) for place in places])
-        rise = np.maximum(2 * (costs - costs[middle]) / self._variance, 0.0)
-        different = np.append(True, np.diff(values) > 0)
-        return Profile(name, values[different], rise[different])
+        reach = _PROFILED * error if np.isfinite(error) else 1.0
+        best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
+        offsets = np.unique(np.clip(np.linspace(-reach, reach, points | 1), low - best, high - best))
+        rise = profile(self.problem, self.solution, at, offsets, self._path(at), self._variance / 2)
+        values = forward.from_theta(name, best + offsets)
+        if np.isnan(rise).any():
+            raise CalibrationError(f"The profile of {name} failed at {values[np.isnan(rise)][0]:g}.")
+        return Profile(name, values, 2 * rise / self._variance)
 
     def rows(self, level: float = 0.95) -> list[Row]:
         """Estimates with errors and intervals of `level` as rows of a table."""
@@ -284,6 +253,26 @@ class Calibration:
         if self.data.uncertainty is not None:
             return 1.0
         return 2 * self.solution.cost / self.degrees_of_freedom
+
+    @functools.cached_property
+    def _offsets(self) -> dict[float, list[tuple[float, float]]]:
+        """The intervals found so far, by level, as distances of θ from the estimates."""
+        return {}
+
+    def _crossings(self, at: int, quantile: float) -> tuple[float, float]:
+        """Where the profile along one parameter has risen by the square of `quantile`, below and above."""
+        width, height = quantile * float(np.sqrt(self._covariance[at, at])), quantile**2 * self._variance / 2
+        if width in (0.0, np.inf):
+            return -width, width
+        path = self._path(at)
+        low, high = (crossing(self.problem, self.solution, at, side * width, path, height) for side in (-1, 1))
+        return low, high
+
+    def _path(self, at: int) -> np.ndarray:
+        """How the other parameters go with one, where residuals are linear; shape (names,)."""
+        modes = self.identifiability.modes
+        together = modes @ modes[at]
+        return together / together[at] if self.names[at] not in self.undetermined else np.eye(len(self.names))[at]
 
     def _quantile(self, level: float) -> float:
         """Half the width of an interval in standard errors."""
