@@ -60,10 +60,24 @@ def test_errors_are_those_of_the_normal_equations(fit):
     assert fit.chi2 == pytest.approx(np.sum((fit.residuals / NOISE) ** 2))
     assert fit.degrees_of_freedom == 48
     assert fit.aicc == pytest.approx(fit.chi2 + 4 + 12 / 47)
-    low, high = fit.intervals(0.95)["k"]
-    assert np.sqrt(low * high) == pytest.approx(k)
-    assert np.log(high / low) == pytest.approx(2 * 1.95996 * fit.standard_errors["k"] / k, rel=1e-5)
-    assert fit.intervals(0.5)["k"][1] < high
+
+
+def test_an_interval_ends_where_the_misfit_has_risen(fit):
+    angles, measured = np.deg2rad(DEGREES), synthetic(1)["volume [in^3]"]
+
+    def rise(k: float) -> float:
+        # V is proportional to 1/ψ, whose best value for this k is a quotient.
+        shape = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=angles, k=k)))
+        best = (shape @ measured) / (shape @ shape)
+        return float(np.sum((best * shape - measured) ** 2)) / NOISE**2 - fit.chi2
+
+    for level, quantile in ((0.95, 1.959964), (0.5, 0.674490)):
+        for end in fit.intervals(level)["k"]:
+            # To 2 % of the half width, and the minimum to 2 % of the rise.
+            assert np.sqrt(rise(end)) == pytest.approx(quantile, rel=0.04)
+    low, high = fit.intervals()["k"]
+    assert low < fit.estimates["k"] < high
+    assert np.log(high / low) == pytest.approx(2 * 1.96 * fit.standard_errors["k"] / fit.estimates["k"], rel=0.05)
 
 
 def test_left_out_errors_are_those_of_fits_without_the_row(fit):
@@ -84,9 +98,12 @@ def test_noise_is_estimated_where_none_is_given(fit):
     assert found.estimates == pytest.approx(fit.estimates, rel=1e-6)
     spread = np.sqrt(np.sum(found.residuals**2) / 48)
     assert found.standard_errors["k"] == pytest.approx(fit.standard_errors["k"] * spread / NOISE, rel=1e-5)
-    # Student's t is wider than the normal distribution.
-    low, high = found.intervals()["k"]
-    assert np.log(high / low) > 2 * 1.96 * found.standard_errors["k"] / found.estimates["k"]
+    # Student's t is wider than the normal distribution: by half at 5 degrees of freedom.
+    few = {name: values[:35:5] for name, values in synthetic(1, uncertain=False).items()}
+    small = calibrate("linearized", GUESS, few, ["k", "psi"], starts=1)
+    low, high = small.intervals()["psi"]
+    error = small.standard_errors["psi"] / small.estimates["psi"]
+    assert np.log(high / low) / (2 * error) == pytest.approx(2.571, rel=0.1)
 
 
 def test_estimates_are_unbiased_and_intervals_cover():
@@ -148,18 +165,25 @@ def test_a_profile_of_a_nearly_linear_fit_is_a_parabola(fit):
     profile = fit.profile("k", 9)
     error = fit.standard_errors["k"] / fit.estimates["k"]
     parabola = (np.log(profile.values / fit.estimates["k"]) / error) ** 2
-    # Errors of 2 % bend it by some percents.
-    np.testing.assert_allclose(profile.rise, parabola, rtol=0.12, atol=1e-9)
-    assert profile.interval() == pytest.approx(fit.intervals()["k"], rel=0.01)
+    # Errors of 2 % bend it by some percents; each point is found to 0.02.
+    np.testing.assert_allclose(profile.rise, parabola, rtol=0.12, atol=0.02)
     with pytest.raises(ValueError, match="Argument `name` must be one of k, psi, but is 'r'"):
         fit.profile("r")
 
 
-def test_the_interval_of_a_flat_profile_is_open():
+def test_what_is_not_determined_has_a_flat_profile():
     found = calibrate("linearized", GUESS, synthetic(2), ["psi", "sigma"], starts=1)
-    profile = found.profile("sigma", 3)
-    assert profile.interval() == (-np.inf, np.inf)
-    np.testing.assert_allclose(profile.rise, 0, atol=1e-4)
+    np.testing.assert_allclose(found.profile("sigma", 3).rise, 0, atol=1e-4)
+
+
+def test_an_interval_ends_at_a_bound():
+    bounds = {"k": (1.99, 2.02)}
+    found = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds=bounds, starts=1)
+    assert found.intervals()["k"] == pytest.approx(bounds["k"])
+    # With k so nearly known, ψ is known better.
+    low, high = found.intervals()["psi"]
+    free_low, free_high = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], starts=1).intervals()["psi"]
+    assert high - low < 0.9 * (free_high - free_low)
 
 
 def test_outliers_are_borne_by_a_robust_loss():
@@ -210,7 +234,8 @@ def test_bounds_are_kept_and_said():
     found = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds={"k": (2.5, 4.0)}, starts=2)
     assert found.estimates["k"] == pytest.approx(2.5, rel=1e-6)
     assert found.statements[0] == "k is at its lower bound, 2.5: its error means nothing."
-    assert found.statements[1].startswith("The model does not fit within the uncertainties: χ² is")
+    assert found.statements[1].startswith("psi is known better than its standard error says")
+    assert found.statements[2].startswith("The model does not fit within the uncertainties: χ² is")
 
 
 @pytest.mark.parametrize(
@@ -260,6 +285,22 @@ def turning() -> np.ndarray:
     # With the derivatives of the fits, so that one compiled program serves all.
     p = TABLE_1.replace(alpha=np.deg2rad(DEGREES))
     return np.asarray(erosion.impact("rotating", p, derivatives=1, wrt=("k", "psi")).volume)
+
+
+def test_intervals_end_at_cliffs(turning):
+    # Two sets in which the jump of V(α) comes upon a row within the standard error of k.
+    k, psi = np.meshgrid(2.0 * np.linspace(0.87, 1.13, 105), 0.04 * np.linspace(0.94, 1.06, 73), indexing="ij")
+    k, psi = k.ravel(), psi.ravel()
+    case = TABLE_1.replace(alpha=np.deg2rad(DEGREES), k=k[:, None], psi=psi[:, None])
+    volume = np.asarray(erosion.impact("rotating", case, derivatives=1, wrt=("k", "psi")).volume)
+    for seed in (0, 1):
+        data = synthetic(seed, turning)
+        found = calibrate("rotating", GUESS, data, ["k", "psi"])
+        misfit = np.sum(((volume - data["volume [in^3]"]) / data["uncertainty [in^3]"]) ** 2, axis=1)
+        assert found.chi2 < misfit.min() + 0.05
+        inside = k[misfit - found.chi2 < 1.959964**2]
+        # As near as the grid is.
+        assert found.intervals()["k"] == pytest.approx((inside.min(), inside.max()), abs=0.01)
 
 
 def test_a_curve_with_a_jump_is_found_from_afar(turning):

@@ -34,7 +34,9 @@ def test_a_fit_as_json_with_files(table, tmp_path, capsys):
     assert found["estimates"]["k"] == pytest.approx(2, abs=0.15)
     low, high = found["intervals"]["k"]
     assert low < found["estimates"]["k"] < high
-    assert found["profile"]["interval"] == pytest.approx([low, high], rel=0.02)
+    rise = dict(zip(found["profile"]["values"], found["profile"]["rise"], strict=True))
+    assert rise[found["estimates"]["k"]] == 0
+    assert all((one > 3.84) == (not low < value < high) for value, one in rise.items())
     assert found["parameters"]["k"] == found["estimates"]["k"]
     assert found["parameters"]["r"] == 0.04
     assert found["erosion_unit"] == "in³"

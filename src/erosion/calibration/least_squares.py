@@ -24,7 +24,10 @@ _THINNED = 500  # rows are enough to choose among valleys
 _WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds: a factor of 100, a spin of 2 v₀/r
 _NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case
 _HOPS = 10  # rounds of points about the best minimum
-_REACH = np.geomspace(0.1, 6.0, 24)[:, None]  # of the points of a round, in standard errors
+_DRAWN, _DRAWN_HELD = 96, 24  # points of a round: about a start, which may be far off; about a profile's last point
+_REACH = 0.1, 6.0  # of these points, in standard errors
+_EXACT = 1e-12  # of the cost
+_ROUGH = 0.02  # of one row's share in the cost: enough to choose among valleys
 _RHO: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
     "linear": lambda z: z,
     "soft_l1": lambda z: 2 * (np.sqrt(1 + z) - 1),
@@ -132,13 +135,13 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
         CalibrationError: if the model fails for all starts.
     """
     few = problem.thinned()
-    begins = _starts(few, starts)
-    found = [solution for theta in begins if (solution := descend(few, theta)) is not None]
+    begins, rough = _starts(few, starts), _ROUGH / len(few.data)
+    found = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
     if not found:
         raise CalibrationError("The model could not be fitted: its impacts failed for every start.")
     # Valleys as deep as the best but for rounding are the same: the first is nearest to the case.
     least = min(one.cost for one in found)
-    best = next(one for one in found if one.cost <= least * (1 + 1e-9) + 1e-20)
+    best = next(one for one in found if one.cost <= least * (1 + rough) + 1e-20)
     if loss != "linear":
         noise = 1.0
         if problem.data.uncertainty is None:
@@ -150,7 +153,7 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
     return problem, whole
 
 
-def settle(problem: Problem, theta: np.ndarray, held: int | None = None, precision: float = 0.0) -> Solution | None:
+def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
     """The deepest of the valleys about θ; arguments as for `descend`.
 
     A jump of V(α) that passes a row as a parameter moves is a step of the misfit, so valleys
@@ -158,24 +161,26 @@ def settle(problem: Problem, theta: np.ndarray, held: int | None = None, precisi
     errors and farther; one that lies below the minimum has found another valley.
     """
     few = problem.thinned()
-    best = descend(few, theta, held, precision)
+    if few is not problem and held is not None:
+        return descend(problem, theta, held, ftol)  # the steps of so many rows are small
+    rough = max(ftol, _ROUGH / len(few.data))
+    best = descend(few, theta, held, rough)
     if best is None:
         return None
     rng = np.random.default_rng(0)
+    reach = np.geomspace(*_REACH, _DRAWN if held is None else _DRAWN_HELD)[:, None]
     for _ in range(_HOPS):
         modes = _modes(few, best)
-        if not modes.shape[1]:
-            break
         spread = np.sqrt(2 * best.cost / max(len(few.data) - modes.shape[1], 1))
-        draws = best.theta + spread * _REACH * rng.standard_normal((len(_REACH), modes.shape[1])) @ modes.T
+        draws = best.theta + spread * reach * rng.standard_normal((len(reach), modes.shape[1])) @ modes.T
         draws = np.clip(draws, few.lower, few.upper)
         costs = few.costs(draws)
         lowest = int(np.argmin(costs))
         if costs[lowest] >= best.cost:
             break
-        found = descend(few, draws[lowest], held, precision)
+        found = descend(few, draws[lowest], held, rough)
         best = best if found is None else found
-    return best if few is problem else descend(problem, best.theta, held, precision)
+    return best if few is problem and rough == ftol else descend(problem, best.theta, held, ftol)
 
 
 def _modes(problem: Problem, solution: Solution) -> np.ndarray:
@@ -185,14 +190,14 @@ def _modes(problem: Problem, solution: Solution) -> np.ndarray:
     return identify(names, solution.jacobian, np.ones(len(names)), size).modes
 
 
-def descend(problem: Problem, theta: np.ndarray, held: int | None = None, precision: float = 0.0) -> Solution | None:
+def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
     """The minimum down from θ.
 
     Args:
         problem: what is minimised.
         theta: shape (names,).
         held: the number of a parameter that stays as it is.
-        precision: of the cost; 0 for all digits.
+        ftol: how near the minimum the cost has to come, over the cost.
 
     Returns:
         None where impacts fail.
@@ -215,10 +220,9 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, precis
         return None
     if not moving.any():
         return Solution(theta, float(problem.cost(residuals)), np.zeros_like(jacobian))
-    cost, steepness = float(problem.cost(residuals)), float(np.linalg.norm(jacobian[:, moving])) or np.inf
-    length = (
-        0.1 * np.sqrt(precision) / steepness
-    )  # a tenth of that from the minimum, cost is higher by 1 % of `precision`
+    # At a cliff the steps shrink until they are so short that on a slope they would not count either.
+    steepness = float(np.linalg.norm(jacobian[:, moving])) or np.inf
+    length = 0.1 * np.sqrt(ftol * float(problem.cost(residuals))) / steepness
     with np.errstate(over="ignore"):
         result = optimize.least_squares(
             lambda part: evaluate(part)[0],
@@ -227,8 +231,8 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, precis
             bounds=(problem.lower[moving], problem.upper[moving]),
             loss=problem.loss,
             f_scale=problem.noise,
-            xtol=max(1e-10, length / max(float(np.linalg.norm(part)), 1e-10)),
-            ftol=max(1e-12, min(precision / cost, 0.1) if cost else 0.0),
+            xtol=max(_EXACT, length / max(float(np.linalg.norm(part)), 1.0)),
+            ftol=ftol,
             gtol=1e-12,
             max_nfev=200,
         )

@@ -11,7 +11,7 @@ from erosion.calibration.forward import SCALE
 from erosion.calibration.identifiability import Identifiability, identify
 from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
-from erosion.calibration.profiles import Profile, crossing, profile
+from erosion.calibration.profiles import Profile, Ridge
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.parameters import QUANTITIES, Parameters
@@ -20,6 +20,8 @@ from erosion.tables import Row, format_number, to_html, to_text
 from erosion.units import unit_name
 
 _SCALE = Quantity("s", "measured over computed volume", "1")
+_LEVEL = 0.95  # at which an interval is compared with the standard error
+_FACTOR = 2.0  # by which they may differ before it is said
 _PROFILED = 3.5  # standard errors to either side of an estimate
 _POOR = 1e-3  # a χ² that random errors exceed this seldom is no fit
 
@@ -90,14 +92,11 @@ class Calibration:
         `standard_errors` to either side; near jumps of V(α) it is not. Infinite for what the
         data does not determine, and NaN where the model fails on the way.
         """
-        quantile = self._quantile(level)
-        if level not in self._offsets:
-            self._offsets[level] = [self._crossings(at, quantile) for at in range(len(self.names))]
         values = self.problem.forward.from_theta
         with np.errstate(over="ignore"):
             return {
                 name: (float(values(name, one + low)), float(values(name, one + high)))
-                for name, one, (low, high) in zip(self.names, self.solution.theta, self._offsets[level], strict=True)
+                for name, one, (low, high) in zip(self.names, self.solution.theta, self._ends(level), strict=True)
             }
 
     @functools.cached_property
@@ -162,11 +161,16 @@ class Calibration:
         """What the reader must know of this fit, in sentences; empty for a good one."""
         found = list(self.identifiability.statements)
         theta, problem = self.solution.theta, self.problem
-        for name, one, low, high in zip(self.names, theta, problem.lower, problem.upper, strict=True):
-            for side, bound in (("lower", low), ("upper", high)):
-                if abs(one - bound) < 1e-6 and name not in self.undetermined:
+        for at, name in enumerate(self.names):
+            if name in self.undetermined:
+                continue
+            for side, bound in (("lower", problem.lower[at]), ("upper", problem.upper[at])):
+                if abs(theta[at] - bound) < 1e-6:
                     value = problem.forward.from_theta(name, bound)
                     found.append(f"{name} is at its {side} bound, {value:.6g}: its error means nothing.")
+                    break
+            else:
+                found += self._misshapen(at)
         freedom = self.degrees_of_freedom
         if self.data.uncertainty is not None and freedom > 0 and stats.chi2.sf(self.chi2, freedom) < _POOR:
             found.append(
@@ -203,7 +207,7 @@ class Calibration:
         reach = _PROFILED * error if np.isfinite(error) else 1.0
         best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
         offsets = np.unique(np.clip(np.linspace(-reach, reach, points | 1), low - best, high - best))
-        rise = profile(self.problem, self.solution, at, offsets, self._path(at), self._variance / 2)
+        rise = self._ridge(at).rises(offsets, self._variance / 2)
         values = forward.from_theta(name, best + offsets)
         if np.isnan(rise).any():
             raise CalibrationError(f"The profile of {name} failed at {values[np.isnan(rise)][0]:g}.")
@@ -254,9 +258,29 @@ class Calibration:
             return 1.0
         return 2 * self.solution.cost / self.degrees_of_freedom
 
+    def _misshapen(self, at: int) -> list[str]:
+        """A sentence where the standard error does not tell how wide the interval is."""
+        name, quantile = self.names[at], self._quantile(_LEVEL)
+        low, high = self._ends(_LEVEL)[at]
+        if np.isnan(high - low):
+            return [f"The interval of {name} has an end that is not known: the model fails on the way to it."]
+        width = 2 * quantile * float(np.sqrt(self._covariance[at, at]))
+        if _FACTOR * (high - low) < width:
+            return [f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."]
+        if high - low > _FACTOR * width:
+            return [f"{name} is known less well than its standard error says: see its interval."]
+        return []
+
+    def _ends(self, level: float) -> list[tuple[float, float]]:
+        """The intervals as distances of θ from the estimates."""
+        if level not in self._offsets:
+            quantile = self._quantile(level)
+            self._offsets[level] = [self._crossings(at, quantile) for at in range(len(self.names))]
+        return self._offsets[level]
+
     @functools.cached_property
     def _offsets(self) -> dict[float, list[tuple[float, float]]]:
-        """The intervals found so far, by level, as distances of θ from the estimates."""
+        """`_ends` found so far, by level."""
         return {}
 
     def _crossings(self, at: int, quantile: float) -> tuple[float, float]:
@@ -264,15 +288,16 @@ class Calibration:
         width, height = quantile * float(np.sqrt(self._covariance[at, at])), quantile**2 * self._variance / 2
         if width in (0.0, np.inf):
             return -width, width
-        path = self._path(at)
-        low, high = (crossing(self.problem, self.solution, at, side * width, path, height) for side in (-1, 1))
-        return low, high
+        ridge = self._ridge(at)
+        return ridge.crossing(-width, height), ridge.crossing(width, height)
 
-    def _path(self, at: int) -> np.ndarray:
-        """How the other parameters go with one, where residuals are linear; shape (names,)."""
+    def _ridge(self, at: int) -> Ridge:
+        """The best fits along one parameter."""
         modes = self.identifiability.modes
         together = modes @ modes[at]
-        return together / together[at] if self.names[at] not in self.undetermined else np.eye(len(self.names))[at]
+        straight = np.eye(len(self.names))[at]
+        path = straight if self.names[at] in self.undetermined else together / together[at]
+        return Ridge(self.problem, self.solution, at, path)
 
     def _quantile(self, level: float) -> float:
         """Half the width of an interval in standard errors."""
