@@ -47,9 +47,9 @@ NOISE = 0.03
 # Kinds for which it matters that all sets have the same angles, or not.
 FIXED = ("rotating", "rotating-tan-alpha", "rotating-tan-alpha-full-torque")
 
-HEAD = """{date}, by `python -m benchmarks.calibration`. 50 angles, one drawn from each of 50 equal parts of 4.15° to 88.85°;
-normal errors of 3% of the greatest volume, given as uncertainties. Truth: Table 1. First guess: k = 3, ψ = 0.06, and
-r = 0.05 in where r is free."""
+HEAD = """{date}, by `python -m benchmarks.calibration`. 50 angles, one drawn from each of 50 equal parts of
+4.15° to 88.85°; normal errors of 3% of the greatest volume, given as uncertainties. Truth: Table 1. First guess: k = 3,
+ψ = 0.06, and r = 0.05 in where r is free."""
 ESTIMATES = (
     "| model | parameter | mean error | scatter | mean over its own error | median standard error | "
     "median half of the 95 % interval | which holds the truth |"

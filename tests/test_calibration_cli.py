@@ -45,6 +45,15 @@ def test_a_fit_as_json_with_files(table, tmp_path, capsys):
     assert "angle [deg],f [-]" in files[2].read_text()
 
 
+def test_a_profile_as_text(table, capsys):
+    assert _status(["calibrate", str(table), "--free", "k,psi", "--profile", "psi", *GUESS]) == 0
+    out = capsys.readouterr().out
+    below, profile = out.split("profile of psi")
+    assert "95%: " in below
+    assert "Δχ²" in profile
+    assert len([line for line in profile.splitlines() if line.strip()[:4] in ("0.03", "0.04")]) == 21
+
+
 def test_what_is_not_determined_is_a_warning(table, capsys):
     assert _status(["calibrate", str(table), "--free", "psi,sigma", *GUESS]) == 0
     captured = capsys.readouterr()

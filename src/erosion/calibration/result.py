@@ -86,11 +86,11 @@ class Calibration:
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """A confidence interval of each parameter, by its profile likelihood.
 
-        It reaches to where χ² has risen by the square of the quantile (of the normal
-        distribution, or of Student's where the noise is estimated) with all other parameters
-        fitted again, or to the bound. Where the misfit is a parabola that is so many
+        It reaches to where χ² has risen by `rise(level)` with all other parameters fitted
+        again, or to the bound. Where the misfit is a parabola that is so many
         `standard_errors` to either side; near jumps of V(α) it is not. Infinite for what the
-        data does not determine, and NaN where the model fails on the way.
+        data does not determine, and NaN where the model fails on the way. An end is found to
+        2 % of its distance from the estimate.
         """
         values = self.problem.forward.from_theta
         with np.errstate(over="ignore"):
@@ -98,6 +98,13 @@ class Calibration:
                 name: (float(values(name, one + low)), float(values(name, one + high)))
                 for name, one, (low, high) in zip(self.names, self.solution.theta, self._ends(level), strict=True)
             }
+
+    def rise(self, level: float = 0.95) -> float:
+        """How far χ² rises from the minimum to the ends of the intervals of `level`."""
+        tail = (1 + _checked_level(level)) / 2
+        if self.data.uncertainty is not None:
+            return float(stats.norm.ppf(tail)) ** 2
+        return float(stats.t.ppf(tail, self.degrees_of_freedom)) ** 2
 
     @functools.cached_property
     def fitted(self) -> np.ndarray:
@@ -260,11 +267,10 @@ class Calibration:
 
     def _misshapen(self, at: int) -> list[str]:
         """A sentence where the standard error does not tell how wide the interval is."""
-        name, quantile = self.names[at], self._quantile(_LEVEL)
-        low, high = self._ends(_LEVEL)[at]
+        name, (low, high) = self.names[at], self._ends(_LEVEL)[at]
         if np.isnan(high - low):
             return [f"The interval of {name} has an end that is not known: the model fails on the way to it."]
-        width = 2 * quantile * float(np.sqrt(self._covariance[at, at]))
+        width = 2 * np.sqrt(self.rise(_LEVEL) * self._covariance[at, at])
         if _FACTOR * (high - low) < width:
             return [f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."]
         if high - low > _FACTOR * width:
@@ -274,8 +280,8 @@ class Calibration:
     def _ends(self, level: float) -> list[tuple[float, float]]:
         """The intervals as distances of θ from the estimates."""
         if level not in self._offsets:
-            quantile = self._quantile(level)
-            self._offsets[level] = [self._crossings(at, quantile) for at in range(len(self.names))]
+            rise = self.rise(level)
+            self._offsets[level] = [self._crossings(at, rise) for at in range(len(self.names))]
         return self._offsets[level]
 
     @functools.cached_property
@@ -283,9 +289,9 @@ class Calibration:
         """`_ends` found so far, by level."""
         return {}
 
-    def _crossings(self, at: int, quantile: float) -> tuple[float, float]:
-        """Where the profile along one parameter has risen by the square of `quantile`, below and above."""
-        width, height = quantile * float(np.sqrt(self._covariance[at, at])), quantile**2 * self._variance / 2
+    def _crossings(self, at: int, rise: float) -> tuple[float, float]:
+        """Where χ² has risen so far along one parameter, below and above."""
+        width, height = float(np.sqrt(rise * self._covariance[at, at])), rise * self._variance / 2
         if width in (0.0, np.inf):
             return -width, width
         ridge = self._ridge(at)
@@ -298,13 +304,6 @@ class Calibration:
         straight = np.eye(len(self.names))[at]
         path = straight if self.names[at] in self.undetermined else together / together[at]
         return Ridge(self.problem, self.solution, at, path)
-
-    def _quantile(self, level: float) -> float:
-        """Half the width of an interval in standard errors."""
-        tail = (1 + _checked_level(level)) / 2
-        if self.data.uncertainty is not None:
-            return float(stats.norm.ppf(tail))
-        return float(stats.t.ppf(tail, self.degrees_of_freedom))
 
 
 def _checked_level(level: float) -> float:
