@@ -108,13 +108,13 @@ def test_noise_is_estimated_where_none_is_given(fit):
 
 def test_estimates_are_unbiased_and_intervals_cover():
     # The full demonstration, 100 seeds of each model, is benchmarks/calibration.py.
-    seeds = 40
+    seeds = 30
     fits = [calibrate("linearized", GUESS, synthetic(100 + seed), ["k", "psi"], starts=1) for seed in range(seeds)]
     for name, truth in (("k", 2.0), ("psi", 0.04)):
         off = np.array([one.estimates[name] for one in fits]) - truth
         assert abs(off.mean()) < 2.5 * off.std(ddof=1) / np.sqrt(seeds)
         covered = sum(low <= truth <= high for low, high in (one.intervals()[name] for one in fits))
-        assert covered >= 35  # of 40: 38 are expected, and fewer than 35 seen once in 30 runs
+        assert covered >= 25  # 28.5 are expected, and fewer than 25 seen once in 300 runs
 
 
 def test_a_product_is_reported_as_a_product():
@@ -308,7 +308,9 @@ def test_a_curve_with_a_jump_is_found_from_afar(turning):
     found = calibrate("rotating", GUESS, synthetic(5, turning), ["k", "psi"], starts=8)
     for name, truth in (("k", 2.0), ("psi", 0.04)):
         assert abs(found.estimates[name] - truth) < 3 * found.standard_errors[name]
-    assert found.statements == ()
+    # Here the next row on one side is half a standard error away.
+    (sentence,) = found.statements
+    assert sentence.startswith("k is known better than its standard error says (V(α) jumps, or a bound)")
 
 
 def test_the_variant_that_made_the_data_comes_first(turning):

@@ -185,8 +185,7 @@ def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: f
 
 def _modes(problem: Problem, solution: Solution) -> np.ndarray:
     """The determined directions of θ, each one standard error long, shape (names, rank)."""
-    predicted, _ = problem.forward.predict(solution.theta, problem.data.conditions)
-    names, size = problem.forward.names, float(np.linalg.norm(predicted / problem.deviation))
+    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.deviation))
     return identify(names, solution.jacobian, np.ones(len(names)), size).modes
 
 

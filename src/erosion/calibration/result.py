@@ -20,9 +20,9 @@ from erosion.tables import Row, format_number, to_html, to_text
 from erosion.units import unit_name
 
 _SCALE = Quantity("s", "measured over computed volume", "1")
-_LEVEL = 0.95  # at which an interval is compared with the standard error
-_FACTOR = 2.0  # by which they may differ before it is said
-_PROFILED = 3.5  # standard errors to either side of an estimate
+_LEVEL = 0.95  # of the intervals that standard errors are compared with
+_FACTOR = 1.5  # by which they may differ before it is said
+_PROFILED = 1.8  # intervals of that level, to either side of an estimate
 _POOR = 1e-3  # a χ² that random errors exceed this seldom is no fit
 
 
@@ -203,6 +203,10 @@ class Calibration:
     def profile(self, name: str, points: int = 21) -> Profile:
         """The likelihood's profile along one parameter: all others fitted again at each value.
 
+        Args:
+            name: of the parameter.
+            points: about so many, from beyond one end of the 95 % interval to beyond the other.
+
         Raises:
             ValueError: for a name that is not free.
             CalibrationError: where the model fails.
@@ -210,10 +214,10 @@ class Calibration:
         if name not in self.names:
             raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
         at, forward = self.names.index(name), self.problem.forward
-        error = float(np.sqrt(self._covariance[at, at]))
-        reach = _PROFILED * error if np.isfinite(error) else 1.0
         best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
-        offsets = np.unique(np.clip(np.linspace(-reach, reach, points | 1), low - best, high - best))
+        reach = np.array([_PROFILED * end if np.isfinite(end) else np.sign(end) for end in self._ends(_LEVEL)[at]])
+        offsets = np.outer(reach, np.linspace(0.0, 1.0, points // 2 + 1))
+        offsets = np.unique(np.clip(offsets, low - best, high - best))
         rise = self._ridge(at).rises(offsets, self._variance / 2)
         values = forward.from_theta(name, best + offsets)
         if np.isnan(rise).any():
