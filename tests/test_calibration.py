@@ -308,7 +308,7 @@ def test_a_curve_with_a_jump_is_found_from_afar(turning):
     found = calibrate("rotating", GUESS, synthetic(5, turning), ["k", "psi"], starts=8)
     for name, truth in (("k", 2.0), ("psi", 0.04)):
         assert abs(found.estimates[name] - truth) < 3 * found.standard_errors[name]
-    # Here the next row on one side is half a standard error away.
+    # Here the jump comes upon a row 0.6 standard errors below k.
     (sentence,) = found.statements
     assert sentence.startswith("k is known better than its standard error says (V(α) jumps, or a bound)")
 
