@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.calibration import CalibrationError, calibrate, rank_models, to_fluent, to_openfoam
+from erosion.calibration import Calibration, CalibrationError, calibrate, profiles, rank_models, to_fluent, to_openfoam
 from erosion.calibration.identifiability import identify
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters import TABLE_1
@@ -278,6 +278,15 @@ def test_a_model_that_fails_is_said_to_fail():
     ranking = rank_models(GUESS, synthetic(0), ["k"], models=[broken, "linearized"], starts=2)
     assert ranking.names == ("linearized",)
     assert ranking.failures[0].startswith("Broken: The model could not be fitted")
+
+
+def test_an_interval_on_whose_way_the_model_fails_is_said(fit, monkeypatch):
+    monkeypatch.setattr(profiles, "settle", lambda *arguments: None)
+    again = Calibration(fit.problem, fit.solution)
+    assert np.isnan(again.intervals()["k"]).all()
+    assert again.statements[0].startswith("The interval of k has an end that is not known: the model fails")
+    with pytest.raises(CalibrationError, match="The profile of k cannot be made"):
+        again.profile("k")
 
 
 @pytest.fixture(scope="module")

@@ -215,13 +215,15 @@ class Calibration:
             raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
         at, forward = self.names.index(name), self.problem.forward
         best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
-        reach = np.array([_PROFILED * end if np.isfinite(end) else np.sign(end) for end in self._ends(_LEVEL)[at]])
+        reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self._ends(_LEVEL)[at]]
         offsets = np.outer(reach, np.linspace(0.0, 1.0, points // 2 + 1))
         offsets = np.unique(np.clip(offsets, low - best, high - best))
         rise = self._ridge(at).rises(offsets, self._variance / 2)
         values = forward.from_theta(name, best + offsets)
-        if np.isnan(rise).any():
-            raise CalibrationError(f"The profile of {name} failed at {values[np.isnan(rise)][0]:g}.")
+        if np.isnan(rise + offsets).any():
+            raise CalibrationError(
+                f"The profile of {name} cannot be made: the model fails near {self.estimates[name]:g}."
+            )
         return Profile(name, values, 2 * rise / self._variance)
 
     def rows(self, level: float = 0.95) -> list[Row]:
