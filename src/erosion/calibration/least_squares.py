@@ -25,6 +25,7 @@ _WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds: a factor of
 _NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case
 _HOPS = 10  # rounds of points about the best minimum
 _DRAWN, _DRAWN_HELD = 96, 24  # points of a round: about a start, which may be far off; about a profile's last point
+_SEARCHED = 400_000  # rows of all points of a round
 _REACH = 0.1, 6.0  # of these points, in standard errors
 _EXACT = 1e-12  # of the cost
 _ROUGH = 0.02  # of one row's share in the cost: enough to choose among valleys
@@ -158,29 +159,31 @@ def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: f
 
     A jump of V(α) that passes a row as a parameter moves is a step of the misfit, so valleys
     are as narrow as the rows are close. Points are drawn about the minimum, nearer than its
-    errors and farther; one that lies below the minimum has found another valley.
+    errors and farther; one that lies below the minimum has found another valley. Very many
+    rows leave no time for that; they begin from where some of them have led.
     """
-    few = problem.thinned()
-    if few is not problem and held is not None:
-        return descend(problem, theta, held, ftol)  # the steps of so many rows are small
-    rough = max(ftol, _ROUGH / len(few.data))
-    best = descend(few, theta, held, rough)
+    few, rough = problem.thinned(), max(ftol, _ROUGH / len(problem.data))
+    if held is None and few is not problem:
+        begun = settle(few, theta, ftol=rough)
+        theta = theta if begun is None else begun.theta
+    best = descend(problem, theta, held, rough)
     if best is None:
         return None
     rng = np.random.default_rng(0)
-    reach = np.geomspace(*_REACH, _DRAWN if held is None else _DRAWN_HELD)[:, None]
-    for _ in range(_HOPS):
-        modes = _modes(few, best)
-        spread = np.sqrt(2 * best.cost / max(len(few.data) - modes.shape[1], 1))
-        draws = best.theta + spread * reach * rng.standard_normal((len(reach), modes.shape[1])) @ modes.T
-        draws = np.clip(draws, few.lower, few.upper)
-        costs = few.costs(draws)
+    drawn = min(_DRAWN if held is None else _DRAWN_HELD, _SEARCHED // len(problem.data))
+    reach = np.geomspace(*_REACH, drawn)[:, None]
+    for _ in range(_HOPS if drawn else 0):
+        modes = _modes(problem, best)
+        spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))
+        draws = best.theta + spread * reach * rng.standard_normal((drawn, modes.shape[1])) @ modes.T
+        draws = np.clip(draws, problem.lower, problem.upper)
+        costs = problem.costs(draws)
         lowest = int(np.argmin(costs))
         if costs[lowest] >= best.cost:
             break
-        found = descend(few, draws[lowest], held, rough)
+        found = descend(problem, draws[lowest], held, rough)
         best = best if found is None else found
-    return best if few is problem and rough == ftol else descend(problem, best.theta, held, ftol)
+    return best if rough == ftol else descend(problem, best.theta, held, ftol)
 
 
 def _modes(problem: Problem, solution: Solution) -> np.ndarray:

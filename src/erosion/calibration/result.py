@@ -90,7 +90,7 @@ class Calibration:
         again, or to the bound. Where the misfit is a parabola that is so many
         `standard_errors` to either side; near jumps of V(α) it is not. Infinite for what the
         data does not determine, and NaN where the model fails on the way. An end is found to
-        2 % of its distance from the estimate.
+        2 % of its distance from the estimate, which takes as long as some fits.
         """
         values = self.problem.forward.from_theta
         with np.errstate(over="ignore"):
