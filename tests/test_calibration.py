@@ -339,6 +339,18 @@ def test_the_variant_that_made_the_data_comes_first(turning):
     assert "<th>left-out error [in³]</th>" in ranking._repr_html_()
 
 
+def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
+    # With k below 2 tan α of all rows, `linearized` is `tan-alpha`: it may not come first for that.
+    exact = float(TABLE_1.m * TABLE_1.v0**2 / (TABLE_1.sigma * TABLE_1.psi) / 2) * np.cos(np.deg2rad(DEGREES)) ** 2
+    ranking = rank_models(GUESS, synthetic(1, exact), ["k", "psi"], models=["linearized", "tan-alpha"])
+    assert ranking.names == ("tan-alpha", "linearized")
+    simple, nested = ranking.fits
+    assert nested.undetermined == simple.undetermined == ("k",)
+    assert nested.chi2 == pytest.approx(simple.chi2, rel=1e-6)
+    # One parameter against two, of 50 rows.
+    assert nested.aicc - simple.aicc == pytest.approx((4 + 12 / 47) - (2 + 4 / 48))
+
+
 def test_finnies_shape_goes_to_openfoam_without_loss(fit):
     coefficients = to_openfoam(fit)
     # V = (V*/k) F(α; 3k), so that p is a third of σ, in Pa.

@@ -128,8 +128,12 @@ class Calibration:
 
     @property
     def aicc(self) -> float:
-        """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data."""
-        rows, free = len(self.data), self.identifiability.rank
+        """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
+
+        A parameter counts that has influence here or at the first guess: one that the fit has
+        moved to where it has none was fitted all the same.
+        """
+        rows, free = len(self.data), max(self.identifiability.rank, self._rank_at_first)
         if self.data.uncertainty is None:
             free += 1  # the variance was estimated too
             with np.errstate(divide="ignore"):
@@ -153,10 +157,7 @@ class Calibration:
     @functools.cached_property
     def identifiability(self) -> Identifiability:
         """Which parameters the data can tell apart."""
-        forward, theta = self.problem.forward, self.solution.theta
-        exponent = np.where(forward.logarithmic | (theta == 0), 1.0, theta)
-        size = float(np.linalg.norm(self.fitted / self.problem.deviation))
-        return identify(self.names, self.solution.jacobian, exponent, size)
+        return self._identify(self.solution.theta, self.solution.jacobian, self.fitted / self.problem.deviation)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -270,6 +271,20 @@ class Calibration:
         if self.data.uncertainty is not None:
             return 1.0
         return 2 * self.solution.cost / self.degrees_of_freedom
+
+    def _identify(self, theta: np.ndarray, jacobian: np.ndarray, weighted: np.ndarray) -> Identifiability:
+        """Which parameters the data can tell apart about θ, where the weighted prediction is so."""
+        exponent = np.where(self.problem.forward.logarithmic | (theta == 0), 1.0, theta)
+        return identify(self.names, jacobian, exponent, float(np.linalg.norm(weighted)))
+
+    @functools.cached_property
+    def _rank_at_first(self) -> int:
+        """How many combinations of parameters count at the first guess; 0 where impacts fail there."""
+        start = self.problem.forward.start
+        residuals, jacobian = self.problem.residuals(start)
+        if not np.all(np.isfinite(jacobian)):
+            return 0
+        return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.deviation).rank
 
     def _misshapen(self, at: int) -> list[str]:
         """A sentence where the standard error does not tell how wide the interval is."""
