@@ -34,13 +34,24 @@ def test_a_fit_as_json_with_files(table, tmp_path, capsys):
     assert found["estimates"]["k"] == pytest.approx(2, abs=0.15)
     low, high = found["intervals"]["k"]
     assert low < found["estimates"]["k"] < high
-    assert found["profile"]["interval"] == pytest.approx([low, high], rel=0.02)
+    rise = dict(zip(found["profile"]["values"], found["profile"]["rise"], strict=True))
+    assert rise[found["estimates"]["k"]] == 0
+    assert all((one > 3.84) == (not low < value < high) for value, one in rise.items())
     assert found["parameters"]["k"] == found["estimates"]["k"]
     assert found["parameters"]["r"] == 0.04
     assert found["erosion_unit"] == "in³"
     assert files[0].read_text().startswith("<?xml")
     assert "type        particleErosion;" in files[1].read_text()
     assert "angle [deg],f [-]" in files[2].read_text()
+
+
+def test_a_profile_as_text(table, capsys):
+    assert _status(["calibrate", str(table), "--free", "k,psi", "--profile", "psi", *GUESS]) == 0
+    out = capsys.readouterr().out
+    below, profile = out.split("profile of psi")
+    assert "95%: " in below
+    assert "Δχ²" in profile
+    assert len([line for line in profile.splitlines() if line.strip()[:4] in ("0.03", "0.04")]) == 21
 
 
 def test_what_is_not_determined_is_a_warning(table, capsys):

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
-from erosion.calibration import Profile, calibrate
+from erosion.calibration import calibrate
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters import TABLE_1
 from erosion.plotting.calibrations import plot_calibration, plot_profile
@@ -50,13 +50,17 @@ def test_data_fit_band_and_residuals(fit):
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
 
 
-def test_a_profile_shows_where_it_crosses():
-    values = np.linspace(1.0, 3.0, 21)
-    profile = Profile("k", values, (values - 2) ** 2 / 0.25**2)
-    ax = plot_profile(new_axes()[1], profile)
-    np.testing.assert_allclose(drawn(ax, "profile")[1], profile.rise)
+def test_a_profile_shows_where_it_crosses(fit):
+    ax = plot_profile(new_axes()[1], fit, "k", 0.9)
+    profile = fit.profile("k")
+    np.testing.assert_array_equal(drawn(ax, "profile"), [profile.values, profile.rise])
+    np.testing.assert_allclose(drawn(ax, "90%")[1], 1.644854**2, rtol=1e-6)
     ends = sorted(float(np.asarray(line.get_xdata())[0]) for line in ax.lines[2:])
-    # √Δχ² is straight, so interpolation between points is exact.
-    assert ends == pytest.approx([2 - 0.25 * 1.959964, 2 + 0.25 * 1.959964], rel=1e-6)
-    flat = Profile("k", values, np.zeros(21))
-    assert len(plot_profile(new_axes()[1], flat).lines) == 2
+    assert ends == list(fit.intervals(0.9)["k"])
+    rises = np.interp(ends, profile.values, profile.rise)
+    np.testing.assert_allclose(rises, 1.644854**2, rtol=0.1)  # between 21 points of a parabola
+
+
+def test_an_open_interval_has_no_lines(fit):
+    loose = calibrate("linearized", TABLE_1, fit.data, ["psi", "sigma"], starts=1)
+    assert len(plot_profile(new_axes()[1], loose, "sigma").lines) == 2

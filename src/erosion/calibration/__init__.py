@@ -9,7 +9,7 @@ from erosion.calibration.least_squares import CalibrationError as CalibrationErr
 from erosion.calibration.measurements import MeasurementError as MeasurementError
 from erosion.calibration.measurements import Measurements as Measurements
 from erosion.calibration.measurements import read_measurements as read_measurements
+from erosion.calibration.profiles import Profile as Profile
 from erosion.calibration.ranking import Ranking as Ranking
 from erosion.calibration.ranking import rank_models as rank_models
 from erosion.calibration.result import Calibration as Calibration
-from erosion.calibration.result import Profile as Profile

@@ -9,14 +9,15 @@ multiples of its size, and may change its sign.
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from erosion.calibration.measurements import Measurements
-from erosion.kernel import impact
+from erosion.kernel import Impact, impact
 from erosion.model import CuttingModel
 from erosion.own_parameters import own_parameters, quantities, sizes, values, with_values
-from erosion.parameters import Parameters
+from erosion.parameters import QUANTITIES, Parameters
 
 SCALE = "scale"
 """The name of the factor between the model's volume and erosion in units of its own."""
@@ -66,11 +67,11 @@ class Forward:
 
     def values(self, theta: np.ndarray) -> dict[str, float]:
         """The parameters at θ, by name."""
-        return {name: self.from_theta(name, one) for name, one in zip(self.names, theta, strict=True)}
+        return {name: float(self.from_theta(name, one)) for name, one in zip(self.names, theta, strict=True)}
 
-    def from_theta(self, name: str, theta: float) -> float:
-        """One parameter's value."""
-        return float(theta * self._units[name] if name in self._units else np.exp(theta))
+    def from_theta(self, name: str, theta: Any) -> Any:
+        """One parameter's value, or several, of the shape of `theta`."""
+        return theta * self._units[name] if name in self._units else np.exp(theta)
 
     def slopes(self, theta: np.ndarray) -> np.ndarray:
         """dq/dθ, shape (names,)."""
@@ -92,17 +93,7 @@ class Forward:
         Returns:
             Erosion, shape (rows,), and ∂/∂θ, shape (rows, names); NaN where an impact failed.
         """
-        model, p = self.at(theta)
-        p = p.replace(**conditions)
-        found = impact(model, p, derivatives=1, wrt=self.free)
-        factor = 1.0
-        if self.data.needs_density and self.density is not None:
-            factor = self.density
-        if self.data.per_mass:
-            factor = factor / np.asarray(p.m)
-        values = self.values(theta)
-        if self.data.free_scale:
-            factor = factor * values[SCALE]
+        found, factor = self._impacts(self.values(theta), conditions)
         erosion = found.volume * factor
         slopes = self.slopes(theta)[: len(self.free)]
         rates = [found.dvolume[:, i] * slope * factor for i, slope in enumerate(slopes)]
@@ -111,6 +102,40 @@ class Forward:
         if self.data.free_scale:
             rates.append(erosion)
         return erosion, np.stack(rates, axis=-1)
+
+    def predict_many(self, thetas: np.ndarray, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The erosion at several θ at once, for parameters of the case much faster than one by one.
+
+        Args:
+            thetas: shape (points, names).
+            conditions: as for `predict`.
+
+        Returns:
+            Erosion, shape (points, rows); NaN where an impact failed.
+        """
+        if not all(name in QUANTITIES for name in self.free):
+            # The impacts of one call of the kernel share the model.
+            return np.stack([self.predict(theta, conditions)[0] for theta in thetas])
+        columns = zip(self.names, thetas.T, strict=True)
+        found, factor = self._impacts(
+            {name: self.from_theta(name, column[:, None]) for name, column in columns}, conditions
+        )
+        return found.volume * factor
+
+    def _impacts(self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray]) -> tuple[Impact, Any]:
+        """The impacts at parameter values, and what turns volume into the erosion that was measured."""
+        model, p = with_values(self.model, self.p, {name: values[name] for name in self.free})
+        p = p.replace(**conditions)
+        # Always with derivatives: then one compiled program serves all.
+        found = impact(model, p, derivatives=1, wrt=self.free)
+        factor = 1.0
+        if self.data.needs_density and self.density is not None:
+            factor = self.density
+        if self.data.per_mass:
+            factor = factor / np.asarray(p.m)
+        if self.data.free_scale:
+            factor = factor * values[SCALE]
+        return found, factor
 
     @functools.cached_property
     def _units(self) -> dict[str, float]:

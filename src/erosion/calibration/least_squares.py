@@ -5,7 +5,7 @@ wrong valley. So many starts are looked at, and the best of them are followed do
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,7 +23,19 @@ _FOLLOWED = 5  # of the starts
 _THINNED = 500  # rows are enough to choose among valleys
 _WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds: a factor of 100, a spin of 2 v₀/r
 _NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case
-_HOPS, _DRAWN, _REACH = 10, 24, 6.0  # rounds about the best minimum, points of each, in standard errors
+_HOPS = 10  # rounds of points about the best minimum
+_DRAWN, _DRAWN_HELD = 96, 24  # points of a round: about a start, which may be far off; about a profile's last point
+_SEARCHED = 400_000  # rows of all points of a round
+_REACH = 0.1, 6.0  # of these points, in standard errors
+_EXACT = 1e-12  # of the cost
+_ROUGH = 0.02  # of one row's share in the cost: enough to choose among valleys
+_RHO: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
+    "linear": lambda z: z,
+    "soft_l1": lambda z: 2 * (np.sqrt(1 + z) - 1),
+    "huber": lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
+    "cauchy": np.log1p,
+    "arctan": np.arctan,
+}  # of scipy.optimize.least_squares
 _MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 
 
@@ -63,11 +75,21 @@ class Problem:
         deviation = self.deviation
         return (predicted - self.data.erosion) / deviation, rates / deviation[:, None]
 
-    def misfit(self, theta: np.ndarray) -> float:
-        """Half the sum of squares; infinite where impacts fail or it is too large for a number."""
+    def cost(self, residuals: np.ndarray) -> np.ndarray:
+        """Half the sum of squares (of the robust loss) over the last axis; infinite where that is no number."""
         with np.errstate(over="ignore"):
-            half = 0.5 * float(np.sum(self.residuals(theta)[0] ** 2))
-        return half if np.isfinite(half) else np.inf
+            costs = 0.5 * self.noise**2 * np.sum(_RHO[self.loss]((residuals / self.noise) ** 2), axis=-1)
+        return np.where(np.isfinite(costs), costs, np.inf)
+
+    def costs(self, thetas: np.ndarray) -> np.ndarray:
+        """The cost at several θ, shape (points, names) -> (points,); infinite where impacts fail."""
+        predicted = self.forward.predict_many(thetas, self.data.conditions)
+        return self.cost((predicted - self.data.erosion) / self.deviation)
+
+    def thinned(self) -> "Problem":
+        """The same with no more rows than are needed to choose among valleys."""
+        data = self.data.thinned(_THINNED)
+        return self if data is self.data else dataclasses.replace(self, data=data)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +99,8 @@ class Solution:
     Args:
         theta: where, shape (names,).
         cost: half the sum of squares (of the robust loss), with residuals over `deviation`.
-        jacobian: of the residuals, weighted by the robust loss, shape (rows, names).
+        jacobian: of the residuals, weighted by the robust loss, shape (rows, names); 0 for a
+            parameter that was held.
     """
 
     theta: np.ndarray
@@ -113,57 +136,75 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
     Raises:
         CalibrationError: if the model fails for all starts.
     """
-    few = dataclasses.replace(problem, data=problem.data.thinned(_THINNED))
-    begins = _starts(few, starts)
-    found = [solution for theta in begins if (solution := descend(few, theta)) is not None]
+    few = problem.thinned()
+    begins, rough = _starts(few, starts), _ROUGH / len(few.data)
+    found = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
     if not found:
         raise CalibrationError("The model could not be fitted: its impacts failed for every start.")
     # Valleys as deep as the best but for rounding are the same: the first is nearest to the case.
     least = min(one.cost for one in found)
-    best = next(one for one in found if one.cost <= least * (1 + 1e-9) + 1e-20)
+    best = next(one for one in found if one.cost <= least * (1 + rough) + 1e-20)
     if loss != "linear":
         noise = 1.0
         if problem.data.uncertainty is None:
             noise = max(_MAD * float(np.median(np.abs(problem.residuals(best.theta)[0]))), 1e-12)
         problem = dataclasses.replace(problem, loss=loss, noise=noise)
-    whole = descend(problem, _hopped(few, best).theta)
+    whole = settle(problem, best.theta)
     if whole is None:
         raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
     return problem, whole
 
 
-def _hopped(problem: Problem, best: Solution) -> Solution:
-    """The deepest of the valleys about a minimum.
+def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
+    """The deepest of the valleys about θ; arguments as for `descend`.
 
     A jump of V(α) that passes a row as a parameter moves is a step of the misfit, so valleys
-    are as narrow as the rows are close. Points are drawn about the minimum, as wide as its
-    errors and wider; one that lies below the minimum has found another valley.
+    are as narrow as the rows are close. Points are drawn about the minimum, nearer than its
+    errors and farther; one that lies below the minimum has found another valley. Very many
+    rows leave no time for that; they begin from where some of them have led.
     """
+    few, rough = problem.thinned(), max(ftol, _ROUGH / len(problem.data))
+    if held is None and few is not problem:
+        begun = settle(few, theta, ftol=rough)
+        theta = theta if begun is None else begun.theta
+    best = descend(problem, theta, held, rough)
+    if best is None:
+        return None
     rng = np.random.default_rng(0)
-    for _ in range(_HOPS):
+    drawn = min(_DRAWN if held is None else _DRAWN_HELD, _SEARCHED // len(problem.data))
+    reach = np.geomspace(*_REACH, drawn)[:, None]
+    for _ in range(_HOPS if drawn else 0):
         modes = _modes(problem, best)
         spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))
-        reach = np.linspace(1.0, _REACH, _DRAWN)[:, None]
-        draws = best.theta + reach * spread * rng.standard_normal((_DRAWN, modes.shape[1])) @ modes.T
+        draws = best.theta + spread * reach * rng.standard_normal((drawn, modes.shape[1])) @ modes.T
         draws = np.clip(draws, problem.lower, problem.upper)
-        misfits = np.array([problem.misfit(theta) for theta in draws])
-        lowest = int(np.argmin(misfits))
-        if misfits[lowest] >= best.cost:
-            return best
-        found = descend(problem, draws[lowest])
+        costs = problem.costs(draws)
+        lowest = int(np.argmin(costs))
+        if costs[lowest] >= best.cost:
+            break
+        found = descend(problem, draws[lowest], held, rough)
         best = best if found is None else found
-    return best
+    return best if rough == ftol else descend(problem, best.theta, held, ftol)
 
 
 def _modes(problem: Problem, solution: Solution) -> np.ndarray:
     """The determined directions of θ, each one standard error long, shape (names, rank)."""
-    predicted, _ = problem.forward.predict(solution.theta, problem.data.conditions)
-    names, size = problem.forward.names, float(np.linalg.norm(predicted / problem.deviation))
+    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.deviation))
     return identify(names, solution.jacobian, np.ones(len(names)), size).modes
 
 
-def descend(problem: Problem, theta: np.ndarray, held: int | None = None) -> Solution | None:
-    """The minimum down from θ, with parameter number `held` kept; None where impacts fail."""
+def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
+    """The minimum down from θ.
+
+    Args:
+        problem: what is minimised.
+        theta: shape (names,).
+        held: the number of a parameter that stays as it is.
+        ftol: how near the minimum the cost has to come, over the cost.
+
+    Returns:
+        None where impacts fail.
+    """
     moving = np.arange(len(theta)) != held
     last: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
 
@@ -181,7 +222,10 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None) -> Sol
     if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(jacobian))):
         return None
     if not moving.any():
-        return Solution(theta, 0.5 * float(residuals @ residuals), jacobian)
+        return Solution(theta, float(problem.cost(residuals)), np.zeros_like(jacobian))
+    # At a cliff the steps shrink until they are so short that on a slope they would not count either.
+    steepness = float(np.linalg.norm(jacobian[:, moving])) or np.inf
+    length = 0.1 * np.sqrt(ftol * float(problem.cost(residuals))) / steepness
     with np.errstate(over="ignore"):
         result = optimize.least_squares(
             lambda part: evaluate(part)[0],
@@ -190,18 +234,18 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None) -> Sol
             bounds=(problem.lower[moving], problem.upper[moving]),
             loss=problem.loss,
             f_scale=problem.noise,
-            xtol=1e-10,
-            ftol=1e-12,
+            xtol=max(_EXACT, length / max(float(np.linalg.norm(part)), 1.0)),
+            ftol=ftol,
             gtol=1e-12,
             max_nfev=200,
         )
-    theta = theta.copy()
-    theta[moving] = result.x
-    return Solution(theta, float(result.cost), np.asarray(result.jac))
+    theta, jacobian = theta.copy(), np.zeros_like(jacobian)
+    theta[moving], jacobian[:, moving] = result.x, result.jac
+    return Solution(theta, float(result.cost), jacobian)
 
 
-def _starts(problem: Problem, count: int) -> list[np.ndarray]:
-    """The case, and the best of `count` points about it by their misfit."""
+def _starts(problem: Problem, count: int) -> np.ndarray:
+    """The case, and the best of `count` points about it, shape (points, names)."""
     forward = problem.forward
     free = len(forward.free)
     start = np.clip(forward.start, problem.lower, problem.upper)
@@ -211,19 +255,20 @@ def _starts(problem: Problem, count: int) -> list[np.ndarray]:
         np.minimum(start[:free] + near, problem.upper[:free]),
     )
     spread = low + (high - low) * qmc.LatinHypercube(free, rng=0).random(max(count - 1, 0))
-    begins = [start, *(np.concatenate([row, start[free:]]) for row in spread)]
-    begins = [_scaled(problem, theta) for theta in begins]
-    misfits = [problem.misfit(theta) for theta in begins]
-    ranked = [i for i in np.argsort(misfits[1:]) + 1 if np.isfinite(misfits[i])]
-    return [begins[0], *(begins[i] for i in ranked[: _FOLLOWED - 1])]
+    begins = np.tile(start, (count, 1))
+    begins[1:, :free] = spread
+    begins = _scaled(problem, begins)
+    costs = problem.costs(begins)
+    ranked = [i for i in np.argsort(costs[1:]) + 1 if np.isfinite(costs[i])]
+    return begins[[0, *ranked[: _FOLLOWED - 1]]]
 
 
-def _scaled(problem: Problem, theta: np.ndarray) -> np.ndarray:
-    """θ with a free scale at its best for these parameters."""
+def _scaled(problem: Problem, thetas: np.ndarray) -> np.ndarray:
+    """Several θ, with a free scale at its best for each."""
     if not problem.data.free_scale:
-        return theta
-    predicted, _ = problem.forward.predict(theta, problem.data.conditions)
+        return thetas
+    predicted = problem.forward.predict_many(thetas, problem.data.conditions)
     weight = predicted / problem.deviation**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        best = np.log((weight @ problem.data.erosion) / (weight @ predicted))
-    return np.append(theta[:-1], best) if np.isfinite(best) else theta
+        best = thetas[:, -1] + np.log((weight @ problem.data.erosion) / np.sum(weight * predicted, axis=1))
+    return np.column_stack([thetas[:, :-1], np.where(np.isfinite(best), best, thetas[:, -1])])

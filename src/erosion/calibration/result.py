@@ -9,8 +9,9 @@ from scipy import stats
 
 from erosion.calibration.forward import SCALE
 from erosion.calibration.identifiability import Identifiability, identify
-from erosion.calibration.least_squares import CalibrationError, Problem, Solution, descend
+from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
+from erosion.calibration.profiles import Profile, Ridge
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.own_parameters import quantities
@@ -20,33 +21,10 @@ from erosion.tables import Row, format_number, to_html, to_text
 from erosion.units import unit_name
 
 _SCALE = Quantity("s", "measured over computed volume", "1")
+_LEVEL = 0.95  # of the intervals that standard errors are compared with
+_FACTOR = 1.5  # by which they may differ before it is said
+_PROFILED = 1.8  # intervals of that level, to either side of an estimate
 _POOR = 1e-3  # a χ² that random errors exceed this seldom is no fit
-
-
-@dataclasses.dataclass(frozen=True)
-class Profile:
-    """How the misfit grows as one parameter is moved and all others are fitted again.
-
-    Args:
-        name: of the parameter.
-        values: ascending, shape (points,).
-        rise: Δχ² above the best fit, shape (points,); a quadratic where the fit is linear.
-    """
-
-    name: str
-    values: np.ndarray
-    rise: np.ndarray
-
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Where Δχ² crosses χ²₁'s quantile of `level`; infinite on a side where it never does."""
-        height = stats.chi2.ppf(_checked_level(level), 1)
-        best = int(np.argmin(self.rise))
-        ends = []
-        for side, none in ((slice(best, None, -1), -np.inf), (slice(best, None), np.inf)):
-            values, roots = self.values[side], np.sqrt(np.maximum.accumulate(self.rise[side]))
-            beyond = roots[-1] < np.sqrt(height)
-            ends.append(none if beyond else float(np.interp(np.sqrt(height), roots, values)))
-        return ends[0], ends[1]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,15 +85,27 @@ class Calibration:
             return self.covariance / np.outer(errors, errors)
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """A confidence interval of each parameter: symmetric in θ, so always in its range."""
-        width = self._quantile(level)
-        forward, theta = self.problem.forward, self.solution.theta
+        """A confidence interval of each parameter, by its profile likelihood.
+
+        It reaches to where χ² has risen by `rise(level)` with all other parameters fitted
+        again, or to the bound. Where the misfit is a parabola that is so many
+        `standard_errors` to either side; near jumps of V(α) it is not. Infinite for what the
+        data does not determine, and NaN where the model fails on the way. An end is found to
+        2 % of its distance from the estimate, which takes as long as some fits.
+        """
+        values = self.problem.forward.from_theta
         with np.errstate(over="ignore"):
-            errors = np.sqrt(np.diag(self._covariance))
             return {
-                name: (forward.from_theta(name, one - width * error), forward.from_theta(name, one + width * error))
-                for name, one, error in zip(self.names, theta, errors, strict=True)
+                name: (float(values(name, one + low)), float(values(name, one + high)))
+                for name, one, (low, high) in zip(self.names, self.solution.theta, self._ends(level), strict=True)
             }
+
+    def rise(self, level: float = 0.95) -> float:
+        """How far χ² rises from the minimum to the ends of the intervals of `level`."""
+        tail = (1 + _checked_level(level)) / 2
+        if self.data.uncertainty is not None:
+            return float(stats.norm.ppf(tail)) ** 2
+        return float(stats.t.ppf(tail, self.degrees_of_freedom)) ** 2
 
     @functools.cached_property
     def fitted(self) -> np.ndarray:
@@ -139,8 +129,12 @@ class Calibration:
 
     @property
     def aicc(self) -> float:
-        """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data."""
-        rows, free = len(self.data), self.identifiability.rank
+        """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
+
+        A parameter counts that has influence here or at the first guess: one that the fit has
+        moved to where it has none was fitted all the same.
+        """
+        rows, free = len(self.data), max(self.identifiability.rank, self._rank_at_first)
         if self.data.uncertainty is None:
             free += 1  # the variance was estimated too
             with np.errstate(divide="ignore"):
@@ -164,10 +158,7 @@ class Calibration:
     @functools.cached_property
     def identifiability(self) -> Identifiability:
         """Which parameters the data can tell apart."""
-        forward, theta = self.problem.forward, self.solution.theta
-        exponent = np.where(forward.logarithmic | (theta == 0), 1.0, theta)
-        size = float(np.linalg.norm(self.fitted / self.problem.deviation))
-        return identify(self.names, self.solution.jacobian, exponent, size)
+        return self._identify(self.solution.theta, self.solution.jacobian, self.fitted / self.problem.deviation)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -179,11 +170,16 @@ class Calibration:
         """What the reader must know of this fit, in sentences; empty for a good one."""
         found = list(self.identifiability.statements)
         theta, problem = self.solution.theta, self.problem
-        for name, one, low, high in zip(self.names, theta, problem.lower, problem.upper, strict=True):
-            for side, bound in (("lower", low), ("upper", high)):
-                if abs(one - bound) < 1e-6 and name not in self.undetermined:
+        for at, name in enumerate(self.names):
+            if name in self.undetermined:
+                continue
+            for side, bound in (("lower", problem.lower[at]), ("upper", problem.upper[at])):
+                if abs(theta[at] - bound) < 1e-6:
                     value = problem.forward.from_theta(name, bound)
                     found.append(f"{name} is at its {side} bound, {value:.6g}: its error means nothing.")
+                    break
+            else:
+                found += self._misshapen(at)
         freedom = self.degrees_of_freedom
         if self.data.uncertainty is not None and freedom > 0 and stats.chi2.sf(self.chi2, freedom) < _POOR:
             found.append(
@@ -209,37 +205,28 @@ class Calibration:
     def profile(self, name: str, points: int = 21) -> Profile:
         """The likelihood's profile along one parameter: all others fitted again at each value.
 
+        Args:
+            name: of the parameter.
+            points: about so many, from beyond one end of the 95 % interval to beyond the other.
+
         Raises:
             ValueError: for a name that is not free.
             CalibrationError: where the model fails.
         """
         if name not in self.names:
             raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
-        at = self.names.index(name)
-        error = float(np.sqrt(self._covariance[at, at]))
-        reach = 3.5 * error if np.isfinite(error) else 1.0
-        problem = self.problem
-        low, high = problem.lower[at], problem.upper[at]
-        best = self.solution.theta[at]
-        offsets = np.linspace(-reach, reach, points | 1)
-        middle = len(offsets) // 2
-        costs = np.empty(len(offsets))
-        costs[middle] = self.solution.cost
-        places = np.clip(best + offsets, low, high)
-        for side in (range(middle + 1, len(offsets)), range(middle - 1, -1, -1)):
-            theta = self.solution.theta
-            for i in side:
-                theta = np.where(np.arange(len(theta)) == at, places[i], theta)
-                found = descend(problem, theta, held=at)
-                if found is None:
-                    raise CalibrationError(
-                        f"The profile of {name} failed at {problem.forward.from_theta(name, places[i]):g}."
-                    )
-                theta, costs[i] = found.theta, found.cost
-        values = np.array([problem.forward.from_theta(name, place) for place in places])
-        rise = np.maximum(2 * (costs - costs[middle]) / self._variance, 0.0)
-        different = np.append(True, np.diff(values) > 0)
-        return Profile(name, values[different], rise[different])
+        at, forward = self.names.index(name), self.problem.forward
+        best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
+        reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self._ends(_LEVEL)[at]]
+        offsets = np.outer(reach, np.linspace(0.0, 1.0, points // 2 + 1))
+        offsets = np.unique(np.clip(offsets, low - best, high - best))
+        rise = self._ridge(at).rises(offsets, self._variance / 2)
+        values = forward.from_theta(name, best + offsets)
+        if np.isnan(rise + offsets).any():
+            raise CalibrationError(
+                f"The profile of {name} cannot be made: the model fails near {self.estimates[name]:g}."
+            )
+        return Profile(name, values, 2 * rise / self._variance)
 
     def rows(self, level: float = 0.95) -> list[Row]:
         """Estimates with errors and intervals of `level` as rows of a table."""
@@ -287,12 +274,59 @@ class Calibration:
             return 1.0
         return 2 * self.solution.cost / self.degrees_of_freedom
 
-    def _quantile(self, level: float) -> float:
-        """Half the width of an interval in standard errors."""
-        tail = (1 + _checked_level(level)) / 2
-        if self.data.uncertainty is not None:
-            return float(stats.norm.ppf(tail))
-        return float(stats.t.ppf(tail, self.degrees_of_freedom))
+    def _identify(self, theta: np.ndarray, jacobian: np.ndarray, weighted: np.ndarray) -> Identifiability:
+        """Which parameters the data can tell apart about θ, where the weighted prediction is so."""
+        exponent = np.where(self.problem.forward.logarithmic | (theta == 0), 1.0, theta)
+        return identify(self.names, jacobian, exponent, float(np.linalg.norm(weighted)))
+
+    @functools.cached_property
+    def _rank_at_first(self) -> int:
+        """How many combinations of parameters count at the first guess; 0 where impacts fail there."""
+        start = self.problem.forward.start
+        residuals, jacobian = self.problem.residuals(start)
+        if not np.all(np.isfinite(jacobian)):
+            return 0
+        return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.deviation).rank
+
+    def _misshapen(self, at: int) -> list[str]:
+        """A sentence where the standard error does not tell how wide the interval is."""
+        name, (low, high) = self.names[at], self._ends(_LEVEL)[at]
+        if np.isnan(high - low):
+            return [f"The interval of {name} has an end that is not known: the model fails on the way to it."]
+        width = 2 * np.sqrt(self.rise(_LEVEL) * self._covariance[at, at])
+        if _FACTOR * (high - low) < width:
+            return [f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."]
+        if high - low > _FACTOR * width:
+            return [f"{name} is known less well than its standard error says: see its interval."]
+        return []
+
+    def _ends(self, level: float) -> list[tuple[float, float]]:
+        """The intervals as distances of θ from the estimates."""
+        if level not in self._offsets:
+            rise = self.rise(level)
+            self._offsets[level] = [self._crossings(at, rise) for at in range(len(self.names))]
+        return self._offsets[level]
+
+    @functools.cached_property
+    def _offsets(self) -> dict[float, list[tuple[float, float]]]:
+        """`_ends` found so far, by level."""
+        return {}
+
+    def _crossings(self, at: int, rise: float) -> tuple[float, float]:
+        """Where χ² has risen so far along one parameter, below and above."""
+        width, height = float(np.sqrt(rise * self._covariance[at, at])), rise * self._variance / 2
+        if width in (0.0, np.inf):
+            return -width, width
+        ridge = self._ridge(at)
+        return ridge.crossing(-width, height), ridge.crossing(width, height)
+
+    def _ridge(self, at: int) -> Ridge:
+        """The best fits along one parameter."""
+        modes = self.identifiability.modes
+        together = modes @ modes[at]
+        straight = np.eye(len(self.names))[at]
+        path = straight if self.names[at] in self.undetermined else together / together[at]
+        return Ridge(self.problem, self.solution, at, path)
 
 
 def _checked_level(level: float) -> float:

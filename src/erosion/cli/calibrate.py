@@ -22,7 +22,7 @@ from erosion.cli.options import (
 from erosion.cli.settings import SetOption, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
-    from erosion.calibration import Calibration, Profile
+    from erosion.calibration import Calibration
 
 
 def calibrate(
@@ -104,15 +104,14 @@ def calibrate(
                 for name, one, weight in zip(ranking.names, ranking.fits, ranking.weights, strict=True)
             ]
         if drawn is not None:
-            content["profile"] = _profile_as_json(drawn, level)
+            content["profile"] = {"name": drawn.name, "values": drawn.values.tolist(), "rise": drawn.rise.tolist()}
         print_json(content)
         return
     if models is not None:
         print_table(ranking.title, ranking.rows(), ranking.headings)
     print_table(best.title, best.rows(level))
     if drawn is not None:
-        low, high = drawn.interval(level)
-        print(f"profile of {drawn.name}, {level:.0%}: {low:.6g} … {high:.6g}")
+        print_table(f"profile of {drawn.name}", drawn.rows(), (drawn.name, "Δχ²"), numbers=(0, 1))
     for path in written:
         print(f"written: {path}")
 
@@ -135,13 +134,4 @@ def _as_json(fit: "Calibration", level: float) -> dict[str, Any]:
         "erosion_unit": unit_name(fit.data.dimension, fit.p.units),
         "parameters": parameters_as_json(fit.p),
         "warnings": fit.statements,
-    }
-
-
-def _profile_as_json(profile: "Profile", level: float) -> dict[str, Any]:
-    return {
-        "name": profile.name,
-        "values": profile.values.tolist(),
-        "rise": profile.rise.tolist(),
-        "interval": profile.interval(level),
     }

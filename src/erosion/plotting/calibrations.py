@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from erosion.calibration import Calibration, Profile
+from erosion.calibration import Calibration
 from erosion.models import model_name
 from erosion.parameters import QUANTITIES
 from erosion.plotting.style import INK, PALETTE, house_style, new_figure, readable_scale
@@ -41,7 +41,8 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
                    zorder=4 - 0.1 * rank, label=model_name(one.model))  # fmt: skip
     _draw_data(lower, best, best.residuals / scale.size, scale.size)
     lower.axhline(0, color=PALETTE["blue"], linewidth=1.4)
-    upper.set_ylim(bottom=min(0.0, 1.1 * float(data.erosion.min()) / scale.size))
+    lowest = data.erosion - (0.0 if data.uncertainty is None else data.uncertainty)
+    upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
     quantity = data.quantity
     upper.set_ylabel(f"${quantity.symbol}$  {quantity.meaning}" + (f"  [{scale.unit}]" if scale.unit else ""))
     lower.set_ylabel("residuals")
@@ -54,15 +55,15 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
 
 
 @house_style()
-def plot_profile(ax: Axes, profile: Profile, level: float = 0.95) -> Axes:
+def plot_profile(ax: Axes, fit: Calibration, name: str, level: float = 0.95) -> Axes:
     """The profile likelihood of one parameter, with its interval."""
+    profile, height = fit.profile(name), fit.rise(level)
     ax.plot(profile.values, profile.rise, color=PALETTE["blue"], marker="o", markersize=3.5, label="profile")
-    height = float(stats.chi2.ppf(level, 1))
     ax.axhline(height, color=PALETTE["vermillion"], linewidth=1.2, label=f"{level:.0%}")
-    for end in profile.interval(level):
-        if np.isfinite(end):
+    for end in fit.intervals(level)[name]:
+        if 0 < abs(end) < np.inf:
             ax.axvline(end, color=PALETTE["vermillion"], linewidth=1.2, linestyle=(0, (4, 3)))
-    ax.set_xlabel(profile.name if profile.name not in QUANTITIES else QUANTITIES[profile.name].symbol)
+    ax.set_xlabel(name if name not in QUANTITIES else QUANTITIES[name].symbol)
     ax.set_ylabel("Δχ² above the best fit")
     ax.set_ylim(0, 2.5 * height)
     ax.legend()

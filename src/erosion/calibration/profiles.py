@@ -1,0 +1,118 @@
+"""The likelihood's profile along one parameter: the misfit where all others are fitted again.
+
+An interval reaches from the estimate to where the profile has risen by the quantile of its
+level. Where residuals are linear in θ the profile is a parabola and the interval the usual
+one, so many standard errors wide. Where V(α) jumps between two rows the profile has cliffs,
+which the slopes at the estimate do not show.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from erosion.calibration.least_squares import Problem, Solution, settle
+
+_TRIALS = 24  # of which a cliff takes 8, by halves
+_WIDER = 2.0  # per trial at most, while the end is not passed
+_CLOSE = 0.02  # of an interval's half width, and of the rise that is looked for
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """How the misfit grows as one parameter is moved and all others are fitted again.
+
+    Args:
+        name: of the parameter.
+        values: ascending, shape (points,).
+        rise: Δχ² above the best fit, shape (points,); a quadratic where the fit is linear.
+    """
+
+    name: str
+    values: np.ndarray
+    rise: np.ndarray
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Value and rise of each point, as rows of a table."""
+        return [(f"{value:.6g}", f"{rise:.4g}") for value, rise in zip(self.values, self.rise, strict=True)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Ridge:
+    """The best fits along one parameter, whose θ is held at offsets from the estimate.
+
+    Args:
+        problem, solution: the fit.
+        at: the number of the parameter.
+        path: how θ follows per unit of offset where residuals are linear, shape (names,).
+    """
+
+    problem: Problem
+    solution: Solution
+    at: int
+    path: np.ndarray
+
+    def rises(self, offsets: np.ndarray, unit: float) -> np.ndarray:
+        """The cost above the minimum at each offset.
+
+        Args:
+            offsets: ascending, shape (points,).
+            unit: a rise of the cost that counts; it is found to some percents of that.
+
+        Returns:
+            Shape (points,); NaN where the model fails.
+        """
+        rises = np.zeros(len(offsets))
+        for side in (np.flatnonzero(offsets > 0), np.flatnonzero(offsets < 0)[::-1]):
+            near = self.solution.theta
+            for i in side:
+                found = self._refit(offsets[i], near, unit)
+                near = near if found is None else found.theta
+                rises[i] = np.nan if found is None else found.cost - self.solution.cost
+        return rises
+
+    def crossing(self, first: float, height: float) -> float:
+        """The offset at which the cost has risen by `height`, to 2 %.
+
+        At a cliff it is the far side; where the cost does not rise so far within the bounds,
+        it is the bound; NaN where the model fails on the way.
+
+        Args:
+            first: where a parabola would have risen so far; its sign is the side to look on.
+            height: positive.
+        """
+        sign = np.sign(first)
+        bound = self.problem.upper[self.at] if sign > 0 else self.problem.lower[self.at]
+        limit = abs(bound - self.solution.theta[self.at])
+        inside, outside, near = 0.0, np.inf, self.solution.theta
+        trial = min(abs(first), limit)
+        for _ in range(_TRIALS):
+            found = self._refit(sign * trial, near, height)
+            if found is None:
+                return np.nan
+            ratio = np.sqrt(max(found.cost - self.solution.cost, 0.0) / height)  # straight where the rise is a parabola
+            if abs(ratio - 1) < _CLOSE or (ratio < 1 and trial == limit):
+                return sign * trial
+            if ratio < 1:
+                inside, near = trial, found.theta
+            else:
+                outside = trial
+            if outside - inside < _CLOSE * outside:
+                break
+            straight = trial / ratio if ratio > 0 else np.inf
+            margin = 0.1 * (outside - inside)
+            if outside == np.inf:
+                trial = min(straight, _WIDER * trial, limit)
+            elif inside + margin < straight < outside - margin:
+                trial = straight
+            else:
+                trial = (inside + outside) / 2
+        return sign * (outside if outside < np.inf else trial)
+
+    def _refit(self, offset: float, near: np.ndarray, height: float) -> Solution | None:
+        """The best fit at an offset, begun from the better of the straight path and the last one's neighbour."""
+        problem, at = self.problem, self.at
+        place = self.solution.theta[at] + offset
+        begins = np.array([self.solution.theta + offset * self.path, near + (place - near[at]) * self.path])
+        begins = np.clip(begins, problem.lower, problem.upper)
+        begin = begins[int(np.argmin(problem.thinned().costs(begins)))]
+        return settle(problem, begin, at, _CLOSE * min(1.0, height / max(self.solution.cost, height)))
