@@ -87,7 +87,8 @@ def test_a_stream_of_another_model_is_another_stream(harder, capsys):
     assert "holds another result (of another models); it is left as it is." in capsys.readouterr().err
 
 
-def test_models_lists_them(capsys, tmp_path):
+def test_models_lists_them(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")  # or long paths break the lines
     shutil.copy(ROOT / "models/coulomb_tip.py", tmp_path)
     assert _status(["models", "--path", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
