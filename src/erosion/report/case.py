@@ -1,7 +1,6 @@
 """What a question is given and what it answers with."""
 
 import functools
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
 from erosion.report.families import Families, families_of
 from erosion.report.spins import Spins, over_spins
-from erosion.trajectory import Trajectory, TurnWarning, simulate
+from erosion.trajectory import Trajectory, simulate
 from erosion.units import System
 
 _RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
@@ -105,9 +104,7 @@ class Case:
     @functools.cached_property
     def trajectory(self) -> Trajectory:
         """Its numerical solution."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", TurnWarning)  # the page says it in words
-            return simulate(self.model, self.p)
+        return simulate(self.model, self.p)
 
     @functools.cached_property
     def alpha(self) -> float:

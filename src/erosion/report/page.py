@@ -5,6 +5,7 @@ import csv
 import io
 import math
 import types
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -21,6 +22,7 @@ from erosion.report.inline import THEMES, inline_svg
 from erosion.report.questions import QUESTIONS
 from erosion.report.text import number
 from erosion.tables import to_json
+from erosion.trajectory import TurnWarning
 from erosion.units import System, unit_name
 from erosion.version import __version__
 
@@ -84,11 +86,22 @@ def _naming(out: Path) -> Iterator[None]:
         raise type(error)(f"{out}: the report cannot be written there ({reason}).") from error
 
 
+@contextlib.contextmanager
+def _pool() -> Iterator[ThreadPoolExecutor]:
+    """Threads that begin nothing more once an error has ended the report."""
+    pool = ThreadPoolExecutor(_THREADS)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
 def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, int, int], None]) -> Path:
     answers = []
     drawings: dict[str, Markup] = {}
-    pool = ThreadPoolExecutor(_THREADS)
-    try:
+    # Filters are the process's, not the thread's: set once, around all threads.
+    with warnings.catch_warnings(), _pool() as pool:
+        warnings.simplefilter("ignore", TurnWarning)  # the page says it in words
         case.prepare(pool, (need for key in keys for need in QUESTIONS[key].needs))
         for done, key in enumerate(keys):
             progress(question(key), done, len(keys))
@@ -96,8 +109,6 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, 
             for illustration in answers[-1].figures:
                 svg, _ = save_figure(illustration.figure, out / "figures" / illustration.name)
                 drawings[illustration.name] = inline_svg(svg, illustration.description)
-    finally:
-        pool.shutdown(cancel_futures=True)
     progress("The page", len(keys), len(keys))
     record = _record(case, answers)
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())

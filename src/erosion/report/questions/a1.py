@@ -1,6 +1,5 @@
 """Additional question 1: the body may turn."""
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from erosion.report.case import Answer, Case, Illustration
 from erosion.report.rotation import derivation_again, figures_again, numbers_again
 from erosion.report.spins import TORQUES, Spins
 from erosion.report.text import degrees, formula, join, math, note, number, paragraph, table
-from erosion.trajectory import SimulationError, TurnWarning, simulate
+from erosion.trajectory import SimulationError, simulate
 
 _MODEL = "rotating"
 NEEDS = (
@@ -67,14 +66,12 @@ def _turns(case: Case) -> dict[str, Any]:
     """How far the body turns, over the angle of attack and at the case's own [rad]."""
     best = float(case.optimum(_MODEL).alpha)
     turned: list[tuple[float, float, str]] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TurnWarning)  # the page says it in words
-        for alpha in [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]:
-            try:
-                cut = simulate(_MODEL, case.p.replace(alpha=alpha))
-            except SimulationError:
-                continue
-            turned.append((float(alpha), float(cut.turn), cut.ended_by))
+    for alpha in [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]:
+        try:
+            cut = simulate(_MODEL, case.p.replace(alpha=alpha))
+        except SimulationError:
+            continue
+        turned.append((float(alpha), float(cut.turn), cut.ended_by))
     turned.sort()
     alpha, turn, ended_by = zip(*turned, strict=True)
     own = dict(zip(alpha, turn, strict=True))

@@ -1,6 +1,5 @@
 """Question 1: the solutions x(t) and y(t)."""
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from erosion.report.text import (
     table,
     with_unit_tex,
 )
-from erosion.trajectory import SimulationError, TurnWarning, simulate
+from erosion.trajectory import SimulationError, simulate
 from erosion.units import Dimension
 
 _MUCH = np.deg2rad(20)  # sin φ has fallen by 6 %
@@ -76,12 +75,10 @@ def _numbers(case: Case) -> dict[str, Any]:
 
 def _turn_if_free(case: Case) -> float | None:
     """How far the body would turn if the force were allowed to turn it [rad]."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TurnWarning)
-        try:
-            return simulate("rotating", case.p).turn
-        except SimulationError:
-            return None
+    try:
+        return simulate("rotating", case.p).turn
+    except SimulationError:
+        return None
 
 
 def _sentence(case: Case, numbers: dict[str, Any]) -> Markup:
