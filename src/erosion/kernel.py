@@ -56,7 +56,7 @@ class Impact:
 
     @functools.cached_property
     def ended_by(self) -> Any:
-        """How the cut ended: "rebound", "stop", "no-cut" (or a plug-in's event), "failed", "unfinished".
+        """How the cut ended, "rebound", "stop", "no-cut" (or a plug-in's event), "failed" or "unfinished".
 
         Words take five times the memory of the numbers, so they are made when asked for.
         """

@@ -5,7 +5,7 @@ angle, fits, plots) works for any model without knowing which one it is.
 """
 
 import abc
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,7 +16,6 @@ from jaxtyping import Array, Float
 from erosion.own_parameters import replaced
 from erosion.parameters import Parameters
 
-_Model = TypeVar("_Model", bound="CuttingModel")
 Scalar = Float[Array | np.ndarray, ""]
 
 
@@ -156,7 +155,7 @@ class CuttingModel(eqx.Module):
         """The exact solution, if there is one."""
         return None
 
-    def replace(self: _Model, **changes: Any) -> _Model:
+    def replace(self, **changes: Any) -> "CuttingModel":
         """The same model with other values of its own parameters: `model.replace(friction=0.3)`.
 
         A model's own parameters are its fields, and those of its parts, that hold one real number;

@@ -41,7 +41,7 @@ class Calibration:
 
     @property
     def model(self) -> CuttingModel:
-        """The fitted model: with the estimates of its own parameters in place."""
+        """The fitted model, with the estimates of its own parameters in place."""
         return self.problem.forward.at(self.solution.theta)[0]
 
     @property
