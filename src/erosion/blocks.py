@@ -82,7 +82,7 @@ def integrate(
             along = [index[all_ % copies].reshape(shape) for index in indices]
             blocks = -(-some.size // block)
             found = _compiled_chunk()(model, given, along, _filled(tolerance, all_, shape), blocks, order, names)
-            found = jax.tree.map(lambda part: np.asarray(part).reshape(-1)[: some.size], found)
+            found = Solution.of(np.asarray(found).reshape(found.shape[0], -1)[:, : some.size], order)
             kept = jax.tree.leaves(found._replace(margin=None, doubt=None))
             for whole, part in zip(jax.tree.leaves(results), kept, strict=True):
                 whole[some] = part
@@ -145,14 +145,14 @@ def _empty(count: int, order: int) -> Solution:
         return Derivatives(*(np.empty(count) for _ in range(parts)), *[None] * (4 - parts))
 
     mode, which, trials = (np.empty(count, kind) for kind in (np.int8, np.int8, np.int16))
-    return Solution(mode, which, derivatives(), derivatives(), trials, None, None)
+    return Solution(mode, which, trials, None, None, derivatives(), derivatives())
 
 
 # A function of its own to JAX, which traces it once for the shapes of its results and the loop.
 @functools.partial(jax.jit, static_argnames=("order", "names"), inline=True)
 def _block(
     model: CuttingModel, lanes: list[Any], along: list[Any], rtol: Any, order: int, names: tuple[str, ...]
-) -> Solution:
+) -> Any:
     """One block; arrays are (block,)."""
     # The physics does not depend on the unit system: one program serves all.
     p = Parameters(**dict(zip(QUANTITIES, lanes, strict=True)))
@@ -168,18 +168,18 @@ def _chunk(
     blocks: Any,
     order: int,
     names: tuple[str, ...],
-) -> Solution:
-    """The first `blocks` blocks of a chunk, one after another; lanes are (blocks, block)."""
+) -> Any:
+    """The first `blocks` blocks of a chunk, one after another.
 
-    def run(i: Any) -> Solution:
+    Lanes are (blocks, block), the results (rows, blocks, block).
+    """
+
+    def run(i: Any) -> Any:
         return _block(model, *jax.tree.map(lambda leaf: leaf[i], (lanes, along, rtol)), order, names)
 
-    def block(i: Any, done: Solution) -> Solution:
-        return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 0), done, run(i))
-
-    shapes = jax.eval_shape(run, 0)
-    empty = jax.tree.map(lambda leaf: jnp.zeros((rtol.shape[0], *leaf.shape), leaf.dtype), shapes)
-    return lax.fori_loop(0, blocks, block, empty)
+    rows, block = jax.eval_shape(run, 0).shape
+    empty = jnp.zeros((rows, rtol.shape[0], block))
+    return lax.fori_loop(0, blocks, lambda i, done: lax.dynamic_update_index_in_dim(done, run(i), i, 1), empty)
 
 
 @functools.cache

@@ -10,7 +10,7 @@ is a tuple of (leaves, lanes) arrays; event functions and their rates are (event
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -68,15 +68,23 @@ class Lanes(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """A block's results, each of shape (lanes,); `which` is the event's index, or `NO_CUT`."""
+    """Lanes' results, each of shape (lanes,); `which` is the event's index, or `NO_CUT`."""
 
     mode: Any
     which: Any
-    time: Derivatives
-    volume: Derivatives
     trials: Any
     margin: Any  # the least value that an event function dipped to before the end; else infinity
     doubt: Any  # see `at_event`
+    time: Derivatives
+    volume: Derivatives
+
+    @classmethod
+    def of(cls, rows: Any, order: int) -> "Solution":
+        """From what `solve` gives."""
+        five, numbers = rows[:5], rows[5:]
+        half = len(numbers) // 2
+        absent = [None] * (len(Derivatives._fields) - half)
+        return cls(*five, Derivatives(*numbers[:half], *absent), Derivatives(*numbers[half:], *absent))
 
 
 def solve(
@@ -87,7 +95,7 @@ def solve(
     rtol: Any,
     *,
     compiled_whole: bool = False,
-) -> Solution:
+) -> Any:
     """Integrate a block of impacts to their ends.
 
     Args:
@@ -97,9 +105,13 @@ def solve(
         directions: see `Jets`; traced ones have shape (lanes,).
         rtol: of volume, end time and derivatives; a scalar, or for each lane its own.
         compiled_whole: see `one_function`; where the model's arithmetic allows it.
+
+    Returns:
+        The rows of a `Solution`, one array (rows, lanes): each array costs the compiler dear.
     """
     motion = Motion(model, p, order, directions)
-    scale, begins, jet = motion.at_contact()
+    contact, jet = motion.at_contact()
+    scale = contact[0]
 
     def integrate(lanes: Lanes) -> Lanes:
         return lax.while_loop(
@@ -110,51 +122,83 @@ def solve(
 
     if compiled_whole and motion.is_arithmetic:
         integrate = one_function(integrate)
-    lanes = integrate(_begin(motion, scale, begins, jet))
-    clock = Clock(*lanes.clock)
-    jet = _move_on(motion, clock.left, lanes.jet, lanes.rate)
-    rate, events = motion.rate_and_events(jet)
-    value, slope = jnp.split(events, 2)
-    cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
-    remaining = jnp.where(cut, -_pick(value, clock.which) / _pick(slope, clock.which), 0.0)
-    end = clock.time + clock.left + remaining
-    time, volume, doubt = motion.at_event(motion.move(remaining, jet, rate), clock.which, end)
-    return _finish(clock, time, volume, doubt)
+    return _finish(motion, integrate(_begin(motion, contact, jet)))
 
 
-def _begin(motion: Motion, scale: Any, begins: Any, jet: tuple[Any, ...]) -> Lanes:
+def _begin(motion: Motion, contact: Any, jet: tuple[Any, ...]) -> Lanes:
     rate, start = motion.rate_and_events(jet)
-    finite = jnp.isfinite(scale) & (scale > 0)
-    for member in (*jet, *rate, start):
-        finite = finite & jnp.all(jnp.isfinite(member), axis=0)
-    zero = jnp.zeros_like(scale)
-    first = _FIRST_STEP * scale
-    clock = Clock(
-        mode=jnp.where(finite, jnp.where(begins, float(ADVANCING), ENDED), FAILED),
-        time=zero,
-        trial=first,
-        step=first,
-        high=zero,
-        which=jnp.where(begins, 0.0, NO_CUT),
-        left=zero,
-        trials=zero,
-        rejected=zero,
-        margin=jnp.full_like(scale, jnp.inf),
-        moved=zero,
-    )
-    half = start.shape[0] // 2
+
+    def clock(contact: Any, *arrays: Any) -> Any:
+        scale, begins = contact
+        # 0·NaN and 0·∞ are NaN.
+        finite = jnp.isfinite(sum(0.0 * row for array in arrays for row in array) + scale) & (scale > 0)
+        zero, first = jnp.zeros_like(scale), _FIRST_STEP * scale
+        return jnp.stack(
+            Clock(
+                mode=jnp.where(finite, jnp.where(begins > 0, float(ADVANCING), ENDED), FAILED),
+                time=zero,
+                trial=first,
+                step=first,
+                high=zero,
+                which=jnp.where(begins > 0, 0.0, NO_CUT),
+                left=zero,
+                trials=zero,
+                rejected=zero,
+                margin=jnp.full_like(scale, jnp.inf),
+                moved=zero,
+            )
+        )
+
+    def rising(start: Any) -> Any:
+        half = start.shape[0] // 2
+        return jnp.stack([*(jnp.maximum(value, 0.0) for value in start[:half]), *start[half:]])
+
     # Where an event function is zero at contact it rises, or nothing is cut.
-    start = start.at[:half].set(jnp.maximum(start[:half], 0.0))
-    return Lanes(jnp.stack(clock), start, jet, rate)
+    return Lanes(Kernel(clock)(contact, start, *jet, *rate), Kernel(rising)(start), jet, rate)
 
 
-def _move_on(motion: Motion, length: Any, jet: Any, rate: Any) -> Any:
-    """The jet after a short time: Kutta's method of third order."""
-    second = motion.rate(motion.move(length / 2, jet, rate))
-    third = motion.rate(motion.move(2 * length, motion.move(-length, jet, rate), second))
-    for share, slope in ((1 / 6, rate), (4 / 6, second), (1 / 6, third)):
-        jet = motion.move(share * length, jet, slope)
-    return jet
+def _move_on(motion: Motion, lanes: Lanes) -> tuple[Any, ...]:
+    """The jet a short time after the last trial: Kutta's method of third order."""
+    jet, rate = lanes.jet, lanes.rate
+
+    def after(*weights: float) -> Callable[..., tuple[Any, ...]]:
+        combine = Kernel(lambda clock, u, *ks: u + Clock(*clock).left * _combine(np.array(weights), ks))
+        return lambda *rates: tuple(combine(lanes.clock, *each) for each in zip(jet, *rates, strict=True))
+
+    second = motion.rate(after(1 / 2)(rate))
+    third = motion.rate(after(-1.0, 2.0)(rate, second))
+    return after(1 / 6, 4 / 6, 1 / 6)(rate, second, third)
+
+
+def _finish(motion: Motion, lanes: Lanes) -> Any:
+    """The rows of a `Solution`: zeros where nothing is cut; NaN, said to be failed, where a number is not finite."""
+    jet = _move_on(motion, lanes)
+    rate, events = motion.rate_and_events(jet)
+    half = events.shape[0] // 2
+
+    def lane(model: CuttingModel, known: Any, clock: Any, events: Any, *rows: Any) -> tuple[list[Any]]:
+        clock = Clock(*clock)
+        value, slope = (
+            sum(jnp.where(clock.which == i, each, 0.0) for i, each in enumerate(part))
+            for part in (events[:half], events[half:])
+        )
+        cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
+        remaining = jnp.where(cut, -value / slope, 0.0)
+        moved = [
+            [u + remaining * k for u, k in zip(member, its_rate, strict=True)]
+            for member, its_rate in zip(rows[: len(jet)], rows[len(jet) :], strict=True)
+        ]
+        end = motion.at_event(model, known, moved, clock.which, clock.time + clock.left + remaining)
+        numbers = [
+            jnp.where(clock.which == NO_CUT, 0.0, number) for number in jax.tree.leaves((end.time, end.volume))
+        ]
+        whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), clock.mode == ENDED)
+        mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
+        numbers = [jnp.where(whole, number, jnp.nan) for number in numbers]
+        return ([mode, clock.which, clock.trials, clock.margin, end.doubt, *numbers],)
+
+    arrays = (lanes.clock, events, *jet, *rate)
+    return motion.planned(lane, [array.shape[0] for array in arrays])(*arrays)[0]
 
 
 def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
@@ -348,16 +392,3 @@ def _combine(weights: np.ndarray, stages: Sequence[Any]) -> Any:
     terms = [float(weight) * stage for weight, stage in zip(weights[weights != 0], stages, strict=True)]
     return sum(terms[1:], terms[0])
 
-
-def _finish(clock: Clock, time: Derivatives, volume: Derivatives, doubt: Any) -> Solution:
-    """Zeros where nothing is cut; NaN, said to be failed, where a number is not finite."""
-    numbers = jax.tree.map(lambda value: jnp.where(clock.which == NO_CUT, 0.0, value), (time, volume))
-    whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, jax.tree.leaves(numbers)), clock.mode == ENDED)
-    mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
-    numbers = jax.tree.map(lambda value: jnp.where(whole, value, jnp.nan), numbers)
-    time, volume = numbers
-    return Solution(mode, clock.which, time, volume, clock.trials, clock.margin, doubt)
-
-
-def _pick(values: Any, index: Any) -> Any:
-    return jnp.sum(jnp.where(jnp.arange(values.shape[0])[:, None] == index, values, 0.0), axis=0)

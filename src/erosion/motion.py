@@ -9,8 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from erosion.jets import AtEvent, Cut, Derivatives, Direction, Jets, at_event
-from erosion.kernels import Kernel
+from erosion.jets import AtEvent, Cut, Direction, Jets, at_event
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
 from erosion.plan import Plan, planned
@@ -30,14 +29,12 @@ class Motion:
         self.structure = jax.tree.structure(shapes[0])
         rows = [self.structure.num_leaves] * len(shapes)
         # Made once, so that JAX traces each of them once for the dozen places it is called at.
-        self._rate = self._planned(self._rate_of, rows)
-        self._rate_and_events = self._planned(self._rate_and_events_of, rows)
-        self._end = self._planned(self._end_at, [None, None, *rows])
+        self._rate = self.planned(self._rate_of, rows)
+        self._rate_and_events = self.planned(self._rate_and_events_of, rows)
         self.is_arithmetic = all(isinstance(part, Plan) for part in (self._rate, self._rate_and_events))
-        self._move = Kernel(lambda length, u, k: u + length * k)
 
-    def at_contact(self) -> tuple[Any, Any, tuple[Any, ...]]:
-        """The model's time scale, NaN where a parameter is not finite; whether the lane starts to cut; the jet."""
+    def at_contact(self) -> tuple[Any, tuple[Any, ...]]:
+        """The model's time scale, NaN where a parameter is not finite, and whether the lane starts to cut; the jet."""
 
         def contact(model: CuttingModel, known: Any) -> tuple[list[Any], ...]:
             # Of parameters that the motion does not depend on too: 0·NaN is NaN.
@@ -45,28 +42,27 @@ class Motion:
             scale, begins = model.scales(known[0]).time + nothing, cuts_at_all(model, known[0])
             return ([scale, begins.astype(float)], *self._rows(self._jets(model, known).initial()))
 
-        (scale, begins), *jet = self._planned(contact, [])()
-        return scale, begins > 0, tuple(jet)
+        rows, *jet = self.planned(contact, [])()
+        return rows, tuple(jet)
 
     def rate(self, jet: Sequence[Any]) -> tuple[Any, ...]:
         """The jet's time derivative."""
         return self._rate(*jet)
-
-    def move(self, length: Any, jet: Sequence[Any], rate: Sequence[Any]) -> tuple[Any, ...]:
-        """The jet after a time in which it goes at one rate."""
-        return tuple(self._move(length, u, k) for u, k in zip(jet, rate, strict=True))
 
     def rate_and_events(self, jet: Sequence[Any]) -> tuple[tuple[Any, ...], Any]:
         """The jet's time derivative; the event functions, then their rates."""
         *rate, events = self._rate_and_events(*jet)
         return tuple(rate), events
 
-    def at_event(self, jet: Sequence[Any], which: Any, time: Any) -> AtEvent:
-        """What became of time and volume there, with derivatives by the parameters."""
-        doubt, *found = self._end(which, time, *jet)[0]
-        parts = (1, 3, 4)[self.order]
-        absent = [None] * (4 - parts)
-        return AtEvent(Derivatives(*found[:parts], *absent), Derivatives(*found[parts:], *absent), doubt)
+    def at_event(self, model: CuttingModel, known: Any, rows: Sequence[Any], which: Any, time: Any) -> AtEvent:
+        """For one lane, what became of time and volume there, with derivatives by the parameters."""
+        jets = self._jets(model, known)
+        end = at_event(jets, self._cuts(rows), which, time)
+        return AtEvent(jets.per_unit(end.time), jets.per_unit(end.volume), end.doubt)
+
+    def planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
+        """A function of one lane's (model, known, *variables) made one of all lanes; see `erosion.plan`."""
+        return planned(lane, self.model, self.known, rows)
 
     def _rate_of(self, model: CuttingModel, known: Any, *rows: Any) -> tuple[list[Any], ...]:
         return self._rows(self._jets(model, known).rate(self._cuts(rows)))
@@ -76,14 +72,6 @@ class Motion:
         flow = self._jets(model, known).rate(jet)
         values, rates = event_rates(model, jet[0].state, flow[0].state, known[0])
         return (*self._rows(flow), [*values.values(), *(rates[name] for name in values)])
-
-    def _end_at(self, model: CuttingModel, known: Any, which: Any, time: Any, *rows: Any) -> tuple[list[Any]]:
-        jets = self._jets(model, known)
-        end = at_event(jets, self._cuts(rows), which, time)
-        return ([end.doubt, *jax.tree.leaves((jets.per_unit(end.time), jets.per_unit(end.volume)))],)
-
-    def _planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
-        return planned(lane, self.model, self.known, rows)
 
     def _jets(self, model: CuttingModel, known: Any) -> Jets:
         p, directions = known

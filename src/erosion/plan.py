@@ -88,12 +88,17 @@ class Plan:
         taken = sorted(used - {*within} - {*places})
         if not places and not taken:
             taken = [fixed - 1]  # results of constants alone still have lanes
-        places |= {value: (len(like) + i, None) for i, value in enumerate(taken)}
-        self.hoisted = self._hoist(before, taken, shared, known)
+        # One array of each type: many small ones cost the compiler dear.
+        alike: dict[Any, list[int]] = {}
+        for value in taken:
+            alike.setdefault(before[value].dtype if value in before else np.dtype(float), []).append(value)
+        for i, values in enumerate(alike.values()):
+            places |= {value: (len(like) + i, row) for row, value in enumerate(values)}
+        self.hoisted = [self._hoist(before, values, shared, known) for values in alike.values()]
 
         groups = [len(group) for group in shapes]
         splits = [outputs[sum(groups[:i]) : sum(groups[: i + 1])] for i in range(len(groups))]
-        made = len(like) + len(taken)
+        made = len(like) + len(alike)
         stored = _stored(within, outputs)
         for results in (*_waves(within, stored), *splits):
             self._add(within, places, results)
@@ -109,14 +114,16 @@ class Plan:
         return tuple(sources[-self.groups :])
 
     @staticmethod
-    def _hoist(before: dict[int, Operation], taken: list[int], shared: Any, known: Any) -> list[Any]:
-        """What parameters alone determine, as (lanes,) arrays."""
+    def _hoist(before: dict[int, Operation], taken: list[int], shared: Any, known: Any) -> Any:
+        """Some of what parameters alone determine, an array (taken, lanes)."""
         common, each = jax.tree.leaves(shared), jax.tree.leaves(known)
+        cone, _ = _cone(before, range(len(common) + len(each)), taken)
+        steps = {value: before[value] for value in sorted(cone)}
 
         def lane(common: list[Any], each: list[Any]) -> list[Any]:
-            return run(before, dict(enumerate([*common, *each])), taken)
+            return run(steps, dict(enumerate([*common, *each])), taken)
 
-        return jax.vmap(lane, in_axes=(None, 0))(common, each)
+        return Kernel(lambda *given: jnp.stack(jax.vmap(lane, in_axes=(None, 0))(*given)))(common, each)
 
     def _add(self, within: dict[int, Operation], places: dict[int, tuple[int, int | None]], results: list[Any]) -> None:
         """Add the kernel of some results, given where what is stored so far is found."""
