@@ -248,3 +248,13 @@ def test_results_print_with_units():
     assert "in³/rad²" in str(hit)
     assert "<td>in³</td>" in hit._repr_html_()
     assert "2 rebound" in str(erosion.impact("linearized", P.replace(alpha=[0.2, 0.3])))
+
+
+def test_one_program_serves_whatever_the_impacts_share(monkeypatch):
+    angles = np.linspace(0.1, 1.5, 7)
+    erosion.impact("rotating", P.replace(alpha=angles), derivatives=1)
+    # Called when a program is made, not when it runs.
+    monkeypatch.setattr(blocks, "solve", None)
+    for changed in ({"k": angles}, {"alpha": angles, "m": angles * 1e-4}, {}):
+        erosion.impact("rotating", P.replace(**changed), derivatives=1)
+        erosion.impact("rotating", P.replace(**changed), derivatives=1, rtol=1e-8)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from erosion.compiler import for_speed
 from erosion.integrator import ENDED, NO_CUT, Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
@@ -66,7 +67,7 @@ def integrate(
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
     copies = indices.shape[1]
     block, call = _sizes(order)
-    threads = _threads()
+    threads, program = _threads(), _compiled_chunk(order)
 
     def lane(positions: np.ndarray) -> np.ndarray:
         return positions // copies if copies > 1 else positions
@@ -81,8 +82,8 @@ def integrate(
             given = [_filled(leaf, lane(all_), shape) for leaf in lanes]
             along = [index[all_ % copies].reshape(shape) for index in indices]
             blocks = -(-some.size // block)
-            found = _compiled_chunk()(model, given, along, _filled(tolerance, all_, shape), blocks, order, names)
-            found = Solution.of(np.asarray(found).reshape(found.shape[0], -1)[:, : some.size], order)
+            found = program(model, given, along, _filled(tolerance, all_, shape), blocks, order, names)
+            found = Solution.of(np.asarray(found).reshape(found.shape[0], -1)[:, : some.size])
             kept = jax.tree.leaves(found._replace(margin=None, doubt=None))
             for whole, part in zip(jax.tree.leaves(results), kept, strict=True):
                 whole[some] = part
@@ -126,7 +127,8 @@ def _filled(leaf: np.ndarray, positions: np.ndarray, shape: tuple[int, int]) -> 
 
 @functools.lru_cache(maxsize=64)
 def _of_one(number: float, shape: tuple[int, int]) -> Any:
-    return jnp.full(shape, number)
+    # Without its type it would be a weak one, for which JAX compiles another program.
+    return jnp.full(shape, number, float)
 
 
 def _tighter(found: Solution, rtol: float) -> np.ndarray:
@@ -183,21 +185,9 @@ def _chunk(
 
 
 @functools.cache
-def _compiled_chunk() -> Any:
-    return jax.jit(_chunk, static_argnames=("order", "names"), compiler_options=_compiler_options())
-
-
-def _compiler_options() -> dict[str, Any]:
-    """Options worth a fifth of the time on a CPU, where this version of XLA knows them."""
-    if jax.default_backend() != "cpu":
-        return {}
-    # Vectors as wide as the machine has them, and no splitting of one small loop over threads.
-    options = {"xla_cpu_prefer_vector_width": 512, "xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
-    try:
-        jax.jit(lambda x: x + 1.0, compiler_options=options)(1.0)
-    except jax.errors.JaxRuntimeError:
-        return {}
-    return options
+def _compiled_chunk(order: int) -> Any:
+    options = for_speed(few_kernels=order == 0)  # most are one then; see `_block`
+    return jax.jit(_chunk, static_argnames=("order", "names"), compiler_options=options)
 
 
 def _sizes(order: int) -> tuple[int, int]:

@@ -6,10 +6,10 @@ Each function is compiled once for a model, whatever the parameters.
 from typing import Any, NamedTuple, cast
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from erosion.compiler import quick_to_compile
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
 
@@ -26,7 +26,7 @@ class Steps(NamedTuple):
     last: Any
 
 
-@eqx.filter_jit
+@quick_to_compile
 def solve(
     model: CuttingModel,
     p: Parameters,
@@ -68,7 +68,7 @@ def solve(
     return Steps(solution, ends, *(jax.tree.map(jnp.multiply, y, sizes) for y in (states, jax.tree.map(_only, last))))
 
 
-@eqx.filter_jit
+@quick_to_compile
 def begin(model: CuttingModel, p: Parameters) -> Any:
     """Whether it cuts; the start; how large everything gets, by a look ahead; the time scale."""
     time, start = model.scales(p).time, (model.initial_state(p), jnp.zeros_like(model.scales(p).time))
@@ -87,19 +87,19 @@ def begin(model: CuttingModel, p: Parameters) -> Any:
     return cuts_at_all(model, p), start, jax.tree.map(size, start, now, ahead), time
 
 
-@eqx.filter_jit
+@quick_to_compile
 def interpolate(solution: diffrax.Solution, sizes: Any, times: Any) -> Any:
     """(State, volume) at many times, from the dense output."""
     return jax.tree.map(jnp.multiply, jax.vmap(solution.evaluate)(times), sizes)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def event(model: CuttingModel, p: Parameters, state: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """The event functions and their rates in one state."""
     return event_rates(model, state, model.derivative(state, p), p)
 
 
-@eqx.filter_jit
+@quick_to_compile
 def look(model: CuttingModel, p: Parameters, states: Any) -> Any:
     """Event functions, their rates, the tip and its removal rate in many states."""
 

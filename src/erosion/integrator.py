@@ -79,12 +79,13 @@ class Solution(NamedTuple):
     volume: Derivatives
 
     @classmethod
-    def of(cls, rows: Any, order: int) -> "Solution":
+    def of(cls, rows: Any) -> "Solution":
         """From what `solve` gives."""
-        five, numbers = rows[:5], rows[5:]
+        mode, which, trials, margin, doubt, *numbers = rows
         half = len(numbers) // 2
         absent = [None] * (len(Derivatives._fields) - half)
-        return cls(*five, Derivatives(*numbers[:half], *absent), Derivatives(*numbers[half:], *absent))
+        time, volume = (Derivatives(*part, *absent) for part in (numbers[:half], numbers[half:]))
+        return cls(mode, which, trials, margin, doubt, time, volume)
 
 
 def solve(
@@ -189,9 +190,7 @@ def _finish(motion: Motion, lanes: Lanes) -> Any:
             for member, its_rate in zip(rows[: len(jet)], rows[len(jet) :], strict=True)
         ]
         end = motion.at_event(model, known, moved, clock.which, clock.time + clock.left + remaining)
-        numbers = [
-            jnp.where(clock.which == NO_CUT, 0.0, number) for number in jax.tree.leaves((end.time, end.volume))
-        ]
+        numbers = [jnp.where(clock.which == NO_CUT, 0.0, number) for number in jax.tree.leaves((end.time, end.volume))]
         whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), clock.mode == ENDED)
         mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
         numbers = [jnp.where(whole, number, jnp.nan) for number in numbers]
@@ -391,4 +390,3 @@ def _used(weights: np.ndarray, stages: Sequence[Any]) -> list[Any]:
 def _combine(weights: np.ndarray, stages: Sequence[Any]) -> Any:
     terms = [float(weight) * stage for weight, stage in zip(weights[weights != 0], stages, strict=True)]
     return sum(terms[1:], terms[0])
-

@@ -301,18 +301,30 @@ def _looks(
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
-    # Padded to a power of two, of which most cuts need the same, so that few lengths are ever compiled.
-    padded = np.append(t, np.full((1 << max(10, (len(t) - 1).bit_length())) - len(t), t[-1]))
-    values, rates, _ = flow.look(model, p, dense(padded)[0])
-    cut = {name: np.asarray(array)[: len(t)] for name, array in values.items()}
-    return t, cut, {name: np.asarray(array)[: len(t)] for name, array in rates.items()}
+    padded = np.append(t, np.full(_padded(len(t)) - len(t), t[-1]))
+    values, rates, _ = _looked(model, p, dense(padded)[0])
+    values, rates = ({name: array[: len(t)] for name, array in found.items()} for found in (values, rates))
+    return t, values, rates
+
+
+def _looked(model: CuttingModel, p: Parameters, states: Any) -> Any:
+    """`flow.look` at any number of states."""
+    count = len(jax.tree.leaves(states)[0])
+    more = np.minimum(np.arange(_padded(count)), count - 1)
+    found = flow.look(model, p, jax.tree.map(lambda leaf: np.asarray(leaf)[more], states))
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found)
+
+
+def _padded(count: int) -> int:
+    """A power of two, of which most cuts need the same, so that few lengths are ever compiled."""
+    return 1 << max(10, (count - 1).bit_length())
 
 
 def _trajectory(
     model: CuttingModel, p: Parameters, t: np.ndarray, states: Any, name: str, interpolate: Callable[[Any], Any]
 ) -> Trajectory:
     bodies, removed = jax.tree.map(np.asarray, states)
-    tip = jax.tree.map(np.asarray, flow.look(model, dataclasses.replace(p, units="inch-pound"), bodies)[2])
+    tip = _looked(model, dataclasses.replace(p, units="inch-pound"), bodies)[2]
     return Trajectory(
         model=model,
         p=p,
