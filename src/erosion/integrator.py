@@ -24,6 +24,7 @@ from erosion.kernels import Kernel, one_function
 from erosion.model import CuttingModel
 from erosion.motion import Motion
 from erosion.parameters import Parameters
+from erosion.plan import planned
 from erosion.tableau import B_CHECK, B_ERROR, A, B
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
@@ -208,40 +209,35 @@ def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         lambda error, ends, rtol: functools.reduce(lambda e, end: e + 0 * end, ends, error / (_SLACK * rtol))
     )(error, ends, rtol)
 
-    def dips(clock: Any, start: Any, ends: Any) -> Any:
+    def dips(clock: Any, start: Any, ends: Any) -> list[Any]:
         found = zip(*(dip_in_step(*event, Clock(*clock).trial) for event in _events(start, ends)), strict=True)
-        return jnp.stack([functools.reduce(jnp.minimum, each) for each in found])
+        return [functools.reduce(jnp.minimum, each) for each in found]
 
-    def fences(clock: Any, start: Any, ends: Any, error: Any) -> Any:
+    def fences(clock: Any, start: Any, ends: Any, error: Any) -> list[Any]:
         past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
-        return jnp.stack(_fences(Clock(*clock), error, past))
+        return _fences(Clock(*clock), error, past)
 
     def close(clock: Any, dips: Any, fences: Any) -> Any:
         mode = Clock(*clock).mode
         return (mode == LOCATING) | ((mode == ADVANCING) & ((fences[2] > 0) | (dips[0] < 1)))
 
-    def expected(clock: Any, start: Any, ends: Any, fences: Any, i: int) -> Any:
-        before, after = _events(start, ends)[i]
-        root = expected_fall(before, after, Clock(*clock).trial, fences[0], fences[1])
-        # Past the trial's end all may still fall; before it, those that have fallen at it.
-        return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
+    def expected(clock: Any, start: Any, ends: Any, fences: Any) -> list[Any]:
+        def fall(before: Ends, after: Ends) -> Any:
+            root = expected_fall(before, after, Clock(*clock).trial, fences[0], fences[1])
+            # Past the trial's end all may still fall; before it, those that have fallen at it.
+            return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
 
-    def decide(clock: Any, error: Any, scale: Any, dips: Any, fences: Any, roots: Any) -> Any:
-        return jnp.stack(_decide(Clock(*clock), error, scale, dips, fences, roots))
-
-    def go_on(clock: Any, error: Any, scale: Any, dips: Any) -> Any:
-        return jnp.stack(_go_on(Clock(*clock), error, scale, dips))
+        return [fall(*event) for event in _events(start, ends)]
 
     def near_an_end(dip: Any, fence: Any) -> Any:
-        indices = range(ends.shape[0] // 2)
-        roots = [Kernel(functools.partial(expected, i=i))(lanes.clock, lanes.start, ends, fence) for i in indices]
-        return Kernel(decide)(lanes.clock, error, scale, dip, fence, roots)
+        roots = _by_lane(expected, lanes.clock, lanes.start, ends, fence)
+        return _by_lane(_decide, lanes.clock, error, scale, dip, fence, roots)
 
     def elsewhere(dip: Any, fence: Any) -> Any:
-        return Kernel(go_on)(lanes.clock, error, scale, dip)
+        return _by_lane(_go_on, lanes.clock, error, scale, dip)
 
-    dip = Kernel(dips)(lanes.clock, lanes.start, ends)
-    fence = Kernel(fences)(lanes.clock, lanes.start, ends, error)
+    dip = _by_lane(dips, lanes.clock, lanes.start, ends)
+    fence = _by_lane(fences, lanes.clock, lanes.start, ends, error)
     # In most trials no lane of the block is close to its end: lanes that are alike end alike.
     clock = lax.cond(jnp.any(Kernel(close)(lanes.clock, dip, fence)), near_an_end, elsewhere, dip, fence)
     choose = Kernel(lambda clock, new, old: jnp.where(Clock(*clock).moved > 0, new, old))
@@ -249,9 +245,15 @@ def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
     return Lanes(clock, *chosen)
 
 
+def _by_lane(function: Callable[..., Sequence[Any]], *arrays: Any) -> Any:
+    """A function of one lane's scalars, or lists of them, of all lanes; one array (results, lanes)."""
+    rows = [None if array.ndim == 1 else array.shape[0] for array in arrays]
+    return planned(lambda _, __, *lane: (list(function(*lane)),), (), (), rows)(*arrays)[0]
+
+
 def _events(start: Any, ends: Any) -> list[tuple[Ends, Ends]]:
     # One by one: a reduction over an axis would not be one loop over the lanes.
-    half = start.shape[0] // 2
+    half = len(start) // 2
     return [(Ends(start[i], start[half + i]), Ends(ends[i], ends[half + i])) for i in range(half)]
 
 
@@ -266,11 +268,11 @@ def _good(clock: Clock, error: Any) -> Any:
     return jnp.where(clock.mode == LOCATING, jnp.isfinite(error), error <= 1)
 
 
-def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots: list[Any]) -> Clock:
+def _decide(rows: Sequence[Any], error: Any, scale: Any, dips: Any, fences: Any, roots: Sequence[Any]) -> Clock:
     """The clock after a trial.
 
     Args:
-        clock: before it.
+        rows: of the clock before it.
         error: over the tolerance; NaN is an error.
         scale: the model's time scale.
         dips: see `dip_in_step`; the least of all events. A dip that may reach below zero is
@@ -278,7 +280,7 @@ def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots:
         fences: see `_fences`.
         roots: when each event is expected to fall through zero.
     """
-    dip, high, past = dips[0], fences[1], fences[2] > 0
+    clock, dip, high, past = Clock(*rows), dips[0], fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
     good = _good(clock, error)
     landing, fits = good & (dip < 1), good & (dip >= 1)
@@ -306,9 +308,9 @@ def _decide(clock: Clock, error: Any, scale: Any, dips: Any, fences: Any, roots:
     )
 
 
-def _go_on(clock: Clock, error: Any, scale: Any, dips: Any) -> Clock:
+def _go_on(rows: Sequence[Any], error: Any, scale: Any, dips: Any) -> Clock:
     """The clock after a trial that came close to no event: `_decide` for less."""
-    good = error <= 1
+    clock, good = Clock(*rows), error <= 1
     step = _next_step(clock, error, good)
     moved = good & (clock.mode == ADVANCING)
     return _after(clock, scale, clock.mode, step, step, good=good, moved=moved, least=dips[1])
