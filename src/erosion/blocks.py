@@ -83,7 +83,7 @@ def integrate(
             along = [index[all_ % copies].reshape(shape) for index in indices]
             blocks = -(-some.size // block)
             found = program(model, given, along, _filled(tolerance, all_, shape), blocks, order, names)
-            found = Solution.of(np.asarray(found).reshape(found.shape[0], -1)[:, : some.size])
+            found = Solution.of(*(np.asarray(part).reshape(len(part), -1)[:, : some.size] for part in found))
             kept = jax.tree.leaves(found._replace(margin=None, doubt=None))
             for whole, part in zip(jax.tree.leaves(results), kept, strict=True):
                 whole[some] = part
@@ -179,9 +179,12 @@ def _chunk(
     def run(i: Any) -> Any:
         return _block(model, *jax.tree.map(lambda leaf: leaf[i], (lanes, along, rtol)), order, names)
 
-    rows, block = jax.eval_shape(run, 0).shape
-    empty = jnp.zeros((rows, rtol.shape[0], block))
-    return lax.fori_loop(0, blocks, lambda i, done: lax.dynamic_update_index_in_dim(done, run(i), i, 1), empty)
+    def block(i: Any, done: Any) -> Any:
+        return jax.tree.map(lambda all_, some: lax.dynamic_update_index_in_dim(all_, some, i, 1), done, run(i))
+
+    shapes = jax.eval_shape(run, 0)
+    empty = jax.tree.map(lambda part: jnp.zeros((part.shape[0], *rtol.shape)), shapes)
+    return lax.fori_loop(0, blocks, block, empty)
 
 
 @functools.cache

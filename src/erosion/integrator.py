@@ -44,7 +44,7 @@ _NEAR = 1e-3  # of the time scale, the cut and a good step: this near the event,
 
 
 class Clock(NamedTuple):
-    """Where a lane stands: the rows of one array of floats."""
+    """Where a lane stands: the rows of one array of floats, no more than `WIDTH`."""
 
     mode: Any
     time: Any  # from contact to the start of the step
@@ -53,16 +53,22 @@ class Clock(NamedTuple):
     high: Any  # while locating: a length past the event
     which: Any
     left: Any  # from the last trial's end to the event
+    moved: Any  # whether the lane took the last trial
+
+
+class Record(NamedTuple):
+    """What a lane went through: the rows of another."""
+
     trials: Any
     rejected: Any  # of them, those whose error was too large
     margin: Any  # the least value that an event function dipped to so far
-    moved: Any  # whether the lane took the last trial
 
 
 class Lanes(NamedTuple):
     """What the loop carries: few whole arrays, taken apart only inside kernels."""
 
     clock: Any  # a `Clock`
+    record: Any  # a `Record`
     start: Any  # the event functions, then their rates
     jet: tuple[Any, ...]
     rate: tuple[Any, ...]
@@ -80,9 +86,9 @@ class Solution(NamedTuple):
     volume: Derivatives
 
     @classmethod
-    def of(cls, rows: Any) -> "Solution":
+    def of(cls, outcome: Any, numbers: Any) -> "Solution":
         """From what `solve` gives."""
-        mode, which, trials, margin, doubt, *numbers = rows
+        mode, which, trials, margin, doubt = outcome
         half = len(numbers) // 2
         absent = [None] * (len(Derivatives._fields) - half)
         time, volume = (Derivatives(*part, *absent) for part in (numbers[:half], numbers[half:]))
@@ -97,7 +103,7 @@ def solve(
     rtol: Any,
     *,
     compiled_whole: bool = False,
-) -> Any:
+) -> tuple[Any, Any]:
     """Integrate a block of impacts to their ends.
 
     Args:
@@ -109,7 +115,7 @@ def solve(
         compiled_whole: see `one_function`; where the model's arithmetic allows it.
 
     Returns:
-        The rows of a `Solution`, one array (rows, lanes): each array costs the compiler dear.
+        The rows of a `Solution` in two arrays (rows, lanes): each array costs the compiler dear.
     """
     motion = Motion(model, p, order, directions)
     contact, jet = motion.at_contact()
@@ -134,29 +140,19 @@ def _begin(motion: Motion, contact: Any, jet: tuple[Any, ...]) -> Lanes:
         scale, begins = contact
         # 0·NaN and 0·∞ are NaN.
         finite = jnp.isfinite(sum(0.0 * row for array in arrays for row in array) + scale) & (scale > 0)
+        mode = jnp.where(finite, jnp.where(begins > 0, float(ADVANCING), ENDED), FAILED)
         zero, first = jnp.zeros_like(scale), _FIRST_STEP * scale
-        return jnp.stack(
-            Clock(
-                mode=jnp.where(finite, jnp.where(begins > 0, float(ADVANCING), ENDED), FAILED),
-                time=zero,
-                trial=first,
-                step=first,
-                high=zero,
-                which=jnp.where(begins > 0, 0.0, NO_CUT),
-                left=zero,
-                trials=zero,
-                rejected=zero,
-                margin=jnp.full_like(scale, jnp.inf),
-                moved=zero,
-            )
-        )
+        which = jnp.where(begins > 0, 0.0, NO_CUT)
+        return jnp.stack(Clock(mode, zero, first, first, high=zero, which=which, left=zero, moved=zero))
 
     def rising(start: Any) -> Any:
         half = start.shape[0] // 2
         return jnp.stack([*(jnp.maximum(value, 0.0) for value in start[:half]), *start[half:]])
 
     # Where an event function is zero at contact it rises, or nothing is cut.
-    return Lanes(Kernel(clock)(contact, start, *jet, *rate), Kernel(rising)(start), jet, rate)
+    nothing = jnp.zeros_like(contact[0])
+    record = jnp.stack(Record(trials=nothing, rejected=nothing, margin=nothing + jnp.inf))
+    return Lanes(Kernel(clock)(contact, start, *jet, *rate), record, Kernel(rising)(start), jet, rate)
 
 
 def _move_on(motion: Motion, lanes: Lanes) -> tuple[Any, ...]:
@@ -172,14 +168,16 @@ def _move_on(motion: Motion, lanes: Lanes) -> tuple[Any, ...]:
     return after(1 / 6, 4 / 6, 1 / 6)(rate, second, third)
 
 
-def _finish(motion: Motion, lanes: Lanes) -> Any:
+def _finish(motion: Motion, lanes: Lanes) -> tuple[Any, Any]:
     """The rows of a `Solution`: zeros where nothing is cut; NaN, said to be failed, where a number is not finite."""
     jet = _move_on(motion, lanes)
     rate, events = motion.rate_and_events(jet)
     half = events.shape[0] // 2
 
-    def lane(model: CuttingModel, known: Any, clock: Any, events: Any, *rows: Any) -> tuple[list[Any]]:
-        clock = Clock(*clock)
+    def lane(
+        model: CuttingModel, known: Any, clock: Any, record: Any, events: Any, *rows: Any
+    ) -> tuple[list[Any], list[Any]]:
+        clock, record = Clock(*clock), Record(*record)
         value, slope = (
             sum(jnp.where(clock.which == i, each, 0.0) for i, each in enumerate(part))
             for part in (events[:half], events[half:])
@@ -195,10 +193,11 @@ def _finish(motion: Motion, lanes: Lanes) -> Any:
         whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), clock.mode == ENDED)
         mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
         numbers = [jnp.where(whole, number, jnp.nan) for number in numbers]
-        return ([mode, clock.which, clock.trials, clock.margin, end.doubt, *numbers],)
+        return [mode, clock.which, record.trials, record.margin, end.doubt], numbers
 
-    arrays = (lanes.clock, events, *jet, *rate)
-    return motion.planned(lane, [array.shape[0] for array in arrays])(*arrays)[0]
+    arrays = (lanes.clock, lanes.record, events, *jet, *rate)
+    outcome, numbers = motion.planned(lane, [array.shape[0] for array in arrays])(*arrays)
+    return outcome, numbers
 
 
 def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
@@ -209,46 +208,46 @@ def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         lambda error, ends, rtol: functools.reduce(lambda e, end: e + 0 * end, ends, error / (_SLACK * rtol))
     )(error, ends, rtol)
 
-    def dips(clock: Any, start: Any, ends: Any) -> list[Any]:
+    def dips(clock: Any, start: Any, ends: Any) -> tuple[list[Any]]:
         found = zip(*(dip_in_step(*event, Clock(*clock).trial) for event in _events(start, ends)), strict=True)
-        return [functools.reduce(jnp.minimum, each) for each in found]
+        return ([functools.reduce(jnp.minimum, each) for each in found],)
 
-    def fences(clock: Any, start: Any, ends: Any, error: Any) -> list[Any]:
+    def fences(clock: Any, start: Any, ends: Any, error: Any) -> tuple[list[Any]]:
         past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
-        return _fences(Clock(*clock), error, past)
+        return (_fences(Clock(*clock), error, past),)
 
     def close(clock: Any, dips: Any, fences: Any) -> Any:
         mode = Clock(*clock).mode
         return (mode == LOCATING) | ((mode == ADVANCING) & ((fences[2] > 0) | (dips[0] < 1)))
 
-    def expected(clock: Any, start: Any, ends: Any, fences: Any) -> list[Any]:
+    def expected(clock: Any, start: Any, ends: Any, fences: Any) -> tuple[list[Any]]:
         def fall(before: Ends, after: Ends) -> Any:
             root = expected_fall(before, after, Clock(*clock).trial, fences[0], fences[1])
             # Past the trial's end all may still fall; before it, those that have fallen at it.
             return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
 
-        return [fall(*event) for event in _events(start, ends)]
+        return ([fall(*event) for event in _events(start, ends)],)
 
     def near_an_end(dip: Any, fence: Any) -> Any:
-        roots = _by_lane(expected, lanes.clock, lanes.start, ends, fence)
-        return _by_lane(_decide, lanes.clock, error, scale, dip, fence, roots)
+        (roots,) = _by_lane(expected, lanes.clock, lanes.start, ends, fence)
+        return _by_lane(_decide, lanes.clock, lanes.record, error, scale, dip, fence, roots)
 
     def elsewhere(dip: Any, fence: Any) -> Any:
-        return _by_lane(_go_on, lanes.clock, error, scale, dip)
+        return _by_lane(_go_on, lanes.clock, lanes.record, error, scale, dip)
 
-    dip = _by_lane(dips, lanes.clock, lanes.start, ends)
-    fence = _by_lane(fences, lanes.clock, lanes.start, ends, error)
+    (dip,) = _by_lane(dips, lanes.clock, lanes.start, ends)
+    (fence,) = _by_lane(fences, lanes.clock, lanes.start, ends, error)
     # In most trials no lane of the block is close to its end: lanes that are alike end alike.
-    clock = lax.cond(jnp.any(Kernel(close)(lanes.clock, dip, fence)), near_an_end, elsewhere, dip, fence)
+    clock, record = lax.cond(jnp.any(Kernel(close)(lanes.clock, dip, fence)), near_an_end, elsewhere, dip, fence)
     choose = Kernel(lambda clock, new, old: jnp.where(Clock(*clock).moved > 0, new, old))
-    chosen = jax.tree.map(lambda new, old: choose(clock, new, old), (ends, jet, rate), tuple(lanes[1:]))
-    return Lanes(clock, *chosen)
+    chosen = jax.tree.map(lambda new, old: choose(clock, new, old), (ends, jet, rate), tuple(lanes[2:]))
+    return Lanes(clock, record, *chosen)
 
 
-def _by_lane(function: Callable[..., Sequence[Any]], *arrays: Any) -> Any:
-    """A function of one lane's scalars, or lists of them, of all lanes; one array (results, lanes)."""
+def _by_lane(function: Callable[..., tuple[Sequence[Any], ...]], *arrays: Any) -> tuple[Any, ...]:
+    """A function of one lane's scalars, or lists of them, of all lanes; for each list an array (rows, lanes)."""
     rows = [None if array.ndim == 1 else array.shape[0] for array in arrays]
-    return planned(lambda _, __, *lane: (list(function(*lane)),), (), (), rows)(*arrays)[0]
+    return planned(lambda _, __, *lane: tuple(map(list, function(*lane))), (), (), rows)(*arrays)
 
 
 def _events(start: Any, ends: Any) -> list[tuple[Ends, Ends]]:
@@ -268,11 +267,13 @@ def _good(clock: Clock, error: Any) -> Any:
     return jnp.where(clock.mode == LOCATING, jnp.isfinite(error), error <= 1)
 
 
-def _decide(rows: Sequence[Any], error: Any, scale: Any, dips: Any, fences: Any, roots: Sequence[Any]) -> Clock:
-    """The clock after a trial.
+def _decide(
+    clock: Any, record: Any, error: Any, scale: Any, dips: Any, fences: Any, roots: Sequence[Any]
+) -> tuple[Clock, Record]:
+    """Clock and record after a trial.
 
     Args:
-        rows: of the clock before it.
+        clock, record: rows of those before it.
         error: over the tolerance; NaN is an error.
         scale: the model's time scale.
         dips: see `dip_in_step`; the least of all events. A dip that may reach below zero is
@@ -280,7 +281,7 @@ def _decide(rows: Sequence[Any], error: Any, scale: Any, dips: Any, fences: Any,
         fences: see `_fences`.
         roots: when each event is expected to fall through zero.
     """
-    clock, dip, high, past = Clock(*rows), dips[0], fences[1], fences[2] > 0
+    clock, dip, high, past = Clock(*clock), dips[0], fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
     good = _good(clock, error)
     landing, fits = good & (dip < 1), good & (dip >= 1)
@@ -298,22 +299,23 @@ def _decide(rows: Sequence[Any], error: Any, scale: Any, dips: Any, fences: Any,
     step = jnp.where(locating, clock.step, _next_step(clock, error, good))
     trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, jnp.where(past, expected, left), step))
     mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
-    after = _after(clock, scale, mode, step, trial, good=good, moved=accepted | ended, least=dips[1])
+    after, record = _after(clock, record, scale, mode, step, trial, good=good, moved=accepted | ended, least=dips[1])
     mode = jnp.where(going & locating & ~good, FAILED, after.mode)
-    return after._replace(
+    after = after._replace(
         mode=jnp.where(ended, ENDED, mode),
         high=jnp.where(accepted, high - clock.trial, high),
         which=jnp.where(ended, which, clock.which),
         left=jnp.where(ended, left, clock.left),
     )
+    return after, record
 
 
-def _go_on(rows: Sequence[Any], error: Any, scale: Any, dips: Any) -> Clock:
-    """The clock after a trial that came close to no event: `_decide` for less."""
-    clock, good = Clock(*rows), error <= 1
+def _go_on(clock: Any, record: Any, error: Any, scale: Any, dips: Any) -> tuple[Clock, Record]:
+    """Clock and record after a trial that came close to no event: `_decide` for less."""
+    clock, good = Clock(*clock), error <= 1
     step = _next_step(clock, error, good)
     moved = good & (clock.mode == ADVANCING)
-    return _after(clock, scale, clock.mode, step, step, good=good, moved=moved, least=dips[1])
+    return _after(clock, record, scale, clock.mode, step, step, good=good, moved=moved, least=dips[1])
 
 
 def _next_step(clock: Clock, error: Any, good: Any) -> Any:
@@ -324,24 +326,26 @@ def _next_step(clock: Clock, error: Any, good: Any) -> Any:
     return jnp.where(good & (clock.trial < clock.step), jnp.maximum(wanted, clock.step), wanted)
 
 
-def _after(clock: Clock, scale: Any, mode: Any, step: Any, trial: Any, *, good: Any, moved: Any, least: Any) -> Clock:
-    """The clock with one trial more, and whether the lane gives up."""
+def _after(
+    clock: Clock, record: Any, scale: Any, mode: Any, step: Any, trial: Any, *, good: Any, moved: Any, least: Any
+) -> tuple[Clock, Record]:
+    """Clock and record with one trial more, and whether the lane gives up."""
+    record = Record(*record)
     going = clock.mode <= LOCATING
     time = clock.time + jnp.where(moved, clock.trial, 0.0)
-    rejected = clock.rejected + (going & ~good)
-    hopeless = rejected > _REJECTED + (clock.trials - clock.rejected) / 8
-    mode = jnp.where((time > _LONGEST_CUT * scale) | (clock.trials >= _MAX_TRIALS), UNFINISHED, mode)
+    rejected = record.rejected + (going & ~good)
+    hopeless = rejected > _REJECTED + (record.trials - record.rejected) / 8
+    mode = jnp.where((time > _LONGEST_CUT * scale) | (record.trials >= _MAX_TRIALS), UNFINISHED, mode)
     mode = jnp.where(~(trial > 1e-14 * scale) | hopeless, FAILED, mode)
-    return clock._replace(
+    after = clock._replace(
         mode=jnp.where(going, mode, clock.mode),
         time=time,
         trial=jnp.where(going, trial, clock.trial),
         step=step,
-        trials=clock.trials + going,
-        rejected=rejected,
-        margin=jnp.where(moved, jnp.minimum(clock.margin, least), clock.margin),
         moved=moved.astype(float),
     )
+    margin = jnp.where(moved, jnp.minimum(record.margin, least), record.margin)
+    return after, Record(record.trials + going, rejected, margin)
 
 
 def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, Any, Any]:

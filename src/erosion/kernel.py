@@ -280,7 +280,7 @@ def _solve(structure: Any, flat: list[Any], order: int, directions: tuple[Any, .
     model, p = jax.tree.unflatten(structure, flat)
     lanes = 1 if not directions else directions[0].shape[0]
     p = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (lanes,)), p)
-    return Solution.of(solve(model, p, order, directions, _VOLUME_RTOL)).volume
+    return Solution.of(*solve(model, p, order, directions, _VOLUME_RTOL)).volume
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))

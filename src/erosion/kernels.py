@@ -10,6 +10,8 @@ from jax.experimental.xla_metadata import set_xla_metadata
 
 _COMPILES_WHOLE = {"0.9.0", "0.10.2", "0.12.0.1"}  # versions of jaxlib; see `one_function`
 
+WIDTH = 8  # rows of a kernel's result: of a longer stack XLA makes one loop a row, and a copy
+
 
 class Kernel:
     """A function whose result is one array, kept whole as one loop over the lanes.

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.arithmetic import Graph, NotScalarArithmeticError, Operation, Value, hoisted, run
-from erosion.kernels import Kernel
+from erosion.kernels import WIDTH, Kernel
 
 # Measured on AVX-512, in multiplications; what is not listed costs one.
 _COSTS = {"convert_element_type": 0, "copy": 0, "neg": 0, "stop_gradient": 0, "div": 6, "rem": 20, "sqrt": 8}
@@ -25,7 +25,6 @@ _COSTS |= dict.fromkeys(("logistic", "pow", "sin", "sinh", "tan", "tanh", "rsqrt
 _STORE = 4.0  # likewise: writing a shared value, and reading it once
 _LOAD = 0.5
 _START = 20.0  # likewise: of a kernel, for each lane of a block
-_WIDTH = 8  # rows of a kernel; wider ones cost the compiler more than they save
 
 
 def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> Callable[..., Any]:
@@ -88,13 +87,14 @@ class Plan:
         taken = sorted(used - {*within} - {*places})
         if not places and not taken:
             taken = [fixed - 1]  # results of constants alone still have lanes
-        # One array of each type: many small ones cost the compiler dear.
-        alike: dict[Any, list[int]] = {}
+        # Few arrays, each of one type: many small ones cost the compiler dear.
+        types: dict[Any, list[int]] = {}
         for value in taken:
-            alike.setdefault(before[value].dtype if value in before else np.dtype(float), []).append(value)
-        for i, values in enumerate(alike.values()):
+            types.setdefault(before[value].dtype if value in before else np.dtype(float), []).append(value)
+        alike = [values[i : i + WIDTH] for values in types.values() for i in range(0, len(values), WIDTH)]
+        for i, values in enumerate(alike):
             places |= {value: (len(like) + i, row) for row, value in enumerate(values)}
-        self.hoisted = [self._hoist(before, values, shared, known) for values in alike.values()]
+        self.hoisted = [self._hoist(before, values, shared, known) for values in alike]
 
         groups = [len(group) for group in shapes]
         splits = [outputs[sum(groups[:i]) : sum(groups[: i + 1])] for i in range(len(groups))]
@@ -231,6 +231,6 @@ def _waves(operations: dict[int, Operation], stored: set[int]) -> list[list[int]
     waves = []
     for depth in sorted({level[n] for n in stored}):
         wave = [n for n in operations if n in stored and level[n] == depth]
-        parts = -(-len(wave) // _WIDTH)
+        parts = -(-len(wave) // WIDTH)
         waves += [wave[len(wave) * i // parts : len(wave) * (i + 1) // parts] for i in range(parts)]
     return waves
