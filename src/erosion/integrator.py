@@ -366,19 +366,22 @@ def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, An
     def worst(before: Any, after: Any, slopes: Any, stages: Any, clock: Any) -> Any:
         length = Clock(*clock).trial
         # Errors count relative to each quantity's size in this step; a derivative's also
-        # relative to the size of what it is the derivative of.
-        sizes, errors = jnp.full_like(before[0], _TINY), jnp.zeros_like(length)
+        # relative to the size of what it is the derivative of. Row by row, that is one loop.
+        sizes, error = [jnp.full_like(length, _TINY)] * len(before[0]), jnp.zeros_like(length)
         for u, v, slope, ks in zip(before, after, slopes, stages, strict=True):
-            sizes = jnp.maximum(jnp.maximum(jnp.abs(u), jnp.abs(v)), jnp.maximum(jnp.abs(length * slope), sizes))
+            for i, size in enumerate(sizes):
+                moved = jnp.maximum(jnp.abs(length * slope[i]), size)
+                sizes[i] = jnp.maximum(jnp.maximum(jnp.abs(u[i]), jnp.abs(v[i])), moved)
             # Of the volume, what it would gain in as long a time again counts as well: most cuts go on.
             # (The last stage is the rate at the step's end, nearly.)
-            sizes = sizes.at[-1].add(jnp.abs(length * ks[-1][-1]))
-            errors = functools.reduce(jnp.maximum, list(jnp.abs(length * _combine(B_ERROR, ks)) / sizes), errors)
+            sizes[-1] += jnp.abs(length * ks[-1][-1])
+            for i, size in enumerate(sizes):
+                error = jnp.maximum(error, jnp.abs(length * _combine(B_ERROR, [k[i] for k in ks])) / size)
             # The volume's estimate is mostly the largest by far, so where it passes through zero by
             # chance an error would go unseen. It does not do so together with a second one.
             check = jnp.abs(length * _combine(B_CHECK, [k[-1] for k in ks])) / sizes[-1]
-            errors = jnp.maximum(errors, _CHECK * check * _eighth_root(check))
-        return errors
+            error = jnp.maximum(error, _CHECK * check * _eighth_root(check))
+        return error
 
     error = Kernel(worst)(jet, at, rate, [_used(B_ERROR, ks) for ks in stages], clock)
     return at, last, events, error
