@@ -133,6 +133,7 @@ def hoisted(graph: Graph, fixed: Iterable[int]) -> tuple[list[Value], dict[int, 
     zeros, infinities and NaN allow.
     """
     known, constant = set(fixed), set()
+    settled = set(known)  # both
     before: dict[int, Operation] = {}
     within: dict[int, Operation] = {}
     for number, operation in list(graph.operations.items()):
@@ -140,14 +141,17 @@ def hoisted(graph: Graph, fixed: Iterable[int]) -> tuple[list[Value], dict[int, 
         if constant.issuperset(numbers):
             # XLA folds constants, and what they multiply, where it sees them.
             constant.add(number)
+            settled.add(number)
             before[number] = within[number] = operation
-        elif known.union(constant).issuperset(numbers):
+        elif settled.issuperset(numbers):
             known.add(number)
+            settled.add(number)
             before[number] = operation
         elif operation.primitive is lax.div_p and isinstance(by := operation.inputs[1], int) and by in known:
             one = _constant(np.ones((), operation.dtype))
             inverse = graph.add(operation._replace(inputs=(one, by)))
             known.add(inverse)
+            settled.add(inverse)
             before[inverse] = graph.operations[inverse]
             within[number] = Operation(lax.mul_p, {}, (operation.inputs[0], inverse), operation.dtype)
         else:

@@ -273,7 +273,8 @@ def _decide(
     """Clock and record after a trial.
 
     Args:
-        clock, record: rows of those before it.
+        clock: its rows before it.
+        record: likewise.
         error: over the tolerance; NaN is an error.
         scale: the model's time scale.
         dips: see `dip_in_step`; the least of all events. A dip that may reach below zero is

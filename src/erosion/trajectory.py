@@ -255,7 +255,8 @@ def _follow(
     ends = np.append(0.0, ends[np.isfinite(ends)])
 
     def dense(t: np.ndarray) -> Any:
-        return flow.interpolate(steps.solution, sizes, jnp.asarray(t))
+        found = flow.interpolate(steps.solution, sizes, _padded(t))
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(t)], found)
 
     t, values, rates = _looks(model, p, dense, ends, float(time))
     try:
@@ -301,23 +302,22 @@ def _looks(
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
-    padded = np.append(t, np.full(_padded(len(t)) - len(t), t[-1]))
-    values, rates, _ = _looked(model, p, dense(padded)[0])
-    values, rates = ({name: array[: len(t)] for name, array in found.items()} for found in (values, rates))
+    values, rates, _ = _looked(model, p, dense(t)[0])
     return t, values, rates
 
 
 def _looked(model: CuttingModel, p: Parameters, states: Any) -> Any:
     """`flow.look` at any number of states."""
     count = len(jax.tree.leaves(states)[0])
-    more = np.minimum(np.arange(_padded(count)), count - 1)
-    found = flow.look(model, p, jax.tree.map(lambda leaf: np.asarray(leaf)[more], states))
+    found = flow.look(model, p, jax.tree.map(_padded, states))
     return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found)
 
 
-def _padded(count: int) -> int:
-    """A power of two, of which most cuts need the same, so that few lengths are ever compiled."""
-    return 1 << max(10, (count - 1).bit_length())
+def _padded(array: Any) -> np.ndarray:
+    """The array, its last repeated: few lengths are ever compiled, and most cuts need the same one."""
+    count = len(array)
+    repeated = np.minimum(np.arange(1 << max(10, (count - 1).bit_length())), count - 1)
+    return np.asarray(array)[repeated] if count else np.asarray(array)
 
 
 def _trajectory(
