@@ -6,7 +6,7 @@ which it expects the event. The state at the event thus has the full order of th
 an interpolant's.
 
 Arrays run over lanes in their last axis, so that one instruction serves several lanes: a jet
-is a tuple of (leaves, lanes) arrays; event functions and their rates are (events, lanes).
+is a tuple of (rows, lanes) arrays; event functions and their rates are (events, lanes).
 """
 
 import functools
@@ -368,8 +368,10 @@ def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, An
         length = Clock(*clock).trial
         # Errors count relative to each quantity's size in this step; a derivative's also
         # relative to the size of what it is the derivative of. Row by row, that is one loop.
-        sizes, error = [jnp.full_like(length, _TINY)] * len(before[0]), jnp.zeros_like(length)
-        for u, v, slope, ks in zip(before, after, slopes, stages, strict=True):
+        split = motion.by_member
+        members = zip(split(before), split(after), split(slopes), zip(*map(split, stages), strict=True), strict=True)
+        sizes, error = [jnp.full_like(length, _TINY)] * motion.structure.num_leaves, jnp.zeros_like(length)
+        for u, v, slope, ks in members:
             for i, size in enumerate(sizes):
                 moved = jnp.maximum(jnp.abs(length * slope[i]), size)
                 sizes[i] = jnp.maximum(jnp.maximum(jnp.abs(u[i]), jnp.abs(v[i])), moved)
@@ -384,7 +386,7 @@ def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, An
             error = jnp.maximum(error, _CHECK * check * _eighth_root(check))
         return error
 
-    error = Kernel(worst)(jet, at, rate, [_used(B_ERROR, ks) for ks in stages], clock)
+    error = Kernel(worst)(jet, at, rate, _used(B_ERROR, list(zip(*stages, strict=True))), clock)
     return at, last, events, error
 
 

@@ -1,8 +1,10 @@
 """The motion of a block of lanes: jets as arrays, what they do, each in one or a few kernels.
 
-A jet is a tuple of (unknowns, lanes) arrays, so that one instruction serves several lanes.
+A jet is a tuple of arrays (rows, lanes), so that one instruction serves several lanes: its members'
+unknowns one after another, in as few arrays as their `WIDTH` allows.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from erosion.jets import AtEvent, Cut, Direction, Jets, at_event
+from erosion.kernels import WIDTH
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
 from erosion.plan import Plan, planned
@@ -27,7 +30,10 @@ class Motion:
         one = jax.tree.map(lambda leaf: leaf[0], self.known)
         shapes = jax.eval_shape(lambda model, known: self._jets(model, known).initial(), self.model, one)
         self.structure = jax.tree.structure(shapes[0])
-        rows = [self.structure.num_leaves] * len(shapes)
+        count = len(jax.tree.leaves(shapes))
+        parts = -(-count // WIDTH)
+        rows = [count * (i + 1) // parts - count * i // parts for i in range(parts)]
+        self._parts = rows
         # Made once, so that JAX traces each of them once for the dozen places it is called at.
         self._rate = self.planned(self._rate_of, rows)
         self._rate_and_events = self.planned(self._rate_and_events_of, rows)
@@ -77,8 +83,14 @@ class Motion:
         p, directions = known
         return Jets(model, p, self.order, self.directions if self.named else directions)
 
-    def _rows(self, jet: Sequence[Cut]) -> tuple[list[Any], ...]:
-        return tuple(jax.tree.leaves(member) for member in jet)
+    def by_member(self, jet: Sequence[Any]) -> list[list[Any]]:
+        """The rows of each member of a jet."""
+        rows, width = [row for part in jet for row in part], self.structure.num_leaves
+        return [rows[i : i + width] for i in range(0, len(rows), width)]
 
-    def _cuts(self, rows: Sequence[Any]) -> tuple[Cut, ...]:
-        return tuple(jax.tree.unflatten(self.structure, row) for row in rows)
+    def _rows(self, jet: Sequence[Cut]) -> tuple[list[Any], ...]:
+        leaves = iter(jax.tree.leaves(jet))
+        return tuple(list(itertools.islice(leaves, rows)) for rows in self._parts)
+
+    def _cuts(self, jet: Sequence[Any]) -> tuple[Cut, ...]:
+        return tuple(jax.tree.unflatten(self.structure, member) for member in self.by_member(jet))
