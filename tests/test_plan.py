@@ -110,3 +110,13 @@ def test_a_plan_changes_no_result(monkeypatch):
         assert getattr(found, name) == pytest.approx(getattr(true, name), rel=rel), name
     for one, other in zip(jax.tree.leaves(slope), jax.tree.leaves(expected), strict=True):
         assert one == pytest.approx(float(other), rel=1e-11)
+
+
+def test_a_flag_of_the_model_stays_one():
+    def function(shared, known, x):
+        return ([jnp.where(shared["flag"], shared["a"] * x, known[0] * x), x ** shared["n"]],)
+
+    shared = {"flag": jnp.array(True), "a": jnp.array(2.0), "n": jnp.array(3)}
+    found = planned(function, [None], shared)
+    assert isinstance(found, plan.Plan)
+    assert np.array_equal(found(LANES)[0], np.stack([2 * LANES, LANES**3]))

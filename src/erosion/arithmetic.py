@@ -133,7 +133,7 @@ def hoisted(graph: Graph, fixed: Iterable[int]) -> tuple[list[Value], dict[int, 
     zeros, infinities and NaN allow.
     """
     known, constant = set(fixed), set()
-    settled = set(known)  # both
+    settled = set(known)  # known or constant
     before: dict[int, Operation] = {}
     within: dict[int, Operation] = {}
     for number, operation in list(graph.operations.items()):

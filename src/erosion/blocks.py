@@ -158,7 +158,7 @@ def _block(
     """One block; arrays are (block,)."""
     # The physics does not depend on the unit system: one program serves all.
     p = Parameters(**dict(zip(QUANTITIES, lanes, strict=True)))
-    # With derivatives the time to compile would double.
+    # With derivatives it would compile for three times as long.
     return solve(model, p, order, names or tuple(along), rtol, compiled_whole=order == 0)
 
 

@@ -196,8 +196,7 @@ def _finish(motion: Motion, lanes: Lanes) -> tuple[Any, Any]:
         return [mode, clock.which, record.trials, record.margin, end.doubt], numbers
 
     arrays = (lanes.clock, lanes.record, events, *jet, *rate)
-    outcome, numbers = motion.planned(lane, [array.shape[0] for array in arrays])(*arrays)
-    return outcome, numbers
+    return motion.planned(lane, [array.shape[0] for array in arrays])(*arrays)
 
 
 def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:

@@ -3,13 +3,14 @@
 import platform
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 from jax.experimental.xla_metadata import set_xla_metadata
 
 _COMPILES_WHOLE = {"0.9.0", "0.10.2", "0.12.0.1"}  # versions of jaxlib; see `one_function`
 
+_Value = TypeVar("_Value")
 WIDTH = 8  # rows of a kernel's result: of a longer stack XLA makes one loop a row, and a copy
 
 
@@ -35,6 +36,12 @@ class Kernel:
             return self.function(*arguments)
         with set_xla_metadata(inlineable="false"):
             return self.function(*arguments)
+
+
+def narrow(values: list[_Value]) -> list[list[_Value]]:
+    """Values in even parts of at most `WIDTH`."""
+    parts = -(-len(values) // WIDTH)
+    return [values[len(values) * i // parts : len(values) * (i + 1) // parts] for i in range(parts)]
 
 
 def one_function(function: Callable[..., Any]) -> Callable[..., Any]:

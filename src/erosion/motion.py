@@ -1,4 +1,4 @@
-"""The motion of a block of lanes: jets as arrays, what they do, each in one or a few kernels.
+"""The motion of a block of lanes: jets as arrays, and what they do, in few kernels.
 
 A jet is a tuple of arrays (rows, lanes), so that one instruction serves several lanes: its members'
 unknowns one after another, in as few arrays as their `WIDTH` allows.
@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from erosion.jets import AtEvent, Cut, Direction, Jets, at_event
-from erosion.kernels import WIDTH
+from erosion.kernels import narrow
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
 from erosion.plan import Plan, planned
@@ -20,7 +20,7 @@ from erosion.reduction import reduced
 
 
 class Motion:
-    """Model, parameters and directions of a block; each method is one or a few kernels."""
+    """Model, parameters and directions of a block, and what moves it."""
 
     def __init__(self, model: CuttingModel, p: Parameters, order: int, directions: tuple[Direction, ...]) -> None:
         self.order, self.directions = order, directions
@@ -30,13 +30,10 @@ class Motion:
         one = jax.tree.map(lambda leaf: leaf[0], self.known)
         shapes = jax.eval_shape(lambda model, known: self._jets(model, known).initial(), self.model, one)
         self.structure = jax.tree.structure(shapes[0])
-        count = len(jax.tree.leaves(shapes))
-        parts = -(-count // WIDTH)
-        rows = [count * (i + 1) // parts - count * i // parts for i in range(parts)]
-        self._parts = rows
+        self._heights = [len(part) for part in narrow(jax.tree.leaves(shapes))]
         # Made once, so that JAX traces each of them once for the dozen places it is called at.
-        self._rate = self.planned(self._rate_of, rows)
-        self._rate_and_events = self.planned(self._rate_and_events_of, rows)
+        self._rate = self.planned(self._rate_of, self._heights)
+        self._rate_and_events = self.planned(self._rate_and_events_of, self._heights)
         self.is_arithmetic = all(isinstance(part, Plan) for part in (self._rate, self._rate_and_events))
 
     def at_contact(self) -> tuple[Any, tuple[Any, ...]]:
@@ -61,10 +58,23 @@ class Motion:
         return tuple(rate), events
 
     def at_event(self, model: CuttingModel, known: Any, rows: Sequence[Any], which: Any, time: Any) -> AtEvent:
-        """For one lane, what became of time and volume there, with derivatives by the parameters."""
+        """What became of time and volume there, with derivatives by the parameters: for a planned function.
+
+        Args:
+            model: as such a function gets it.
+            known: likewise.
+            rows: one lane's jet, as lists of scalars.
+            which: the event's index.
+            time: of the event.
+        """
         jets = self._jets(model, known)
         end = at_event(jets, self._cuts(rows), which, time)
         return AtEvent(jets.per_unit(end.time), jets.per_unit(end.volume), end.doubt)
+
+    def by_member(self, jet: Sequence[Any]) -> list[list[Any]]:
+        """The rows of each member of a jet."""
+        rows, width = [row for part in jet for row in part], self.structure.num_leaves
+        return [rows[i : i + width] for i in range(0, len(rows), width)]
 
     def planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
         """A function of one lane's (model, known, *variables) made one of all lanes; see `erosion.plan`."""
@@ -83,14 +93,9 @@ class Motion:
         p, directions = known
         return Jets(model, p, self.order, self.directions if self.named else directions)
 
-    def by_member(self, jet: Sequence[Any]) -> list[list[Any]]:
-        """The rows of each member of a jet."""
-        rows, width = [row for part in jet for row in part], self.structure.num_leaves
-        return [rows[i : i + width] for i in range(0, len(rows), width)]
-
     def _rows(self, jet: Sequence[Cut]) -> tuple[list[Any], ...]:
         leaves = iter(jax.tree.leaves(jet))
-        return tuple(list(itertools.islice(leaves, rows)) for rows in self._parts)
+        return tuple(list(itertools.islice(leaves, height)) for height in self._heights)
 
     def _cuts(self, jet: Sequence[Any]) -> tuple[Cut, ...]:
         return tuple(jax.tree.unflatten(self.structure, member) for member in self.by_member(jet))

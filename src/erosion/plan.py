@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.arithmetic import Graph, NotScalarArithmeticError, Operation, Value, hoisted, run
-from erosion.kernels import WIDTH, Kernel
+from erosion.kernels import Kernel, narrow
 
 # Measured on AVX-512, in multiplications; what is not listed costs one.
 _COSTS = {"convert_element_type": 0, "copy": 0, "neg": 0, "stop_gradient": 0, "div": 6, "rem": 20, "sqrt": 8}
@@ -90,8 +90,9 @@ class Plan:
         # Few arrays, each of one type: many small ones cost the compiler dear.
         types: dict[Any, list[int]] = {}
         for value in taken:
-            types.setdefault(before[value].dtype if value in before else np.dtype(float), []).append(value)
-        alike = [values[i : i + WIDTH] for values in types.values() for i in range(0, len(values), WIDTH)]
+            dtype = before[value].dtype if value in before else closed.in_avals[value].dtype
+            types.setdefault(dtype, []).append(value)
+        alike = [part for values in types.values() for part in narrow(values)]
         for i, values in enumerate(alike):
             places |= {value: (len(like) + i, row) for row, value in enumerate(values)}
         self.hoisted = [self._hoist(before, values, shared, known) for values in alike]
@@ -231,6 +232,5 @@ def _waves(operations: dict[int, Operation], stored: set[int]) -> list[list[int]
     waves = []
     for depth in sorted({level[n] for n in stored}):
         wave = [n for n in operations if n in stored and level[n] == depth]
-        parts = -(-len(wave) // WIDTH)
-        waves += [wave[len(wave) * i // parts : len(wave) * (i + 1) // parts] for i in range(parts)]
+        waves += narrow(wave)
     return waves
