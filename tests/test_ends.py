@@ -5,7 +5,7 @@ import pytest
 
 import erosion
 from erosion.blocks import integrate
-from erosion.integrator import ENDED
+from erosion.clock import ENDED
 from erosion.parameters import QUANTITIES
 from tests.fine_steps import wrong_ends
 

@@ -7,7 +7,7 @@ import pytest
 
 import erosion
 from erosion import blocks
-from erosion.integrator import FAILED
+from erosion.clock import FAILED
 from tests.reference import AT_20_DEGREES, CLOSED, closed_form
 
 P = erosion.TABLE_1

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from erosion.clock import ENDED, NO_CUT
 from erosion.compiler import for_speed
-from erosion.integrator import ENDED, NO_CUT, Solution, solve
+from erosion.integrator import Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
 from erosion.own_parameters import own_parameters

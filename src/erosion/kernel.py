@@ -17,7 +17,8 @@ import numpy as np
 
 from erosion.arguments import check_tolerance
 from erosion.blocks import integrate, leaf_index
-from erosion.integrator import ENDED, NO_CUT, UNFINISHED, Solution, solve
+from erosion.clock import ENDED, NO_CUT, UNFINISHED
+from erosion.integrator import Solution, solve
 from erosion.jets import Derivatives
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
