@@ -121,3 +121,18 @@ def test_accuracy_holds_over_a_wide_range():
     off = np.abs(found.d2volume - tight.d2volume) / np.where(size > 0, size, 1)
     assert np.quantile(off, 0.9995) < 1e-9
     assert np.max(off) < 5e-8
+
+
+@pytest.mark.parametrize(("k", "jump"), [(1.0, 0.6980661779724753), (2.0, 0.7491399133831508)])
+@pytest.mark.parametrize("order", [0, 2])
+def test_beside_a_graze_results_are_as_exact(k: float, jump: float, order: int) -> None:
+    """Just above a jump of V(α) the tip's height falls through zero nearly touching it."""
+    p = erosion.TABLE_1.replace(k=k, alpha=jump + np.logspace(-9, -5, 33), phidot0=0.0)
+    true = erosion.impact("rotating", p, derivatives=order, rtol=1e-13)
+    found = erosion.impact("rotating", p, derivatives=order)
+    assert np.array_equal(found.ended_by, true.ended_by)
+    assert found.volume == pytest.approx(true.volume, rel=1e-11)
+    assert found.t_c == pytest.approx(true.t_c, rel=1e-9)
+    if order:
+        assert found.dvolume == pytest.approx(true.dvolume, rel=1e-9)
+        assert found.d2volume == pytest.approx(true.d2volume, rel=1e-5)

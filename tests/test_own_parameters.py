@@ -144,10 +144,10 @@ def test_own_parameters_stand_beside_those_of_the_case():
 
 def test_another_value_compiles_nothing():
     erosion.impact(MODEL, P, derivatives=2, wrt="friction")
-    programs = blocks._compiled_chunk(2)._cache_size()
+    programs = blocks._compiled_chunk()._cache_size()
     for friction in (0, np.float64(0.1), jnp.asarray(0.3)):
         erosion.impact(MODEL.replace(friction=friction), P, derivatives=2, wrt="friction")
-    assert blocks._compiled_chunk(2)._cache_size() == programs
+    assert blocks._compiled_chunk()._cache_size() == programs
 
 
 def test_the_best_angle_knows_how_friction_moves_it(capsys):

@@ -120,3 +120,11 @@ def test_a_flag_of_the_model_stays_one():
     found = planned(function, [None], shared)
     assert isinstance(found, plan.Plan)
     assert np.array_equal(found(LANES)[0], np.stack([2 * LANES, LANES**3]))
+
+
+def test_products_of_small_loops_are_rounded_by_themselves():
+    """Or a lane's result would depend on where in a block it lies; see `plan._rounded`."""
+    x, y, z = np.random.default_rng(0).normal(size=(3, LANES.size))
+    found = planned(lambda shared, known, x, y, z: ([x * y + z, x * y - z * y], [x * y]), [None, None, None])(x, y, z)
+    assert np.array_equal(found[0], [x * y + z, x * y - z * y])
+    assert np.array_equal(found[1], [x * y])

@@ -61,17 +61,21 @@ class Graph:
         """The number of an operation's result."""
         key = (operation.primitive.name, repr(operation.params), operation.inputs)
         if key not in self._seen:
-            self._seen[key] = self._count
-            self.operations[self._count] = operation
-            self._count += 1
+            self._seen[key] = self.new()
+            self.operations[self._seen[key]] = operation
         return self._seen[key]
 
+    def new(self) -> int:
+        """A number for one more value."""
+        self._count += 1
+        return self._count - 1
+
     def _open(self, jaxpr: Jaxpr, constants: Sequence[Any], arguments: Sequence[Value]) -> list[Value]:
-        values = dict(zip(jaxpr.constvars, map(_constant, constants), strict=True))
+        values = dict(zip(jaxpr.constvars, map(constant, constants), strict=True))
         values |= dict(zip(jaxpr.invars, arguments, strict=True))
 
         def read(atom: Any) -> Value:
-            return _constant(np.asarray(atom.val, _dtype(atom))) if isinstance(atom, Literal) else values[atom]
+            return constant(np.asarray(atom.val, _dtype(atom))) if isinstance(atom, Literal) else values[atom]
 
         for equation in jaxpr.eqns:
             inputs, inner = [read(atom) for atom in equation.invars], _called(equation)
@@ -89,7 +93,8 @@ def _dtype(atom: Any) -> Any:
     return atom.aval.dtype
 
 
-def _constant(value: Any) -> Constant:
+def constant(value: Any) -> Constant:
+    """A number, for an operation's input."""
     if isinstance(value, Tracer) or np.shape(value) != ():
         raise NotScalarArithmeticError
     array = np.asarray(value)
@@ -132,15 +137,15 @@ def hoisted(graph: Graph, fixed: Iterable[int]) -> tuple[list[Value], dict[int, 
     A quotient by something known is made a product with its reciprocal, which the rules for
     zeros, infinities and NaN allow.
     """
-    known, constant = set(fixed), set()
+    known, constants = set(fixed), set()
     settled = set(known)  # known or constant
     before: dict[int, Operation] = {}
     within: dict[int, Operation] = {}
     for number, operation in list(graph.operations.items()):
         numbers = operation.numbers()
-        if constant.issuperset(numbers):
+        if constants.issuperset(numbers):
             # XLA folds constants, and what they multiply, where it sees them.
-            constant.add(number)
+            constants.add(number)
             settled.add(number)
             before[number] = within[number] = operation
         elif settled.issuperset(numbers):
@@ -148,7 +153,7 @@ def hoisted(graph: Graph, fixed: Iterable[int]) -> tuple[list[Value], dict[int, 
             settled.add(number)
             before[number] = operation
         elif operation.primitive is lax.div_p and isinstance(by := operation.inputs[1], int) and by in known:
-            one = _constant(np.ones((), operation.dtype))
+            one = constant(np.ones((), operation.dtype))
             inverse = graph.add(operation._replace(inputs=(one, by)))
             known.add(inverse)
             settled.add(inverse)

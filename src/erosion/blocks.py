@@ -19,7 +19,7 @@ from erosion.own_parameters import own_parameters
 from erosion.parameters import QUANTITIES, Parameters
 from erosion.tiling import alike_together
 
-BLOCK = (64, 128, 128)  # lanes of a block on a CPU, by order of derivatives; docs/performance.md
+BLOCK = 64  # lanes of a block on a CPU; docs/performance.md
 CALL = 2**13  # lanes of one call, whose blocks are walked one after another
 _SHELF = 2**16  # lanes among which to look for neighbours: their parameters fit the second-level cache
 _DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
@@ -67,8 +67,8 @@ def integrate(
     """
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
     copies = indices.shape[1]
-    block, call = _sizes(order)
-    threads, program = _threads(), _compiled_chunk(order)
+    block, call = _sizes()
+    threads, program = _threads(), _compiled_chunk()
 
     def lane(positions: np.ndarray) -> np.ndarray:
         return positions // copies if copies > 1 else positions
@@ -159,8 +159,7 @@ def _block(
     """One block; arrays are (block,)."""
     # The physics does not depend on the unit system: one program serves all.
     p = Parameters(**dict(zip(QUANTITIES, lanes, strict=True)))
-    # With derivatives it would compile for three times as long.
-    return solve(model, p, order, names or tuple(along), rtol, compiled_whole=order == 0)
+    return solve(model, p, order, names or tuple(along), rtol, few_functions=True)
 
 
 def _chunk(
@@ -189,14 +188,13 @@ def _chunk(
 
 
 @functools.cache
-def _compiled_chunk(order: int) -> Any:
-    options = for_speed(few_kernels=order == 0)  # most are one then; see `_block`
-    return jax.jit(_chunk, static_argnames=("order", "names"), compiler_options=options)
+def _compiled_chunk() -> Any:
+    return jax.jit(_chunk, static_argnames=("order", "names"), compiler_options=for_speed())
 
 
-def _sizes(order: int) -> tuple[int, int]:
+def _sizes() -> tuple[int, int]:
     """Lanes of a block, and of a call."""
-    return (BLOCK[order], CALL) if jax.default_backend() == "cpu" else (2**14, 2**19)
+    return (BLOCK, CALL) if jax.default_backend() == "cpu" else (2**14, 2**19)
 
 
 def _threads() -> int:

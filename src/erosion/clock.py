@@ -18,7 +18,10 @@ _SAFETY = 0.8  # of the step that would just do
 _LONGEST_CUT = 1e4  # of the model's time scale; later is "unfinished"
 _MAX_TRIALS = 20_000
 _REJECTED = 64  # trials, and one more for each eight accepted: then the error must be rounding
-_NEAR = 1e-3  # of the time scale, the cut and a good step: this near the event, Kutta and Newton do the rest
+_NEAR = 1e-2  # of the time scale, the cut and a good step: this near a steep fall, a short step and Newton do the rest
+_NEAR_FLAT = 1e-3  # likewise, a flat one
+_SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
+_AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 
 
 class Clock(NamedTuple):
@@ -42,10 +45,14 @@ class Record(NamedTuple):
     margin: Any  # the least value that an event function dipped to so far
 
 
-def bracket(clock: Clock, error: Any, past: Any) -> list[Any]:
-    """Lengths known to be before and past the event, and whether the trial's end is past it."""
-    high = jnp.where(_good(clock, error) & past, clock.trial, clock.high)
-    return [jnp.where(past, 0.0, clock.trial), high, past.astype(float)]
+def bracket(clock: Clock, error: Any, past: Any, soon: Any) -> list[Any]:
+    """Lengths before and past the event, whether the trial's end is past it, and whether it may come soon.
+
+    A length past the event is known while locating; else it is as far as to look ahead.
+    """
+    ahead = jnp.where(clock.mode == LOCATING, clock.high, _AHEAD * clock.trial)
+    high = jnp.where(_good(clock, error) & past, clock.trial, ahead)
+    return [jnp.where(past, 0.0, clock.trial), high, past.astype(float), soon.astype(float)]
 
 
 def _good(clock: Clock, error: Any) -> Any:
@@ -54,7 +61,7 @@ def _good(clock: Clock, error: Any) -> Any:
 
 
 def decide(
-    clock: Any, record: Any, error: Any, scale: Any, dips: Any, fences: Any, roots: Sequence[Any]
+    clock: Any, record: Any, error: Any, scale: Any, dips: Any, fences: Any, falls: Sequence[Any]
 ) -> tuple[Clock, Record]:
     """Clock and record after a trial.
 
@@ -66,25 +73,29 @@ def decide(
         dips: see `dip_in_step`; the least of all events. A dip that may reach below zero is
             landed on before anything is decided.
         fences: see `bracket`.
-        roots: when each event is expected to fall through zero.
+        falls: when each event is expected to fall through zero, from the trial's start; else infinity.
+            Then of the first of them, whether it is steep, and how far its time may be off.
     """
     clock, dip, high, past = Clock(*clock), dips[0], fences[1], fences[2] > 0
     going, locating = clock.mode <= LOCATING, clock.mode == LOCATING
     good = _good(clock, error)
     landing, fits = good & (dip < 1), good & (dip >= 1)
     bracketed = good & (past | locating)
+    *roots, steep, off = falls
     expected = functools.reduce(jnp.minimum, roots)
     which = jnp.zeros_like(expected)
     for i, root in enumerate(roots):
         which = jnp.where(root == expected, float(i), which)
     left = expected - clock.trial
-    near = _NEAR * jnp.minimum(jnp.minimum(scale, clock.step), clock.time + clock.trial)
-    ended = going & fits & bracketed & (jnp.abs(left) <= near)
+    size = jnp.minimum(jnp.minimum(scale, clock.step), clock.time + clock.trial)
+    flat = jnp.where(off <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
+    ended = going & fits & (jnp.abs(left) <= jnp.where(steep > 0, _NEAR * size, flat))
     # A locating lane moves on as well, or it would look for ever at both sides of a dip.
     accepted = going & fits & ~past & ~ended
 
     step = jnp.where(locating, clock.step, _next_step(clock, error, good))
-    trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed, jnp.where(past, expected, left), step))
+    aim = jnp.where(past, expected, left)
+    trial = jnp.where(landing, dip * clock.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
     mode = jnp.where(bracketed & ~landing, float(LOCATING), clock.mode)
     after, record = _after(clock, record, scale, mode, step, trial, good=good, moved=accepted | ended, least=dips[1])
     mode = jnp.where(going & locating & ~good, FAILED, after.mode)

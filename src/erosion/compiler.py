@@ -12,17 +12,20 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 # Vectors as wide as the machine has them, and no splitting of one small loop over threads: together a
 # fifth of the time. Moving reshapes about gains nothing, but has the program simplified 25 times over.
-_FAST = {"xla_cpu_prefer_vector_width": 512, "xla_disable_hlo_passes": "cpu-parallel-task-assigner,reshape-mover"}
-# The older code generator needs no MLIR, but knows no two kernels to be alike. A part for each of two
-# threads: of a few kernels more parts are no quicker.
-_FEW_KERNELS = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 2}
+# The older code generator needs no MLIR. A part for each of two threads: of few kernels more are no quicker.
+_FAST = {
+    "xla_cpu_prefer_vector_width": 512,
+    "xla_disable_hlo_passes": "cpu-parallel-task-assigner,reshape-mover",
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_cpu_parallel_codegen_split_count": 2,
+}
 # The older one again, and LLVM does not optimise.
 _QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 
 
-def for_speed(*, few_kernels: bool) -> dict[str, Any]:
+def for_speed() -> dict[str, Any]:
     """Options for a program that runs often."""
-    return _accepted((*_FAST.items(), *(_FEW_KERNELS.items() if few_kernels else ())))
+    return _accepted(tuple(_FAST.items()))
 
 
 def quick_to_compile(function: _Function) -> _Function:

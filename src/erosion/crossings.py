@@ -8,6 +8,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 _LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known
+_STRAIGHT = 0.5  # of its slope at a step's end an event function keeps at least as much up to a zero foreseen
+_STEEP = 0.02  # of its slopes in a step: where it is flatter, it may turn before zero
+_FOUND = 1e-3  # of a step: the zero of the cubic is found when Newton's method would move by less
+_NONE = 1e-200  # instead of no slope
 _LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)²
 
 
@@ -40,23 +44,37 @@ def dip_in_step(start: Ends, end: Ends, length: Any) -> tuple[Any, Any]:
     return where, jnp.where(inside, lowest, jnp.inf)
 
 
-def expected_fall(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> Any:
-    """When an event function is expected to fall through zero.
+def expected_fall(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
+    """When an event function is expected to fall through zero, whether steeply, and how far that may be off.
 
-    By the cubic through both ends of a trial, taken a little beyond it if need be; always
-    between the lengths `low` and `high`, known to be before and past the event.
+    By the cubic through both ends of a trial, continued beyond it if need be; always between two
+    lengths: before and past the event, or before it and as far as to look.
+
+    Steep is a function whose slope at that zero is no small part of its slopes at the trial's ends.
+    Flat ones may turn before zero, and Newton's method is slow to find where they do not.
     """
-    from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
-    c2, c3 = 3 * rise - 2 * from_ - to, from_ + to - 2 * rise
+    # Without products that could change places in a sum; see docs/performance.md.
+    mean = (end.value - start.value) / length
+    c3 = start.rate + end.rate - 2 * mean
+    c2 = mean - start.rate - c3
     left, right = low / length, high / length
+
+    def cubic(theta: Any) -> tuple[Any, Any]:
+        value = start.value / length + theta * (start.rate + theta * (c2 + theta * c3))
+        return value, start.rate + theta * (2 * c2 + theta * (3 * c3))
+
     # Newton from the trial's end, because an event function may start at zero.
-    theta = jnp.clip(1 - end.value / jnp.where(to < 0, to, -1.0), left, right)
-    for _ in range(4):
-        value = start.value + theta * (from_ + theta * (c2 + theta * c3))
-        slope = from_ + theta * (2 * c2 + theta * 3 * c3)
+    falls = end.rate < 0
+    first = 1 - end.value / length / jnp.where(falls, end.rate, -1.0)
+    theta = jnp.clip(jnp.where(falls, first, right), left, right)
+    for _ in range(3):
+        value, slope = cubic(theta)
         left, right = jnp.where(value > 0, theta, left), jnp.where(value > 0, right, theta)
         newton = theta - value / jnp.where(slope == 0, 1.0, slope)
         # A converged step may leave the bracket by rounding: that is no reason to bisect.
         inside = (newton > left - 1e-9) & (newton < right + 1e-9)
         theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
-    return length * theta
+    value, slope = cubic(theta)
+    off = jnp.minimum(jnp.abs(value / jnp.where(slope == 0, _NONE, slope)), right - left)
+    steep = jnp.minimum(_STRAIGHT * end.rate, -_STEEP * (jnp.abs(start.rate) + jnp.abs(end.rate)))
+    return length * theta, (slope < steep) & (end.rate < steep) & (off < _FOUND), length * off

@@ -1,9 +1,9 @@
 """A block of impacts: an error-controlled Runge-Kutta loop whose lanes end exactly at an event.
 
-There is one trace of the Runge-Kutta step in the loop. A lane is advancing, or locating: a step
-tried went past an event, so the lane tries again **from the same start** with the length at
-which it expects the event. The state at the event thus has the full order of the method, not
-an interpolant's.
+There is one trace of the Runge-Kutta step in the loop. A lane is advancing, or locating. A step
+is cut short to end at an event that is foreseen. A lane whose step went past one is locating: it
+tries again **from the same start** with the length at which it expects the event. The state at
+the event thus has the full order of the method, not an interpolant's.
 
 Arrays run over lanes in their last axis, so that one instruction serves several lanes: a jet
 is a tuple of (rows, lanes) arrays; event functions and their rates are (events, lanes).
@@ -31,6 +31,8 @@ from erosion.tableau import B_CHECK, B_ERROR, A, B
 _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 _TINY = 1e-200  # keeps 0/0 away
 _CHECK = 0.1  # of the second estimate, brought to the first one's order; docs/performance.md
+_SOON = 2.0  # trials, at the rate of now: an event that near is worth to be looked for
+_EARLY = 9  # stages of a trial's first part: then both take as long to compile
 _FIRST_STEP = 0.17  # of the model's time scale
 
 
@@ -72,7 +74,7 @@ def solve(
     directions: tuple[Direction, ...],
     rtol: Any,
     *,
-    compiled_whole: bool = False,
+    few_functions: bool = False,
 ) -> tuple[Any, Any]:
     """Integrate a block of impacts to their ends.
 
@@ -82,25 +84,33 @@ def solve(
         order: 0, 1 or 2 derivatives.
         directions: see `Jets`; traced ones have shape (lanes,).
         rtol: of volume, end time and derivatives; a scalar, or for each lane its own.
-        compiled_whole: see `one_function`; where the model's arithmetic allows it.
+        few_functions: see `one_function`; where the model's arithmetic allows it.
 
     Returns:
         The rows of a `Solution` in two arrays (rows, lanes): each array costs the compiler dear.
     """
     motion = Motion(model, p, order, directions)
-    contact, jet = motion.at_contact()
-    scale = contact[0]
+    one = one_function if few_functions and motion.is_arithmetic else _as_it_is
+    # One of the whole loop would with derivatives compile 1.4 s longer: then two of each trial.
+    of_all, of_parts = (_as_it_is, one) if order else (one, _as_it_is)
 
-    def integrate(lanes: Lanes) -> Lanes:
+    def begin() -> tuple[Any, Lanes]:
+        contact, jet = motion.at_contact()
+        return contact[0], _begin(motion, contact, jet)
+
+    def integrate(scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         return lax.while_loop(
             lambda lanes: jnp.any(lanes.clock[0] <= LOCATING),
-            lambda lanes: _advance(motion, scale, rtol, lanes),
+            lambda lanes: _advance(motion, scale, rtol, lanes, of_parts),
             lanes,
         )
 
-    if compiled_whole and motion.is_arithmetic:
-        integrate = one_function(integrate)
-    return _finish(motion, integrate(_begin(motion, contact, jet)))
+    scale, lanes = one(begin)()
+    return _finish(motion, of_all(integrate)(scale, rtol, lanes))
+
+
+def _as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function
 
 
 def _begin(motion: Motion, contact: Any, jet: tuple[Any, ...]) -> Lanes:
@@ -126,7 +136,7 @@ def _begin(motion: Motion, contact: Any, jet: tuple[Any, ...]) -> Lanes:
 
 
 def _move_on(motion: Motion, lanes: Lanes) -> tuple[Any, ...]:
-    """The jet a short time after the last trial: Kutta's method of third order."""
+    """The jet a short time after the last trial: the classical method of fourth order."""
     jet, rate = lanes.jet, lanes.rate
 
     def after(*weights: float) -> Callable[..., tuple[Any, ...]]:
@@ -134,8 +144,9 @@ def _move_on(motion: Motion, lanes: Lanes) -> tuple[Any, ...]:
         return lambda *rates: tuple(combine(lanes.clock, *each) for each in zip(jet, *rates, strict=True))
 
     second = motion.rate(after(1 / 2)(rate))
-    third = motion.rate(after(-1.0, 2.0)(rate, second))
-    return after(1 / 6, 4 / 6, 1 / 6)(rate, second, third)
+    third = motion.rate(after(1 / 2)(second))
+    fourth = motion.rate(after(1.0)(third))
+    return after(1 / 6, 1 / 3, 1 / 3, 1 / 6)(rate, second, third, fourth)
 
 
 def _finish(motion: Motion, lanes: Lanes) -> tuple[Any, Any]:
@@ -169,9 +180,25 @@ def _finish(motion: Motion, lanes: Lanes) -> tuple[Any, Any]:
     return motion.planned(lane, [array.shape[0] for array in arrays])(*arrays)
 
 
-def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
-    """Try one step in every lane, and act on what it was."""
-    jet, rate, ends, error = _step(motion, lanes.jet, lanes.rate, lanes.clock)
+def _advance(
+    motion: Motion, scale: Any, rtol: Any, lanes: Lanes, compiled: Callable[[Callable[..., Any]], Callable[..., Any]]
+) -> Lanes:
+    """Try one step in every lane, and act on what it was: in two parts, each of which is `compiled`."""
+
+    def early(jet: Any, rate: Any, clock: Any) -> list[list[Any]]:
+        stages = _stages(motion, jet, [[k] for k in rate], clock, A[:_EARLY])
+        return [ks[1:] for ks in stages]
+
+    def late(scale: Any, rtol: Any, lanes: Lanes, stages: list[list[Any]]) -> Lanes:
+        stages = [[k, *ks] for k, ks in zip(lanes.rate, stages, strict=True)]
+        stages = _stages(motion, lanes.jet, stages, lanes.clock, A[_EARLY:-1])
+        return _act(scale, rtol, lanes, *_step(motion, lanes.jet, lanes.rate, lanes.clock, stages))
+
+    return compiled(late)(scale, rtol, lanes, compiled(early)(lanes.jet, lanes.rate, lanes.clock))
+
+
+def _act(scale: Any, rtol: Any, lanes: Lanes, jet: Any, rate: Any, ends: Any, error: Any) -> Lanes:
+    """What becomes of the lanes, given jet, rate and events at a trial's end, and its error."""
     # Events that are not numbers, of a motion that is, are an error too: 0·NaN is NaN.
     error = Kernel(
         lambda error, ends, rtol: functools.reduce(lambda e, end: e + 0 * end, ends, error / (_SLACK * rtol))
@@ -182,24 +209,36 @@ def _advance(motion: Motion, scale: Any, rtol: Any, lanes: Lanes) -> Lanes:
         return ([functools.reduce(jnp.minimum, each) for each in found],)
 
     def fences(clock: Any, start: Any, ends: Any, error: Any) -> tuple[list[Any]]:
-        past = functools.reduce(jnp.logical_or, [after.value <= 0 for _, after in _events(start, ends)])
-        return (bracket(Clock(*clock), error, past),)
+        clock, after = Clock(*clock), [after for _, after in _events(start, ends)]
+        past = functools.reduce(jnp.logical_or, [end.value <= 0 for end in after])
+        soon = functools.reduce(jnp.logical_or, [end.value < -_SOON * clock.trial * end.rate for end in after])
+        return (bracket(clock, error, past, soon),)
 
     def close(clock: Any, dips: Any, fences: Any) -> Any:
         mode = Clock(*clock).mode
-        return (mode == LOCATING) | ((mode == ADVANCING) & ((fences[2] > 0) | (dips[0] < 1)))
+        return (mode == LOCATING) | ((mode == ADVANCING) & ((fences[2] > 0) | (fences[3] > 0) | (dips[0] < 1)))
 
     def expected(clock: Any, start: Any, ends: Any, fences: Any) -> tuple[list[Any]]:
-        def fall(before: Ends, after: Ends) -> Any:
-            root = expected_fall(before, after, Clock(*clock).trial, fences[0], fences[1])
+        low, high, past, soon = fences
+        clock = Clock(*clock)
+        found = []
+        for before, after in _events(start, ends):
+            root, steep, off = expected_fall(before, after, clock.trial, low, high)
             # Past the trial's end all may still fall; before it, those that have fallen at it.
-            return jnp.where((after.value <= 0) | (fences[2] == 0), root, jnp.inf)
-
-        return ([fall(*event) for event in _events(start, ends)],)
+            known = (after.value <= 0) | ((past == 0) & (clock.mode == LOCATING))
+            foreseen = (clock.mode == ADVANCING) & (past == 0) & (soon > 0) & (after.rate < 0)
+            found.append((jnp.where(known | foreseen, root, jnp.inf), known | steep, steep, off))
+        first = functools.reduce(jnp.minimum, [root for root, *_ in found])
+        sure, steep, off = jnp.array(True), jnp.array(False), jnp.zeros_like(first)
+        for root, trusted, its_steep, its_off in found:
+            # What is not sure to fall, but would first, may fall after the others.
+            sure &= (root > first) | trusted
+            steep, off = jnp.where(root == first, its_steep, steep), jnp.where(root == first, its_off, off)
+        return ([*(jnp.where(sure, root, jnp.inf) for root, *_ in found), steep.astype(float), off],)
 
     def near_an_end(dip: Any, fence: Any) -> Any:
-        (roots,) = _by_lane(expected, lanes.clock, lanes.start, ends, fence)
-        return _by_lane(decide, lanes.clock, lanes.record, error, scale, dip, fence, roots)
+        (falls,) = _by_lane(expected, lanes.clock, lanes.start, ends, fence)
+        return _by_lane(decide, lanes.clock, lanes.record, error, scale, dip, fence, falls)
 
     def elsewhere(dip: Any, fence: Any) -> Any:
         return _by_lane(go_on, lanes.clock, lanes.record, error, scale, dip)
@@ -225,18 +264,24 @@ def _events(start: Any, ends: Any) -> list[tuple[Ends, Ends]]:
     return [(Ends(start[i], start[half + i]), Ends(ends[i], ends[half + i])) for i in range(half)]
 
 
-def _step(motion: Motion, jet: Any, rate: Any, clock: Any) -> tuple[Any, Any, Any, Any]:
-    """One Runge-Kutta step of the length to try: jet, rate and events at its end, and its relative error."""
-    stages = [[k] for k in rate]
-
-    def after(row: np.ndarray) -> tuple[Any, ...]:
-        combine = Kernel(lambda u, ks, clock: u + Clock(*clock).trial * _combine(row, ks))
-        return tuple(combine(u, _used(row, ks), clock) for u, ks in zip(jet, stages, strict=True))
-
-    for row in A[:-1]:
-        for ks, k in zip(stages, motion.rate(after(row)), strict=True):
+def _stages(motion: Motion, jet: Any, stages: list[list[Any]], clock: Any, rows: Sequence[np.ndarray]) -> Any:
+    """The slopes so far of each array of the jet, and those of some stages more."""
+    stages = [list(ks) for ks in stages]
+    for row in rows:
+        for ks, k in zip(stages, motion.rate(_weighted(jet, stages, clock, row)), strict=True):
             ks.append(k)
-    at = after(B)
+    return stages
+
+
+def _weighted(jet: Any, stages: list[list[Any]], clock: Any, weights: np.ndarray) -> tuple[Any, ...]:
+    """The jet moved along a weighted sum of slopes."""
+    combine = Kernel(lambda u, ks, clock: u + Clock(*clock).trial * _combine(weights, ks))
+    return tuple(combine(u, _used(weights, ks), clock) for u, ks in zip(jet, stages, strict=True))
+
+
+def _step(motion: Motion, jet: Any, rate: Any, clock: Any, stages: list[list[Any]]) -> tuple[Any, Any, Any, Any]:
+    """A step of the length to try, given the slopes of its stages: jet, rate and events at its end, and its error."""
+    at = _weighted(jet, stages, clock, B)
     last, events = motion.rate_and_events(at)
     stages = [[*ks, k] for ks, k in zip(stages, last, strict=True)]
 

@@ -6,6 +6,8 @@ from importlib.metadata import version
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
+from jax.core import eval_jaxpr
 from jax.experimental.xla_metadata import set_xla_metadata
 
 _COMPILES_WHOLE = {"0.9.0", "0.10.2", "0.12.0.1"}  # versions of jaxlib; see `one_function`
@@ -57,14 +59,18 @@ def one_function(function: Callable[..., Any]) -> Callable[..., Any]:
     if jax.default_backend() != "cpu" or not tried:
         return function
 
-    def opened(*arguments: Any) -> Any:
-        with set_xla_metadata(xla_cpu_small_call=None, inlineable=None):
-            return function(*arguments)
-
-    compiled = jax.jit(opened)
-
     def call(*arguments: Any) -> Any:
+        closed, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
+        known = len(closed.consts)
+
+        def opened(given: list[Any]) -> tuple[list[Any], list[Any]]:
+            with set_xla_metadata(xla_cpu_small_call=None, inlineable=None):
+                results = eval_jaxpr(closed.jaxpr, given[:known], *given[known:])
+                # XLA has no place for an argument that nothing uses, and ends the process.
+                return results, [jnp.ravel(argument)[:1] for argument in given]
+
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            return compiled(*arguments)
+            results, _ = jax.jit(opened)([*closed.consts, *jax.tree.leaves(arguments)])
+        return jax.tree.unflatten(jax.tree.structure(shape), results)
 
     return call

@@ -34,18 +34,12 @@ class Motion:
         # Made once, so that JAX traces each of them once for the dozen places it is called at.
         self._rate = self.planned(self._rate_of, self._heights)
         self._rate_and_events = self.planned(self._rate_and_events_of, self._heights)
-        self.is_arithmetic = all(isinstance(part, Plan) for part in (self._rate, self._rate_and_events))
+        self._contact = self.planned(self._contact_of, [])
+        self.is_arithmetic = all(isinstance(part, Plan) for part in (self._contact, self._rate, self._rate_and_events))
 
     def at_contact(self) -> tuple[Any, tuple[Any, ...]]:
         """The model's time scale, NaN where a parameter is not finite, and whether the lane starts to cut; the jet."""
-
-        def contact(model: CuttingModel, known: Any) -> tuple[list[Any], ...]:
-            # Of parameters that the motion does not depend on too: 0·NaN is NaN.
-            nothing = sum(jnp.sum(0.0 * leaf) for leaf in jax.tree.leaves((model, known[0])))
-            scale, begins = model.scales(known[0]).time + nothing, cuts_at_all(model, known[0])
-            return ([scale, begins.astype(float)], *self._rows(self._jets(model, known).initial()))
-
-        rows, *jet = self.planned(contact, [])()
+        rows, *jet = self._contact()
         return rows, tuple(jet)
 
     def rate(self, jet: Sequence[Any]) -> tuple[Any, ...]:
@@ -79,6 +73,12 @@ class Motion:
     def planned(self, lane: Callable[..., Any], rows: Sequence[int | None]) -> Callable[..., Any]:
         """A function of one lane's (model, known, *variables) made one of all lanes; see `erosion.plan`."""
         return planned(lane, self.model, self.known, rows)
+
+    def _contact_of(self, model: CuttingModel, known: Any) -> tuple[list[Any], ...]:
+        # Of parameters that the motion does not depend on too: 0·NaN is NaN.
+        nothing = sum(jnp.sum(0.0 * leaf) for leaf in jax.tree.leaves((model, known[0])))
+        scale, begins = model.scales(known[0]).time + nothing, cuts_at_all(model, known[0])
+        return ([scale, begins.astype(float)], *self._rows(self._jets(model, known).initial()))
 
     def _rate_of(self, model: CuttingModel, known: Any, *rows: Any) -> tuple[list[Any], ...]:
         return self._rows(self._jets(model, known).rate(self._cuts(rows)))

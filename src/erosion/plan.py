@@ -14,8 +14,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
-from erosion.arithmetic import Graph, NotScalarArithmeticError, Operation, Value, hoisted, run
+from erosion.arithmetic import Graph, NotScalarArithmeticError, Operation, Value, constant, hoisted, run
 from erosion.kernels import Kernel, narrow
 
 # Measured on AVX-512, in multiplications; what is not listed costs one.
@@ -25,6 +26,9 @@ _COSTS |= dict.fromkeys(("logistic", "pow", "sin", "sinh", "tan", "tanh", "rsqrt
 _STORE = 4.0  # likewise: writing a shared value, and reading it once
 _LOAD = 0.5
 _START = 20.0  # likewise: of a kernel, for each lane of a block
+_PRODUCTS = ("mul", "square", "integer_pow")
+# Operations: LLVM unrolls a loop of 64 lanes, eight at once, up to 300 instructions, or 38 of its body.
+_UNROLLED = 45
 
 
 def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequence[int | None]) -> Callable[..., Any]:
@@ -33,7 +37,7 @@ def planned(function: Callable[..., Any], shared: Any, known: Any, like: Sequenc
     Args:
         function: of (shared, known, *variables); returns a tuple of lists of scalars.
         shared: a pytree that all lanes have in common.
-        known: a pytree of (lanes,) arrays.
+        known: a pytree of (lanes,) arrays, the first of them of floats.
         like: for each variable how many rows it has, as a list of scalars; None for a scalar.
 
     Returns:
@@ -73,6 +77,16 @@ class Plan:
         graph = Graph(closed)
         fixed = len(jax.tree.leaves((shared, known)))
         outputs, before, within = hoisted(graph, range(fixed))
+        groups = [len(group) for group in shapes]
+        splits = [outputs[sum(groups[:i]) : sum(groups[: i + 1])] for i in range(len(groups))]
+        stored = _stored(within, outputs)
+        results = [*_waves(within, stored), *splits]
+        if jax.tree.leaves(known):
+            number = np.dtype(float)
+            sign = graph.add(Operation(lax.sign_p, {}, (len(jax.tree.leaves(shared)),), number))
+            zero = graph.add(Operation(lax.mul_p, {}, (constant(0.0), sign), number))
+            before |= {value: graph.operations[value] for value in (sign, zero)}
+            within = _rounded(graph, within, results, zero)
         self.kernels: list[tuple[Kernel, list[int]]] = []
 
         # Where values are found: (index among the arrays, row of it).
@@ -97,14 +111,9 @@ class Plan:
             places |= {value: (len(like) + i, row) for row, value in enumerate(values)}
         self.hoisted = [self._hoist(before, values, shared, known) for values in alike]
 
-        groups = [len(group) for group in shapes]
-        splits = [outputs[sum(groups[:i]) : sum(groups[: i + 1])] for i in range(len(groups))]
-        made = len(like) + len(alike)
-        stored = _stored(within, outputs)
-        for results in (*_waves(within, stored), *splits):
-            self._add(within, places, results)
-            places |= {v: (made, row) for row, v in enumerate(results) if isinstance(v, int) and v not in places}
-            made += 1
+        for made, rows in enumerate(results, len(like) + len(alike)):
+            self._add(within, places, rows)
+            places |= {v: (made, row) for row, v in enumerate(rows) if isinstance(v, int) and v not in places}
         self.groups = len(groups)
 
     def __call__(self, *arrays: Any) -> tuple[Any, ...]:
@@ -132,7 +141,7 @@ class Plan:
         inputs = inputs or [next(iter(places))]
         reads = sorted({places[value][0] for value in inputs})
         rows = [(reads.index(places[value][0]), places[value][1]) for value in inputs]
-        steps = {value: within[value] for value in sorted(cone)}
+        steps = {value: operation for value, operation in within.items() if value in cone}
 
         def lane(*given: Any) -> list[Any]:
             return run(steps, dict(zip(inputs, given, strict=True)), results)
@@ -141,6 +150,52 @@ class Plan:
             return jnp.stack(jax.vmap(lane)(*[arrays[i] if row is None else arrays[i][row] for i, row in rows]))
 
         self.kernels.append((Kernel(lanes), reads))
+
+
+def _rounded(
+    graph: Graph, operations: dict[int, Operation], results: Sequence[Sequence[Any]], zero: int
+) -> dict[int, Operation]:
+    """The operations, but products of float64 in small loops are rounded by themselves.
+
+    LLVM computes a product and a sum as one operation with one rounding where it sees them side by side.
+    It unrolls small loops, and then moves and shares what some of the lanes compute and others not: results
+    would differ by where in a block a lane lies. A zero that it does not know to be one is added to such
+    products: that is one operation as well, and the sum another. (-0.0 becomes 0.0.)
+    """
+    small: set[int] = set()
+    done: set[int] = set()
+    for group in results:
+        for value in group:
+            cone, _ = _cone(operations, done, [value])
+            if len(cone) < _UNROLLED:
+                small |= cone
+            small |= _products(operations, value)
+        done |= {value for value in group if isinstance(value, int)}
+    rounded: dict[int, Operation] = {}
+    for value, operation in operations.items():
+        if value in small and _is_product(operation):
+            product = graph.new()
+            rounded[product] = operation
+            rounded[value] = Operation(lax.add_p, {}, (product, zero), operation.dtype)
+        else:
+            rounded[value] = operation
+    return rounded
+
+
+def _is_product(operation: Operation) -> bool:
+    return operation.primitive.name in _PRODUCTS and operation.dtype == np.float64
+
+
+def _products(operations: dict[int, Operation], value: Any) -> set[int]:
+    """The products that a result is, but for its sign or a choice."""
+    operation = operations.get(value) if isinstance(value, int) else None
+    if operation is None:
+        return set()
+    if _is_product(operation):
+        return {value}
+    if operation.primitive.name in ("neg", "copy", "select_n", "stop_gradient"):
+        return {product for each in operation.inputs for product in _products(operations, each)}
+    return set()
 
 
 class _Work:
@@ -216,7 +271,7 @@ def _cone(operations: dict[int, Operation], known: Iterable[int], results: Itera
     waiting = [value for value in results if isinstance(value, int)]
     while waiting:
         value = waiting.pop()
-        if value in known:
+        if value in known or value not in operations:
             inputs.add(value)
         elif value not in cone:
             cone.add(value)

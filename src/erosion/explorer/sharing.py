@@ -2,6 +2,7 @@
 
 import asyncio
 import dataclasses
+import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -61,8 +62,12 @@ class Sharing:
         ui.menu_item(title, hand_out)
 
     async def _copy_link(self) -> None:
-        origin = await ui.run_javascript("location.origin")
-        ui.clipboard.write(f"{origin}/?{self._state().query()}")
+        query = json.dumps(f"/?{self._state().query()}")
+        try:
+            await ui.run_javascript(f"navigator.clipboard.writeText(location.origin + {query}).then(() => true)")
+        except TimeoutError:
+            ui.notify("The browser did not let the link be copied; it is in the address line.", type="negative")
+            return
         ui.notify("Link copied.")
 
     async def _toggle_dark(self) -> None:
