@@ -8,8 +8,8 @@ from erosion.crossings import Ends, expected_fall
 
 def looked_at(polynomial: np.polynomial.Polynomial, length: float, low: float, high: float) -> tuple[float, bool]:
     slope = polynomial.deriv()
-    ends = [Ends(polynomial(t), slope(t)) for t in (0.0, length)]
-    root, steep, _ = expected_fall(*ends, length, low, high)
+    start, end = (Ends(polynomial(t), slope(t)) for t in (0.0, length))
+    root, steep, _ = expected_fall(start, end, length, low, high)
     return float(root), bool(steep)
 
 
