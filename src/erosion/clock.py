@@ -120,7 +120,7 @@ def _next_step(clock: Clock, error: Any, good: Any) -> Any:
     """The length that the error control would like, of the order of the embedded estimate."""
     factor = _SAFETY / eighth_root(error + 1e-30)
     wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * clock.trial
-    # Steps cut short to land on a dip say little about the step to take next.
+    # Steps cut short to land on a dip or at an event say little about the step to take next.
     return jnp.where(good & (clock.trial < clock.step), jnp.maximum(wanted, clock.step), wanted)
 
 
