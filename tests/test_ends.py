@@ -136,3 +136,33 @@ def test_beside_a_graze_results_are_as_exact(k: float, jump: float, order: int) 
     if order:
         assert found.dvolume == pytest.approx(true.dvolume, rel=1e-9)
         assert found.d2volume == pytest.approx(true.d2volume, rel=1e-5)
+
+
+# Where the tip leaves the surface just as its forward motion ends, found at rtol 1e-13.
+BOTH_AT_ONCE = [
+    ("rotating-full-torque", 3.078017788675913, 4376.322968469776, 0.07905201401510317, 30323.695778164674,
+     0.5238927166841869, 1.2771780966347008),
+    ("rotating-full-torque", 4.9887494438401845, 9745.209780577792, 0.1357308559605275, 38887.40717538758,
+     0.49812418477439285, 1.3269567292620699),
+    ("rotating-tan-alpha", 0.36395544630922627, 7147.583400786628, 0.24827711175942138, 23164.054032249092,
+     0.44588681309424194, 1.3977155361737053),
+    ("rotating-velocity-aligned", 0.6050561034503813, 9432.404611009293, 0.25033418045388506, 25545.800746181256,
+     0.3572410974427115, 1.4555764327165823),
+    ("rotating-tan-alpha-full-torque", 0.8141381997555498, 7343.782710082683, 0.13040857172506432, 25775.868079639444,
+     0.5916171408562353, 1.2020121652434117),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("row", BOTH_AT_ONCE)
+@pytest.mark.parametrize("order", [0, 2])
+def test_of_two_ends_at_almost_the_same_time_the_first_is_taken(row: tuple, order: int) -> None:
+    name, *numbers, angle = row
+    p = P.replace(**dict(zip(("k", "v0", "r", "phidot0", "inertia"), numbers, strict=True)))
+    beside = np.logspace(-10, -7, 31)
+    for rtol in (1e-9, 1e-11):
+        below, above = (
+            set(erosion.impact(name, p.replace(alpha=angle + sign * beside), derivatives=order, rtol=rtol).ended_by)
+            for sign in (-1, 1)
+        )
+        assert {*below, *above} == {"rebound", "stop"}, rtol
+        assert len(below) == len(above) == 1, rtol

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
+from erosion.crossings import Ends
+
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 
 NO_CUT = -1
@@ -106,6 +108,21 @@ def decide(
         left=jnp.where(ended, left, clock.left),
     )
     return after, record
+
+
+def first_fall(clock: Clock, events: Sequence[Ends]) -> tuple[Any, Any]:
+    """Which event a lane ends at, and what time remains to it, given the events where it was expected.
+
+    Of events that fall almost together the trial's cubics may have expected the wrong one first:
+    they are off by far less than the way that was left.
+    """
+    newton = [-event.value / event.rate for event in events]
+    which = clock.which
+    remaining = sum(jnp.where(which == i, time, 0.0) for i, time in enumerate(newton))
+    for i, (event, time) in enumerate(zip(events, newton, strict=True)):
+        earlier = (event.rate < 0) & (time < remaining) & (time > -jnp.abs(clock.left)) & (which != NO_CUT)
+        which, remaining = jnp.where(earlier, float(i), which), jnp.where(earlier, time, remaining)
+    return which, remaining
 
 
 def go_on(clock: Any, record: Any, error: Any, scale: Any, dips: Any) -> tuple[Clock, Record]:

@@ -18,7 +18,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from erosion.clock import ADVANCING, ENDED, FAILED, LOCATING, NO_CUT, Clock, Record, bracket, decide, eighth_root, go_on
+from erosion.clock import (
+    ADVANCING,
+    ENDED,
+    FAILED,
+    LOCATING,
+    NO_CUT,
+    Clock,
+    Record,
+    bracket,
+    decide,
+    eighth_root,
+    first_fall,
+    go_on,
+)
 from erosion.crossings import Ends, dip_in_step, expected_fall
 from erosion.jets import Derivatives, Direction
 from erosion.kernels import Kernel, one_function
@@ -159,22 +172,19 @@ def _finish(motion: Motion, lanes: Lanes) -> tuple[Any, Any]:
         model: CuttingModel, known: Any, clock: Any, record: Any, events: Any, *rows: Any
     ) -> tuple[list[Any], list[Any]]:
         clock, record = Clock(*clock), Record(*record)
-        value, slope = (
-            sum(jnp.where(clock.which == i, each, 0.0) for i, each in enumerate(part))
-            for part in (events[:half], events[half:])
-        )
         cut = (clock.mode == ENDED) & (clock.which != NO_CUT)
-        remaining = jnp.where(cut, -value / slope, 0.0)
+        which, remaining = first_fall(clock, [Ends(events[i], events[half + i]) for i in range(half)])
+        remaining = jnp.where(cut, remaining, 0.0)
         moved = [
             [u + remaining * k for u, k in zip(member, its_rate, strict=True)]
             for member, its_rate in zip(rows[: len(jet)], rows[len(jet) :], strict=True)
         ]
-        end = motion.at_event(model, known, moved, clock.which, clock.time + clock.left + remaining)
-        numbers = [jnp.where(clock.which == NO_CUT, 0.0, number) for number in jax.tree.leaves((end.time, end.volume))]
+        end = motion.at_event(model, known, moved, which, clock.time + clock.left + remaining)
+        numbers = [jnp.where(which == NO_CUT, 0.0, number) for number in jax.tree.leaves((end.time, end.volume))]
         whole = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), clock.mode == ENDED)
         mode = jnp.where((clock.mode == ENDED) & ~whole, FAILED, clock.mode)
         numbers = [jnp.where(whole, number, jnp.nan) for number in numbers]
-        return [mode, clock.which, record.trials, record.margin, end.doubt], numbers
+        return [mode, which, record.trials, record.margin, end.doubt], numbers
 
     arrays = (lanes.clock, lanes.record, events, *jet, *rate)
     return motion.planned(lane, [array.shape[0] for array in arrays])(*arrays)
