@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, cast
 import diffrax
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 
 from erosion.compiler import quick_to_compile
 from erosion.model import CuttingModel, cuts_at_all, event_rates
@@ -42,14 +43,19 @@ def solve(
     diffrax sees everything divided by `sizes`, so that one absolute tolerance fits all.
     """
 
+    # As one vector, for JAX and XLA take their time over each array, and diffrax has many uses of it.
+    (size, given), (start_, _) = ravel_pytree(sizes), (ravel_pytree(start))
+
+    def given_state(y: Any) -> Any:
+        return given(y * size)[0]
+
     def rate(t: Any, y: Any, args: Any) -> Any:
-        state, _ = jax.tree.map(jnp.multiply, y, sizes)
-        return jax.tree.map(jnp.divide, (model.derivative(state, p), model.removal_rate(state, p)), sizes)
+        state = given_state(y)
+        return ravel_pytree((model.derivative(state, p), model.removal_rate(state, p)))[0] / size
 
     # A boolean condition only tells diffrax when to stop stepping; the names are its own.
     def past_the_end(t: Any, y: Any, args: Any, **kwargs: Any) -> Any:
-        state, _ = jax.tree.map(jnp.multiply, y, sizes)
-        return (t > t0) & (_least(model.events(state, p)) <= 0)
+        return (t > t0) & (_least(model.events(given_state(y), p)) <= 0)
 
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
@@ -57,15 +63,16 @@ def solve(
         t0=t0,
         t1=t1,
         dt0=jnp.minimum(_FIRST_STEP * model.scales(p).time, t1 - t0),
-        y0=jax.tree.map(jnp.divide, start, sizes),
+        y0=start_ / size,
         saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(steps=True), diffrax.SubSaveAt(t1=True)), dense=True),
         stepsize_controller=controller,
         event=diffrax.Event(past_the_end),
         max_steps=MAX_STEPS,
+        adjoint=diffrax.ForwardMode(),  # nothing is differentiated: the loop is traced fewer times
         throw=False,
     )
     (ends, _), (states, last) = cast(Any, solution.ts), cast(Any, solution.ys)
-    return Steps(solution, ends, *(jax.tree.map(jnp.multiply, y, sizes) for y in (states, jax.tree.map(_only, last))))
+    return Steps(solution, ends, jax.vmap(given)(states * size), given(last[0] * size))
 
 
 @quick_to_compile
@@ -90,7 +97,8 @@ def begin(model: CuttingModel, p: Parameters) -> Any:
 @quick_to_compile
 def interpolate(solution: diffrax.Solution, sizes: Any, times: Any) -> Any:
     """(State, volume) at many times, from the dense output."""
-    return jax.tree.map(jnp.multiply, jax.vmap(solution.evaluate)(times), sizes)
+    size, given = ravel_pytree(sizes)
+    return jax.vmap(lambda t: given(solution.evaluate(t) * size))(times)
 
 
 @quick_to_compile
