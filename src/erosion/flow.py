@@ -1,14 +1,14 @@
 """The motion as diffrax integrates it: compiled steps, and looks at states.
 
-Each function is compiled once for a model, whatever the parameters.
+A state and the volume removed so far are one vector `y`, the volume last: JAX and XLA take
+their time over each array of a program, and diffrax has many uses for it.
 """
 
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import diffrax
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 
 from erosion.compiler import quick_to_compile
 from erosion.model import CuttingModel, cuts_at_all, event_rates
@@ -18,13 +18,26 @@ MAX_STEPS = 4096
 _FIRST_STEP = 0.01  # of the model's time scale
 
 
-class Steps(NamedTuple):
-    """What diffrax did: its solution, and the ends of its steps (padded) with the states there."""
+def layout(model: CuttingModel, p: Parameters) -> Any:
+    """The structure of the model's state."""
+    return jax.tree.structure(jax.eval_shape(_initial_state, model, p))
 
-    solution: diffrax.Solution
-    ends: Any
-    states: Any
-    last: Any
+
+def state_of(structure: Any, y: Any) -> Any:
+    """The state in a vector, or in many of shape (times, quantities)."""
+    return jax.tree.unflatten(structure, [y[..., i] for i in range(structure.num_leaves)])
+
+
+@quick_to_compile
+def begin(model: CuttingModel, p: Parameters) -> Any:
+    """Whether it cuts; y at contact; how large everything gets, by a look ahead; the time scale."""
+    time, state = model.scales(p).time, model.initial_state(p)
+    start = _vector(state, 0.0)
+    now = time * _rate(model, p, jax.tree.structure(state), start)
+    ahead = time * _rate(model, p, jax.tree.structure(state), start + now)
+    largest = jnp.max(jnp.abs(jnp.stack([start, now, ahead])), axis=0)
+    sizes = jnp.where(jnp.isfinite(largest) & (largest > 0), largest, 1.0)
+    return cuts_at_all(model, p), start, sizes, time
 
 
 @quick_to_compile
@@ -33,29 +46,26 @@ def solve(
     p: Parameters,
     solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController,
-    start: tuple[Any, Any],
-    sizes: tuple[Any, Any],
+    start: Any,
+    sizes: Any,
     t0: Any,
     t1: Any,
-) -> Steps:
-    """Integrate (state, volume) from `t0` until `t1`, or the first step that ends past an event.
+) -> tuple[Any, Any, Any, dict[str, Any]]:
+    """Integrate y from `t0` until `t1`, or the first step that ends past an event.
 
     diffrax sees everything divided by `sizes`, so that one absolute tolerance fits all.
+
+    Returns:
+        The ends of the steps (padded), y there, y at the last, and what `interpolate` takes.
     """
-
-    # As one vector, for JAX and XLA take their time over each array, and diffrax has many uses of it.
-    (size, given), (start_, _) = ravel_pytree(sizes), (ravel_pytree(start))
-
-    def given_state(y: Any) -> Any:
-        return given(y * size)[0]
+    structure = layout(model, p)
 
     def rate(t: Any, y: Any, args: Any) -> Any:
-        state = given_state(y)
-        return ravel_pytree((model.derivative(state, p), model.removal_rate(state, p)))[0] / size
+        return _rate(model, p, structure, y * sizes) / sizes
 
     # A boolean condition only tells diffrax when to stop stepping; the names are its own.
     def past_the_end(t: Any, y: Any, args: Any, **kwargs: Any) -> Any:
-        return (t > t0) & (_least(model.events(given_state(y), p)) <= 0)
+        return (t > t0) & (_least(model.events(state_of(structure, y * sizes), p)) <= 0)
 
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
@@ -63,7 +73,7 @@ def solve(
         t0=t0,
         t1=t1,
         dt0=jnp.minimum(_FIRST_STEP * model.scales(p).time, t1 - t0),
-        y0=start_ / size,
+        y0=start / sizes,
         saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(steps=True), diffrax.SubSaveAt(t1=True)), dense=True),
         stepsize_controller=controller,
         event=diffrax.Event(past_the_end),
@@ -71,55 +81,51 @@ def solve(
         adjoint=diffrax.ForwardMode(),  # nothing is differentiated: the loop is traced fewer times
         throw=False,
     )
-    (ends, _), (states, last) = cast(Any, solution.ts), cast(Any, solution.ys)
-    return Steps(solution, ends, jax.vmap(given)(states * size), given(last[0] * size))
+    (ends, _), (scaled, last) = cast(Any, solution.ts), cast(Any, solution.ys)
+    return ends, scaled * sizes, last[0] * sizes, {name: getattr(solution.interpolation, name) for name in _DENSE}
+
+
+_DENSE = ("ts", "ts_size", "infos", "direction", "t0_if_trivial", "y0_if_trivial")
 
 
 @quick_to_compile
-def begin(model: CuttingModel, p: Parameters) -> Any:
-    """Whether it cuts; the start; how large everything gets, by a look ahead; the time scale."""
-    time, start = model.scales(p).time, (model.initial_state(p), jnp.zeros_like(model.scales(p).time))
-
-    def rate(y: Any) -> Any:
-        return model.derivative(y[0], p), model.removal_rate(y[0], p)
-
-    def size(*values: Any) -> Any:
-        largest = jnp.max(jnp.abs(jnp.stack(values)))
-        return jnp.where(jnp.isfinite(largest) & (largest > 0), largest, 1.0)
-
-    now = jax.tree.map(lambda k: time * k, rate(start))
-    ahead = jax.tree.map(lambda k: time * k, rate(jax.tree.map(jnp.add, start, now)))
-    # Weak types would have `solve` compiled twice.
-    start = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), start)
-    return cuts_at_all(model, p), start, jax.tree.map(size, start, now, ahead), time
+def interpolate(solver: diffrax.AbstractSolver, dense: dict[str, Any], sizes: Any, times: Any) -> Any:
+    """Y at many times, from the dense output; shape (times, quantities)."""
+    interpolation = diffrax.DenseInterpolation(interpolation_cls=solver.interpolation_cls, **dense)
+    return jax.vmap(interpolation.evaluate)(times) * sizes
 
 
 @quick_to_compile
-def interpolate(solution: diffrax.Solution, sizes: Any, times: Any) -> Any:
-    """(State, volume) at many times, from the dense output."""
-    size, given = ravel_pytree(sizes)
-    return jax.vmap(lambda t: given(solution.evaluate(t) * size))(times)
-
-
-@quick_to_compile
-def event(model: CuttingModel, p: Parameters, state: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The event functions and their rates in one state."""
+def event(model: CuttingModel, p: Parameters, y: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The event functions and their rates at one y."""
+    state = state_of(layout(model, p), y)
     return event_rates(model, state, model.derivative(state, p), p)
 
 
 @quick_to_compile
-def look(model: CuttingModel, p: Parameters, states: Any) -> Any:
-    """Event functions, their rates, the tip and its removal rate in many states."""
+def look(model: CuttingModel, p: Parameters, ys: Any) -> Any:
+    """Event functions, their rates, and the tip's position and velocity, at many y (times, quantities)."""
+    structure = layout(model, p)
 
-    def one(state: Any) -> Any:
+    def one(y: Any) -> Any:
+        state = state_of(structure, y)
         values, rates = event_rates(model, state, model.derivative(state, p), p)
-        return values, rates, model.tip(state, p)
+        return values, rates, tuple(model.tip(state, p))
 
-    return jax.vmap(one)(states)
+    return jax.vmap(one)(ys)
 
 
-def _only(leaf: Any) -> Any:
-    return leaf[0]
+def _initial_state(model: CuttingModel, p: Parameters) -> Any:
+    return model.initial_state(p)
+
+
+def _rate(model: CuttingModel, p: Parameters, structure: Any, y: Any) -> Any:
+    state = state_of(structure, y)
+    return _vector(model.derivative(state, p), model.removal_rate(state, p))
+
+
+def _vector(state: Any, volume: Any) -> Any:
+    return jnp.stack([jnp.asarray(leaf, jnp.float64) for leaf in (*jax.tree.leaves(state), volume)])
 
 
 def _least(values: dict[str, Any]) -> Any:

@@ -21,7 +21,7 @@ from scipy.interpolate import CubicHermiteSpline
 import erosion.flow as flow
 from erosion.arguments import check_tolerance, check_whole
 from erosion.events import find_root, first_fall
-from erosion.model import CuttingModel, State
+from erosion.model import CuttingModel, State, Tip
 from erosion.models import load_model, model_name
 from erosion.parameters import Parameters, require_concrete, require_scalars, validate
 from erosion.precision import require_float64
@@ -243,104 +243,102 @@ def _follow(
     points: int,
 ) -> Trajectory:
     given, p = p, dataclasses.replace(p, units="inch-pound")  # one program serves all unit systems
+    structure = flow.layout(model, p)
     begins, start, sizes, time = flow.begin(model, p)
     if not begins:
-        only = jax.tree.map(lambda leaf: leaf[None], start)
-        return _trajectory(model, given, np.zeros(1), only, "no-cut", lambda t: _repeat(start[0], t))
+        only = np.asarray(start)[None]
+        return _trajectory(model, given, structure, np.zeros(1), only, "no-cut", lambda t: np.repeat(only, len(t), 0))
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
-    steps = flow.solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
     # Numpy from here: JAX would compile a program for every number of steps.
-    ends = np.asarray(steps.ends)
+    ends, states, _, found = flow.solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
+    ends = np.asarray(ends)
     ends = np.append(0.0, ends[np.isfinite(ends)])
 
-    def dense(t: np.ndarray) -> Any:
-        found = flow.interpolate(steps.solution, sizes, _padded(t))
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(t)], found)
+    def dense(t: np.ndarray) -> np.ndarray:
+        return np.asarray(flow.interpolate(solver, found, sizes, _padded(t)))[: len(t)]
 
     t, values, rates = _looks(model, p, dense, ends, float(time))
     try:
-        found = first_fall(t, values, rates)
+        fall = first_fall(t, values, rates)
     except ArithmeticError as error:
         raise SimulationError(f"{model_name(model)}: {error}.") from error
     if len(ends) == 1:
         raise SimulationError(
             f"{model_name(model)}: no first step could be taken: the motion is not finite at contact."
         )
-    if found is None:
+    if fall is None:
         raise SimulationError(
             f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
             f"({ends[-1] / float(time):.3g} time scales, {len(ends) - 1} of at most {flow.MAX_STEPS} steps)."
         )
-    name = found.name
+    name = fall.name
 
     # From the start of the step in which the cut ends, steps of full order to any time in it.
-    begun = int(np.searchsorted(ends, found.low, side="right")) - 1
-    before = start if begun == 0 else jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[begun - 1]), steps.states)
+    begun = int(np.searchsorted(ends, fall.low, side="right")) - 1
+    before = start if begun == 0 else np.asarray(states)[begun - 1]
 
     def reach(t: float) -> Any:
         if t <= ends[begun]:
             return before
-        return flow.solve(model, p, solver, controller, before, sizes, jnp.float64(ends[begun]), jnp.float64(t)).last
+        return flow.solve(model, p, solver, controller, before, sizes, jnp.float64(ends[begun]), jnp.float64(t))[2]
 
     def event(t: float) -> tuple[float, float]:
-        value, rate = flow.event(model, p, reach(t)[0])
+        value, rate = flow.event(model, p, reach(t))
         return float(value[name]), float(rate[name])
 
-    t_c = find_root(event, found)
+    t_c = find_root(event, fall)
     t = np.linspace(0.0, t_c, points)
-    states = dense(t)
     # The ends of the histories are known better than the dense output gives them.
-    states = jax.tree.map(lambda all_, last: np.append(all_[:-1], last), jax.tree.map(np.asarray, states), reach(t_c))
-    return _trajectory(model, given, t, states, name, lambda t: dense(t)[0])
+    ys = np.concatenate([dense(t)[:-1], np.asarray(reach(t_c))[None]])
+    return _trajectory(model, given, structure, t, ys, name, dense)
 
 
 def _looks(
-    model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], Any], ends: np.ndarray, time: float
+    model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], np.ndarray], ends: np.ndarray, time: float
 ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Times, several in each step, with the event functions and their rates there."""
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
-    values, rates, _ = _looked(model, p, dense(t)[0])
+    values, rates, _ = _looked(model, p, dense(t))
     return t, values, rates
 
 
-def _looked(model: CuttingModel, p: Parameters, states: Any) -> Any:
-    """`flow.look` at any number of states."""
-    count = len(jax.tree.leaves(states)[0])
-    found = flow.look(model, p, jax.tree.map(_padded, states))
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found)
+def _looked(model: CuttingModel, p: Parameters, ys: np.ndarray) -> Any:
+    """`flow.look` at any number of y."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(ys)], flow.look(model, p, _padded(ys)))
 
 
-def _padded(array: Any) -> np.ndarray:
+def _padded(array: np.ndarray) -> np.ndarray:
     """The array, its last repeated: few lengths are ever compiled, and most cuts need the same one."""
     count = len(array)
     repeated = np.minimum(np.arange(1 << max(10, (count - 1).bit_length())), count - 1)
-    return np.asarray(array)[repeated] if count else np.asarray(array)
+    return array[repeated] if count else array
 
 
 def _trajectory(
-    model: CuttingModel, p: Parameters, t: np.ndarray, states: Any, name: str, interpolate: Callable[[Any], Any]
+    model: CuttingModel,
+    p: Parameters,
+    structure: Any,
+    t: np.ndarray,
+    ys: np.ndarray,
+    name: str,
+    dense: Callable[[np.ndarray], np.ndarray],
 ) -> Trajectory:
-    bodies, removed = jax.tree.map(np.asarray, states)
-    tip = _looked(model, dataclasses.replace(p, units="inch-pound"), bodies)[2]
+    tip = Tip(*_looked(model, dataclasses.replace(p, units="inch-pound"), ys)[2])
     return Trajectory(
         model=model,
         p=p,
         t=t,
-        states=bodies,
+        states=flow.state_of(structure, ys),
         x_tip=tip.x,
         depth=tip.depth,
         vx_tip=tip.vx,
         vdepth=tip.vdepth,
-        removed=removed,
+        removed=ys[:, -1],
         t_c=float(t[-1]),
         ended_by=name,
-        volume=float(removed[-1]),
-        _interpolate=interpolate,
+        volume=float(ys[-1, -1]),
+        _interpolate=lambda t: flow.state_of(structure, dense(t)),
     )
-
-
-def _repeat(state: Any, t: np.ndarray) -> Any:
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, t.shape), state)

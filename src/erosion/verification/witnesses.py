@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from scipy.integrate import solve_ivp
 
 import erosion.flow as flow
@@ -112,25 +111,25 @@ def scipy_of_model(model: CuttingModel, p: Parameters) -> Witnessed:
     begins, start, sizes, time = flow.begin(model, p)
     if not begins:
         return Witnessed(0.0, 0.0, "no-cut")
-    flat, unflatten = ravel_pytree(jax.tree.map(jnp.divide, start, sizes))
-    names = list(model.events(start[0], p))
+    structure = flow.layout(model, p)
+    names = list(model.events(flow.state_of(structure, start), p))
 
     @jax.jit
-    def rates(flat: Any) -> Any:
-        state, _ = jax.tree.map(jnp.multiply, unflatten(flat), sizes)
-        rate = model.derivative(state, p), model.removal_rate(state, p)
-        return ravel_pytree(jax.tree.map(lambda k, size: time * k / size, rate, sizes))[0]
+    def rates(y: Any) -> Any:
+        state = flow.state_of(structure, y * sizes)
+        rate = *jax.tree.leaves(model.derivative(state, p)), model.removal_rate(state, p)
+        return time * jnp.stack(rate) / sizes
 
     @jax.jit
-    def events(flat: Any) -> Any:
-        values = model.events(jax.tree.map(jnp.multiply, unflatten(flat), sizes)[0], p)
+    def events(y: Any) -> Any:
+        values = model.events(flow.state_of(structure, y * sizes), p)
         return jnp.stack([values[name] for name in names])
 
     def numbers(function: Any) -> Callable[[Any], Any]:
         return lambda state: np.asarray(function(state))
 
-    at, end, which = _by_scipy(numbers(rates), numbers(events), np.asarray(flat))
-    return Witnessed(float(end[-1] * sizes[1]), float(at * time), names[which])
+    at, end, which = _by_scipy(numbers(rates), numbers(events), np.asarray(start / sizes))
+    return Witnessed(float(end[-1] * sizes[-1]), float(at * time), names[which])
 
 
 def _by_scipy(rates: Callable[[Any], Any], events: Callable[[Any], Any], start: Any) -> tuple[float, np.ndarray, int]:
