@@ -17,6 +17,7 @@ from erosion.jets import Derivatives
 from erosion.model import CuttingModel
 from erosion.own_parameters import own_parameters
 from erosion.parameters import QUANTITIES, Parameters
+from erosion.programs import Program
 from erosion.tiling import alike_together
 
 BLOCK = 64  # lanes of a block on a CPU; docs/performance.md
@@ -68,7 +69,7 @@ def integrate(
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
     copies = indices.shape[1]
     block, call = _sizes()
-    threads, program = _threads(), _compiled_chunk()
+    threads = _threads()
 
     def lane(positions: np.ndarray) -> np.ndarray:
         return positions // copies if copies > 1 else positions
@@ -83,7 +84,7 @@ def integrate(
             given = [_filled(leaf, lane(all_), shape) for leaf in lanes]
             along = [index[all_ % copies].reshape(shape) for index in indices]
             blocks = -(-some.size // block)
-            found = program(model, given, along, _filled(tolerance, all_, shape), blocks, order, names)
+            found = _program(model, given, along, _filled(tolerance, all_, shape), np.int64(blocks), order, names)
             found = Solution.of(*(np.asarray(part).reshape(len(part), -1)[:, : some.size] for part in found))
             kept = jax.tree.leaves(found._replace(margin=None, doubt=None))
             for whole, part in zip(jax.tree.leaves(results), kept, strict=True):
@@ -190,6 +191,9 @@ def _chunk(
 @functools.cache
 def _compiled_chunk() -> Any:
     return jax.jit(_chunk, static_argnames=("order", "names"), compiler_options=for_speed())
+
+
+_program = Program(_chunk, for_speed, _compiled_chunk)
 
 
 def _sizes() -> tuple[int, int]:

@@ -1,14 +1,9 @@
 """Options of XLA's CPU compiler, for programs that run often and for those that run seldom."""
 
 import functools
-import threading
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
-import equinox as eqx
 import jax
-
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 # Vectors as wide as the machine has them, and no splitting of one small loop over threads: together a
 # fifth of the time. Moving reshapes about gains nothing, but has the program simplified 25 times over.
@@ -19,7 +14,7 @@ _FAST = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_cpu_parallel_codegen_split_count": 2,
 }
-# The older one again, and LLVM does not optimise.
+# The older one again, and LLVM does not optimise: two thirds of the time to compile.
 _QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 
 
@@ -28,26 +23,9 @@ def for_speed() -> dict[str, Any]:
     return _accepted(tuple(_FAST.items()))
 
 
-def quick_to_compile(function: _Function) -> _Function:
-    """`equinox.filter_jit` for a program that takes longer to compile than to run.
-
-    It is compiled in two thirds of the time, and, one impact at a time, runs no slower.
-    """
-    made: list[Any] = []
-    making = threading.Lock()
-
-    @functools.wraps(function)
-    def call(*arguments: Any, **named: Any) -> Any:
-        # Not before it is needed: to ask for the options starts JAX's backend. And once: what two
-        # threads make at the same time would be compiled twice.
-        with making:
-            if not made:
-                # Passed on to `jax.jit`, which equinox's signature does not say.
-                options: dict[str, Any] = {"compiler_options": _accepted(tuple(_QUICK.items()))}
-                made.append(eqx.filter_jit(function, **options))
-        return made[0](*arguments, **named)
-
-    return cast(_Function, call)
+def for_few_runs() -> dict[str, Any]:
+    """Options for a program that takes longer to compile than to run, and, an impact at a time, runs no slower."""
+    return _accepted(tuple(_QUICK.items()))
 
 
 @functools.cache

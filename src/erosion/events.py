@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+_CLOSE = 4 * float(np.finfo(float).eps)  # of a time: nearer is the same
 _NEWTON_STEPS = 60  # from a cubic's accuracy two or three suffice; a graze needs bisection
 
 
@@ -57,10 +58,12 @@ def find_root(event: Callable[[float], tuple[float, float]], fall: Fall) -> floa
         value, rate = event(t)
         low, high = (t, high) if value > 0 else (low, t)
         step = -value / rate if rate < 0 else np.inf
+        # Asked first: a step below rounding may leave the bracket, which has closed to `t` by then.
+        found = abs(step) <= _CLOSE * t
         # A graze at its lowest point has no slope to follow.
-        step = step if low < t + step <= high else (low + high) / 2 - t
+        step = step if found or low < t + step <= high else (low + high) / 2 - t
         t += step
-        if abs(step) <= 4 * np.finfo(float).eps * t:
+        if found or abs(step) <= _CLOSE * t:
             break
     return t
 

@@ -10,9 +10,9 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from erosion.compiler import quick_to_compile
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
+from erosion.programs import seldom_run
 
 MAX_STEPS = 4096
 _FIRST_STEP = 0.01  # of the model's time scale
@@ -28,7 +28,7 @@ def state_of(structure: Any, y: Any) -> Any:
     return jax.tree.unflatten(structure, [y[..., i] for i in range(structure.num_leaves)])
 
 
-@quick_to_compile
+@seldom_run
 def begin(model: CuttingModel, p: Parameters) -> Any:
     """Whether it cuts; y at contact; how large everything gets, by a look ahead; the time scale."""
     time, state = model.scales(p).time, model.initial_state(p)
@@ -40,7 +40,7 @@ def begin(model: CuttingModel, p: Parameters) -> Any:
     return cuts_at_all(model, p), start, sizes, time
 
 
-@quick_to_compile
+@seldom_run
 def solve(
     model: CuttingModel,
     p: Parameters,
@@ -88,21 +88,21 @@ def solve(
 _DENSE = ("ts", "ts_size", "infos", "direction", "t0_if_trivial", "y0_if_trivial")
 
 
-@quick_to_compile
+@seldom_run
 def interpolate(solver: diffrax.AbstractSolver, dense: dict[str, Any], sizes: Any, times: Any) -> Any:
     """Y at many times, from the dense output; shape (times, quantities)."""
     interpolation = diffrax.DenseInterpolation(interpolation_cls=solver.interpolation_cls, **dense)
     return jax.vmap(interpolation.evaluate)(times) * sizes
 
 
-@quick_to_compile
+@seldom_run
 def event(model: CuttingModel, p: Parameters, y: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """The event functions and their rates at one y."""
     state = state_of(layout(model, p), y)
     return event_rates(model, state, model.derivative(state, p), p)
 
 
-@quick_to_compile
+@seldom_run
 def look(model: CuttingModel, p: Parameters, ys: Any) -> Any:
     """Event functions, their rates, and the tip's position and velocity, at many y (times, quantities)."""
     structure = layout(model, p)

@@ -6,6 +6,7 @@ that takes the first of several events in storage order picks the wrong end near
 """
 
 import dataclasses
+import functools
 import math
 import warnings
 from collections.abc import Callable
@@ -278,6 +279,7 @@ def _follow(
     begun = int(np.searchsorted(ends, fall.low, side="right")) - 1
     before = start if begun == 0 else np.asarray(states)[begun - 1]
 
+    @functools.cache
     def reach(t: float) -> Any:
         if t <= ends[begun]:
             return before

@@ -10,6 +10,7 @@ import pytest
 from erosion.explorer import found as finding
 from erosion.explorer.answers import ANGLES, Answer, Answers
 from erosion.explorer.exports import case_toml, curves_csv, python_lines
+from erosion.explorer.found import Found
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.single_events import SingleEvent, end_times
@@ -124,7 +125,14 @@ def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytes
     monkeypatch.setattr(preparation, "ready", ready)
     while not (preparation.ready(compiled, "linearized") and preparation.ready(compiled, "plug_in")):
         pass
-    found = finding.at_once(answers, both, preparation)
+
+    def found_at_once() -> Found:
+        found = Found(both)
+        for stage in finding.stages(answers, found):
+            finding.at_once(found, stage, preparation)
+        return found
+
+    found = found_at_once()
     assert (list(found.curves), list(found.points), found.cut) == (["linearized"], ["linearized"], True)
     assert preparation.failure("plug_in") == "plug_in: no answer in 0.2 s; left out until it comes"
     assert not preparation.ready(compiled, "plug_in")
@@ -132,7 +140,7 @@ def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytes
     while not preparation.ready(compiled, "plug_in"):
         pass
     assert preparation.failure("plug_in") is None
-    assert set(finding.at_once(answers, both, preparation).curves) == {"linearized", "plug_in"}
+    assert set(found_at_once().curves) == {"linearized", "plug_in"}
 
 
 def test_python_lines_compute_the_same(capsys: pytest.CaptureFixture) -> None:

@@ -190,16 +190,20 @@ def _as_option(argument: re.Match[str]) -> str:
 
 
 def start_engine() -> None:
-    """Keep compiled programs in the user's cache folder, so that the next start is quick."""
+    """Keep programs, traced and compiled, in the user's cache folder, so that the next start is quick."""
     import jax
     import platformdirs
 
+    from erosion.programs import Program
+
     if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         with contextlib.suppress(OSError):
-            folder = platformdirs.user_cache_path("erosion", ensure_exists=True) / "compiled"
-            jax.config.update("jax_compilation_cache_dir", str(folder))
+            folder = platformdirs.user_cache_path("erosion", ensure_exists=True)
+            jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
             # However small: reading any program takes a fraction of the time that compiling it does.
             jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+            (folder / "traced").mkdir(exist_ok=True)
+            Program.folder = folder / "traced"
 
 
 def print_json(content: Mapping[str, Any]) -> None:

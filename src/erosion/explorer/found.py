@@ -70,17 +70,34 @@ class Step(NamedTuple):
     views: tuple[str, ...]
 
 
-def at_once(answers: Answers, state: State, preparation: Preparation) -> Found:
-    """What takes milliseconds, of models that are compiled, and what is known already."""
-    found, unknown = Found(state), []
-    for step in (*_first(answers, found), *_second(answers, found)):
+class Stage(NamedTuple):
+    """Part of what is needed at once.
+
+    Args:
+        steps: what is found out.
+        views: names of those that can then be drawn.
+    """
+
+    steps: Sequence[Step]
+    views: tuple[str, ...]
+
+
+def stages(answers: Answers, found: Found) -> Sequence[Stage]:
+    """What takes milliseconds, in parts: the browser draws the first while the next is computed."""
+    curves = Stage([*_curves(answers, found), *_second(answers, found)], ("volumes", "end_times"))
+    return curves, Stage([_cut(answers, found)], ("cut", "histories", "numbers", "spins", "sensitivities"))
+
+
+def at_once(found: Found, stage: Stage, preparation: Preparation) -> None:
+    """Find out a stage, of models that are compiled; of what takes longer, what is known already."""
+    unknown = []
+    for step in stage.steps:
         known = step.answer.known(step.model, step.case)
         if known is not None:
             step.keep(known)
         elif not step.views and preparation.ready(step.compiled, step.model):
             unknown.append(step)
     take(found, unknown, preparation, PATIENCE_AT_ONCE)
-    return found
 
 
 def later(answers: Answers, found: Found, preparation: Preparation) -> Iterator[Step]:
@@ -93,7 +110,10 @@ def later(answers: Answers, found: Found, preparation: Preparation) -> Iterator[
 def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
     """Whether everything that moves with a slider is compiled."""
     # A list, for asking begins the compiling of each.
-    compiled = [preparation.ready(step.compiled, step.model) for step in _first(answers, Found(state))]
+    found = Found(state)
+    steps = _cut(answers, found), *_curves(answers, found)
+    # A list, for asking begins the compiling of each.
+    compiled = [preparation.ready(step.compiled, step.model) for step in steps]
     return all(compiled)
 
 
@@ -128,11 +148,13 @@ def _answer(steps: Sequence[Step]) -> list[tuple[Step, Any]]:
     return said
 
 
-def _first(answers: Answers, found: Found) -> Iterator[Step]:
+def _cut(answers: Answers, found: Found) -> Step:
+    return Step(answers.cut, found.state.shown, found.state.case, _as(found, "cut"), answers.cut, ())
+
+
+def _curves(answers: Answers, found: Found) -> Iterator[Step]:
     state = found.state
     over_angles = state.case.at_any_angle()
-    # The longest first.
-    yield Step(answers.cut, state.shown, state.case, _as(found, "cut"), answers.cut, ())
     for model in sorted(state.models, key=lambda name: name != state.shown):
         yield Step(answers.curve, model, over_angles, _into(found.curves, model), answers.curve, ())
         yield Step(answers.point, model, state.case, _into(found.points, model), answers.curve, ())

@@ -155,14 +155,16 @@ class Tab:
             self._later.offer(self.state)
 
     async def _show_at_once(self, state: State) -> None:
-        def work() -> tuple[Found, dict[str, Any]]:
-            found = finding.at_once(self.service.answers, state, self.service.preparation)
-            return found, {name: view(found, self._models) for name, view in VIEWS.items()}
-
+        found = Found(state)
         patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
-        found, contents = await asyncio.wrap_future(in_thread(work))
+        for stage in finding.stages(self.service.answers, found):
+
+            def work(stage: finding.Stage = stage) -> dict[str, Any]:
+                finding.at_once(found, stage, self.service.preparation)
+                return {name: VIEWS[name](found, self._models) for name in stage.views}
+
+            self._draw(await asyncio.wrap_future(in_thread(work)), found)
         patience.cancel()
-        self._draw(contents, found)
         self._tell_progress(found)
 
     async def _show_later(self, state: State) -> None:
@@ -170,7 +172,9 @@ class Tab:
         if self._later.waiting:
             return
         answers, preparation = self.service.answers, self.service.preparation
-        found = await asyncio.wrap_future(in_thread(lambda: finding.at_once(answers, state, preparation)))
+        found = Found(state)
+        for stage in finding.stages(answers, found):
+            await asyncio.wrap_future(in_thread(lambda stage=stage: finding.at_once(found, stage, preparation)))
         for step in finding.later(answers, found, preparation):
 
             def work(step: finding.Step = step) -> dict[str, Any]:
