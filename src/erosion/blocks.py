@@ -66,6 +66,8 @@ def integrate(
     Returns:
         Arrays of shape (lanes,), or (lanes · n,), those of one lane side by side; no `margin`, no `doubt`.
     """
+    # A plain number of the model's would be part of the program's name.
+    model = jax.tree.map(lambda leaf: np.float64(leaf) if isinstance(leaf, float) else leaf, model)
     names, indices = ((), directions) if isinstance(directions, np.ndarray) else (directions, np.zeros((0, 1), int))
     copies = indices.shape[1]
     block, call = _sizes()

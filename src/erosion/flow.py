@@ -4,6 +4,7 @@ A state and the volume removed so far are one vector `y`, the volume last: JAX a
 their time over each array of a program, and diffrax has many uses for it.
 """
 
+import dataclasses
 from typing import Any, cast
 
 import diffrax
@@ -82,10 +83,9 @@ def solve(
         throw=False,
     )
     (ends, _), (scaled, last) = cast(Any, solution.ts), cast(Any, solution.ys)
-    return ends, scaled * sizes, last[0] * sizes, {name: getattr(solution.interpolation, name) for name in _DENSE}
-
-
-_DENSE = ("ts", "ts_size", "infos", "direction", "t0_if_trivial", "y0_if_trivial")
+    dense = cast(diffrax.DenseInterpolation, solution.interpolation)
+    names = {field.name for field in dataclasses.fields(dense)} - {"interpolation_cls"}
+    return ends, scaled * sizes, last[0] * sizes, {name: getattr(dense, name) for name in sorted(names)}
 
 
 @seldom_run

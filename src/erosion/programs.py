@@ -26,6 +26,7 @@ import numpy as np
 
 from erosion.compiler import for_few_runs
 from erosion.files import write_whole
+from erosion.version import IMPORTED
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _ARRAYS = (jax.Array, np.ndarray, np.generic)
@@ -88,8 +89,9 @@ class Program:
         """What computes the result, from the arguments or from the arrays among them."""
         try:
             traced = self._traced(structure, fixed, arrays)
-        # Of unknown source, or it calls back into Python.
-        except (_UnknownSourceError, NotImplementedError):
+        # Of unknown source, or it calls back into Python or into what JAX does not promise to keep.
+        # An error of the function itself comes again where it is called directly.
+        except (_UnknownSourceError, NotImplementedError, ValueError):
             return lambda arguments, _: self._directly(*arguments)
         compiled = jax.jit(traced.call, compiler_options=self._options())
         return lambda _, arrays: compiled(*arrays)
@@ -136,19 +138,32 @@ def _structure(tree: Any) -> str:
 
 
 def _named(thing: Any) -> str:
-    if thing is None or isinstance(thing, (bool, int, float, str)):
+    # By their exact types: a plug-in's own enumeration is a number too.
+    if thing is None or type(thing) in (bool, int, float, str):
         return repr(thing)
-    if isinstance(thing, (tuple, list)):
-        return f"({','.join(map(_named, thing))})"
+    if type(thing) in (tuple, list):
+        return f"{type(thing).__name__}({','.join(map(_named, thing))})"
+    if thing is type(None) or thing is FunctionType:
+        return repr(thing)
     if isinstance(thing, (type, FunctionType)):
-        # What is made in a function may be made otherwise each time.
-        if thing.__module__.partition(".")[0] not in _OF_KNOWN_SOURCE or "<" in thing.__qualname__:
-            raise _UnknownSourceError
-        return f"{thing.__module__}.{thing.__qualname__}"
+        return _name_of_known_source(thing)
     leaves, structure = jax.tree.flatten(thing)
     if leaves:
         raise _UnknownSourceError
     return _structure(structure)
+
+
+def _name_of_known_source(thing: Any) -> str:
+    """The full name of a class or function, by which it can be found in a module of known source."""
+    module, name = thing.__module__ or "", thing.__qualname__
+    found = sys.modules.get(module)
+    # Not so what is made in a function, replaced, or only said to be of a module.
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    known = module.partition(".")[0] in _OF_KNOWN_SOURCE
+    if not known or not (found is thing or getattr(found, "__wrapped__", None) is thing):
+        raise _UnknownSourceError
+    return f"{module}.{name}"
 
 
 @functools.cache
@@ -157,10 +172,13 @@ def _sources() -> str:
     package = Path(__file__).parent
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
+        # What changes while this process runs is not what it traces.
+        if path.stat().st_mtime_ns >= IMPORTED:
+            raise _UnknownSourceError
         content = path.read_bytes()
         digest.update(f"{path.relative_to(package)} {len(content)}\0".encode() + content)
     beside = {name: version(name) for name in _BUILT_ON}
-    machine = platform.system(), platform.machine(), jax.default_backend()
+    machine = platform.system(), platform.machine(), jax.default_backend(), jax.devices()[0].device_kind
     # Read by equinox when it is imported.
     settings = os.environ.get("EQX_ON_ERROR"), jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
     digest.update(repr((sys.version, beside, machine, settings)).encode())

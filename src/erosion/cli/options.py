@@ -196,6 +196,7 @@ def start_engine() -> None:
 
     from erosion.programs import Program
 
+    # Whoever says where JAX is to keep its programs decides for themselves, as the tests do.
     if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         with contextlib.suppress(OSError):
             folder = platformdirs.user_cache_path("erosion", ensure_exists=True)

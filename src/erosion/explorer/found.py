@@ -109,9 +109,9 @@ def later(answers: Answers, found: Found, preparation: Preparation) -> Iterator[
 
 def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
     """Whether everything that moves with a slider is compiled."""
-    # A list, for asking begins the compiling of each.
     found = Found(state)
     steps = _cut(answers, found), *_curves(answers, found)
+    # A list, for asking begins the compiling of each.
     # A list, for asking begins the compiling of each.
     compiled = [preparation.ready(step.compiled, step.model) for step in steps]
     return all(compiled)
