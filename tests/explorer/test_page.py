@@ -1,13 +1,17 @@
 """The explorer in a real browser."""
 
 import json
+import os
+import signal
 import socket
 import statistics
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 import erosion
 from erosion.cli import _status
@@ -272,3 +276,20 @@ def listening_on(pid: int) -> set[tuple[str, int]]:
                 numeric = socket.inet_ntoa(bytes.fromhex(ip)[::-1]) if table == "tcp" else ip
                 found.add((numeric, int(port, 16)))
     return found
+
+
+def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:
+    env = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
+    # Nothing kept, so that there is something to compile.
+    env["JAX_COMPILATION_CACHE_DIR"] = str(tmp_path)
+    command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as process:
+        assert process.stdout is not None
+        page = browser.new_page()
+        page.goto(process.stdout.readline().strip())
+        page.wait_for_selector(".status .q-linear-progress")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+        page.close()
+    assert said == "erosion: interrupted\n"
+    assert process.returncode == 130

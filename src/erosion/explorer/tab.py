@@ -1,6 +1,7 @@
 """One browser tab: its state, its controls and its views, and the work between them."""
 
 import asyncio
+import contextlib
 import dataclasses
 from collections.abc import Awaitable, Mapping
 from typing import Any
@@ -86,7 +87,9 @@ class Tab:
         loop = asyncio.get_running_loop()
 
         def prepared() -> None:
-            loop.call_soon_threadsafe(self._prepared)
+            # Where the server was stopped meanwhile, its loop is closed.
+            with contextlib.suppress(RuntimeError):
+                loop.call_soon_threadsafe(self._prepared)
 
         listeners = self.service.preparation.listeners
         listeners.add(prepared)
