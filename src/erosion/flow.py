@@ -90,7 +90,7 @@ def solve(
 
 @seldom_run
 def interpolate(solver: diffrax.AbstractSolver, dense: dict[str, Any], sizes: Any, times: Any) -> Any:
-    """Y at many times, from the dense output; shape (times, quantities)."""
+    """The vectors y at many times, from the dense output; shape (times, quantities)."""
     interpolation = diffrax.DenseInterpolation(interpolation_cls=solver.interpolation_cls, **dense)
     return jax.vmap(interpolation.evaluate)(times) * sizes
 
