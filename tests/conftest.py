@@ -15,8 +15,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 
-# Unchecked: thousands of its small functions run for each program, half of the time to trace one.
-importlib.import_module("erosion.plan")
+# Unchecked: thousands of its small functions run for each program, half of the time to compile one.
+importlib.import_module("erosion.lanes.choice")
 
 # Before any other module of the package is imported.
 _hook = install_import_hook("erosion", "beartype.beartype")
@@ -36,7 +36,7 @@ def table(tmp_path):
 
 
 # In `make test` one worker compiles here what most files need; the other has programs of its own meanwhile.
-_FIRST = ["test_model_contract.py", "test_page.py", "test_plug_ins.py", "test_plan.py"]
+_FIRST = ["test_model_contract.py", "test_page.py", "test_plug_ins.py"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

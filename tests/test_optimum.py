@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.engine.leaves import split
 from erosion.maxima import Search
-from erosion.parameters import QUANTITIES
 from erosion.scan import Cells, Scan, joined
 from tests.reference import closed_form
 
@@ -194,8 +194,7 @@ def test_an_optimum_is_printed_in_degrees():
 
 
 def test_a_jump_known_only_to_a_wide_cell_is_looked_at_from_outside_the_cell():
-    one = {q: np.full(1, getattr(P, q)) for q in QUANTITIES} | {"k": np.ones(1)}
-    search = Search(erosion.load_model("rotating"), P.replace(**one), 1.0)
+    search = Search(*split(erosion.load_model("rotating"), P.replace(k=1.0)), cases=1, sign=1.0)
     evaluate = search._at(1e-9)
     jump = erosion.alpha_max("rotating", P.replace(k=1.0)).jumps[-1].alpha
     # As where cutting begins: 3e-8 wide, and the jump not in its middle.

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion import blocks
 from erosion.cli.optimum import _print as print_optimum
+from erosion.engine import batch
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.objectives import EndTime
 from erosion.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
@@ -144,10 +144,10 @@ def test_own_parameters_stand_beside_those_of_the_case():
 
 def test_another_value_compiles_nothing():
     erosion.impact(MODEL, P, derivatives=2, wrt="friction")
-    programs = blocks._compiled_chunk()._cache_size()
+    programs = batch._compiled.cache_info().currsize
     for friction in (0, np.float64(0.1), jnp.asarray(0.3)):
         erosion.impact(MODEL.replace(friction=friction), P, derivatives=2, wrt="friction")
-    assert blocks._compiled_chunk()._cache_size() == programs
+    assert batch._compiled.cache_info().currsize == programs
 
 
 def test_the_best_angle_knows_how_friction_moves_it(capsys):

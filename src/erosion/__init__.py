@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from erosion.cases import load_case as load_case
     from erosion.correlations import CORRELATIONS as CORRELATIONS
     from erosion.correlations import Correlation as Correlation
-    from erosion.kernel import Impact as Impact
-    from erosion.kernel import impact as impact
-    from erosion.kernel import volume as volume
+    from erosion.engine.impact import Impact as Impact
+    from erosion.engine.impact import impact as impact
+    from erosion.engine.volume import volume as volume
     from erosion.model import ClosedForm as ClosedForm
     from erosion.model import CuttingModel as CuttingModel
     from erosion.model import Scales as Scales
@@ -80,7 +80,8 @@ _HOMES = {
     ),
     "cases": ("CaseError", "dump_case", "load_case"),
     "correlations": ("CORRELATIONS", "Correlation"),
-    "kernel": ("Impact", "impact", "volume"),
+    "engine.impact": ("Impact", "impact"),
+    "engine.volume": ("volume",),
     "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
     "optimum": ("Optimum", "alpha_max", "alpha_min"),

@@ -1,31 +1,31 @@
-"""Options of XLA's CPU compiler, for programs that run often and for those that run seldom."""
+"""Programs of XLA that take longer to compile than to run."""
 
 import functools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
+import equinox as eqx
 import jax
 
-# Vectors as wide as the machine has them, and no splitting of one small loop over threads: together a
-# fifth of the time. Moving reshapes about gains nothing, but has the program simplified 25 times over.
-# The older code generator needs no MLIR. A part for each of two threads: of few kernels more are no quicker.
-_FAST = {
-    "xla_cpu_prefer_vector_width": 512,
-    "xla_disable_hlo_passes": "cpu-parallel-task-assigner,reshape-mover",
-    "xla_cpu_use_fusion_emitters": False,
-    "xla_cpu_parallel_codegen_split_count": 2,
-}
-# The older one again, and LLVM does not optimise: two thirds of the time to compile.
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+# The older code generator, and LLVM does not optimise: two thirds of the time to compile.
 _QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 
 
-def for_speed() -> dict[str, Any]:
-    """Options for a program that runs often."""
-    return _accepted(tuple(_FAST.items()))
+def seldom_run(function: _Function) -> _Function:
+    """The function as a program that is compiled quickly; for single impacts it runs no slower."""
+    jit: Any = eqx.filter_jit  # whose signature does not say that options are passed on to `jax.jit`
 
+    @functools.cache
+    def program() -> Any:
+        return jit(function, compiler_options=_accepted(tuple(_QUICK.items())))
 
-def for_few_runs() -> dict[str, Any]:
-    """Options for a program that takes longer to compile than to run, and, an impact at a time, runs no slower."""
-    return _accepted(tuple(_QUICK.items()))
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        return program()(*arguments)
+
+    return cast(_Function, call)
 
 
 @functools.cache

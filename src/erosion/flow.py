@@ -11,9 +11,9 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
+from erosion.compiler import seldom_run
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
-from erosion.programs import seldom_run
 
 MAX_STEPS = 4096
 _FIRST_STEP = 0.01  # of the model's time scale

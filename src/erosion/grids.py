@@ -15,7 +15,8 @@ import xarray as xr
 
 from erosion.arguments import check_tolerance
 from erosion.cases import dump_case
-from erosion.kernel import end_names, impact
+from erosion.engine.impact import impact
+from erosion.engine.outcomes import end_names
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.optimum import alpha_max

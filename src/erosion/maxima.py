@@ -5,11 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.blocks import integrate, some_lanes
-from erosion.integrator import Solution
-from erosion.kernel import end_names, outcome_codes
-from erosion.model import CuttingModel
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.engine.batch import Results, integrate
+from erosion.engine.leaves import Layout
+from erosion.engine.outcomes import names_of
+from erosion.parameters import QUANTITIES
 from erosion.scan import Cells, Nodes, Scan, is_jump, joined, polish, scan
 
 SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0
@@ -20,6 +19,7 @@ _LOOSE = 1e-9  # relative tolerance of the search
 TIGHT = 1e-11  # relative tolerance where an answer is polished
 _LEVEL = 1e-6  # of a function's size, per rad²
 _MANY = 100  # cases, for which it pays to compile a second program, without derivatives
+_ALPHA = list(QUANTITIES).index("alpha")
 _GRID = 64  # angles of the first look between 0.02 rad and π/2
 
 
@@ -103,42 +103,54 @@ class Maxima:
 class _At(NamedTuple):
     """The volumes of many cases at any angle; with a sign, so that all optima are maxima."""
 
-    model: CuttingModel
-    leaves: dict[str, np.ndarray]
+    layout: Layout
+    numbers: list[np.ndarray]
+    cases: int
     sign: float
     rtol: float
-    ends_known: int  # how many the model has
 
     def __call__(self, case: np.ndarray, alpha: np.ndarray) -> Nodes:
-        found = self._integrate(2, case, alpha)
-        volume = found.volume
+        results = self._integrate(2, case, alpha)
+        volume = results.volume
         value, slope, curve = (self.sign * part for part in (volume.value, volume.first, volume.second))
-        return Nodes(case, alpha, value, slope, curve, found.time.value, outcome_codes(self.ends_known, found))
+        return Nodes(case, alpha, value, slope, curve, results.time.value, results.outcome)
 
     def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         # For few cases it would take longer to compile another program than it saves.
-        found = self._integrate(0 if self.leaves["k"].size >= _MANY else 2, case, alpha)
-        return outcome_codes(self.ends_known, found), found.time.value
+        results = self._integrate(0 if self.cases >= _MANY else 2, case, alpha)
+        return results.outcome, results.time.value
 
-    def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Solution:
-        lanes = [alpha if q == "alpha" else some_lanes(leaf, case) for q, leaf in self.leaves.items()]
-        return integrate(self.model, lanes, order, ("alpha",) if order else (), self.rtol, twice=False)
+    def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Results:
+        lanes = [
+            leaf[case] if leaf.ndim > len(shape) else leaf
+            for leaf, shape in zip(self.numbers, self.layout.shapes, strict=True)
+        ]
+        lanes[_ALPHA] = alpha
+        along = ("alpha",) if order else ()
+        return integrate(self.layout, lanes, alpha.size, order, along, self.rtol, twice=False)
 
 
 class Search:
-    """The optima of many cases at once; values carry a sign, so that all are maxima."""
+    """The optima of many cases at once; values carry a sign, so that all are maxima.
 
-    def __init__(self, model: CuttingModel, p: Parameters, sign: float) -> None:
-        self.model, self.sign = model, sign
-        self.names = end_names(model)
-        self.leaves = {q: np.asarray(getattr(p, q)) for q in QUANTITIES}
+    Args:
+        layout: of model and case.
+        numbers: of the cases: each an array (cases,), or of one's shape where all share it.
+        cases: how many there are.
+        sign: -1 for minima.
+    """
+
+    def __init__(self, layout: Layout, numbers: list[np.ndarray], cases: int, sign: float) -> None:
+        self.sign, self.cases = sign, cases
+        self.names = names_of(layout)
+        self._lanes = layout, numbers, cases, sign
 
     def _at(self, rtol: float) -> _At:
-        return _At(self.model, self.leaves, self.sign, rtol, len(self.names))
+        return _At(*self._lanes, rtol)
 
     def maxima(self, low: float, high: float) -> list[Maxima]:
         """Of each case, over the angles from `low` to `high` [rad]."""
-        cases = self.leaves["k"].size
+        cases = self.cases
         found = scan(self._at(_LOOSE), self._at(TIGHT), cases, _first_look(low, high))
         certified = found.unresolved == 0
         jumped = is_jump(found.narrow, found.size[found.narrow.low.case])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from erosion.kernel import impact
+from erosion.engine.impact import impact
 from erosion.model import CuttingModel
 from erosion.optimum import alpha_max
 from erosion.particles import Particles

@@ -12,18 +12,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
-from erosion.kernel import impact, pair_derivatives
+from erosion.engine.impact import impact, lanes_of, pair_derivatives
 from erosion.maxima import ASIDE as ASIDE
 from erosion.maxima import SHALLOWEST as SHALLOWEST
 from erosion.maxima import STEEPEST, TIGHT, Maxima, Search
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.objectives import MEASURES, OBJECTIVES, Objective
-from erosion.own_parameters import quantities, sizes
-from erosion.parameters import QUANTITIES, Parameters, require_parameters, validate
+from erosion.own_parameters import own_parameters, quantities, sizes, values, with_values
+from erosion.parameters import Parameters, require_parameters, validate
 from erosion.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
 
@@ -198,14 +197,17 @@ def _optimum(
     low, high = (0.0, STEEPEST) if alpha_range is None else _checked_range(alpha_range)
     p = p.replace(alpha=STEEPEST)
     validate(p)
-    shape = np.broadcast_shapes(*(np.shape(leaf) for leaf in jax.tree.leaves(p)))
-    flat = {q: np.broadcast_to(np.asarray(getattr(p, q)), shape).reshape(-1) for q in QUANTITIES}
-    count = flat["k"].size
+    layout, numbers, shape = lanes_of(asked, p)
+    count = int(np.prod(shape, dtype=int))
     sign = -1.0 if least else 1.0
     answers: list[Maxima] = []
     for begin in range(0, count, _TOGETHER):
-        some = p.replace(**{q: leaf[begin : begin + _TOGETHER] for q, leaf in flat.items()})
-        answers.extend(Search(asked, some, sign).maxima(low, high))
+        some = slice(begin, begin + _TOGETHER)
+        each = [
+            number[some] if number.ndim > len(of_one) else number
+            for number, of_one in zip(numbers, layout.shapes, strict=True)
+        ]
+        answers.extend(Search(layout, each, min(_TOGETHER, count - begin), sign).maxima(low, high))
     best = [answer.candidates[0] for answer in answers]
     fields = {
         "alpha": [c.alpha for c in best],
@@ -255,15 +257,18 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     """dα/dq, shape (names, *shape of the optimum)."""
     p, model = optimum.p, optimum.integrand
     kind, alpha = np.atleast_1d(optimum.kind), np.atleast_1d(optimum.alpha)
-    flat = {q: np.broadcast_to(np.asarray(getattr(p, q)), np.shape(optimum.kind)).reshape(-1) for q in QUANTITIES}
+    # A model's own parameters that all cases share stay the model's.
+    own = own_parameters(model)
+    each = {q: value for q, value in values(model, p).items() if q not in own or np.ndim(value)}
+    flat = {q: np.broadcast_to(np.asarray(value), np.shape(optimum.kind)).reshape(-1) for q, value in each.items()}
     known = sizes(model, p)
     size = np.stack([np.broadcast_to(known[q], np.shape(optimum.kind)).reshape(-1) for q in names])
     rates = np.zeros((len(names), kind.size))
     rates[:, kind.ravel() == "none"] = np.nan
 
     def along_angle(which: np.ndarray, angles: np.ndarray) -> Any:
-        there = p.replace(**{q: flat[q][which] for q in QUANTITIES} | {"alpha": angles})
-        return pair_derivatives(model, there, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
+        some, there = with_values(model, p, {q: leaf[which] for q, leaf in flat.items()} | {"alpha": angles})
+        return pair_derivatives(some, there, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
 
     interior = np.flatnonzero(kind.ravel() == "interior")
     if interior.size:

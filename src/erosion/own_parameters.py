@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
@@ -63,17 +62,20 @@ def own_parameter(default: float, symbol: str, meaning: str, dimension: Dimensio
 def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
     """The model's own parameters by name: its fields, and those of its parts, that hold one real number.
 
+    A field that is declared as a number, by `own_parameter` or the annotation `float`, may hold an array: a
+    number for each of many impacts, which broadcasts with the parameters of the case.
+
     A name is the field's. Where several parts have a field of the same name, as much of its path
     goes before it as tells them apart: "force.rate", "torque.rate".
     """
-    found = []
+    own = []
     for leaf, (keys, value) in enumerate(jax.tree_util.tree_flatten_with_path(model)[0]):
         # What is within a tuple or a dictionary has no name of its own.
         path = tuple(key.name for key in keys if isinstance(key, jax.tree_util.GetAttrKey))
-        if len(path) == len(keys) and _is_number(value):
-            found.append(OwnParameter(path, leaf, value, _quantity(model, path)))
-    paths = [one.path for one in found]
-    return {_name(one.path, paths): one for one in found}
+        if len(path) == len(keys) and _is_number(value, many=_is_declared(model, path)):
+            own.append(OwnParameter(path, leaf, value, _quantity(model, path)))
+    paths = [one.path for one in own]
+    return {_name(one.path, paths): one for one in own}
 
 
 def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
@@ -89,15 +91,21 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
         if name not in own:
             has = ", ".join(own) or "none"
             raise TypeError(f"Argument `{name}` is not an own parameter of {type(model).__name__}; it has {has}.")
-        if not _is_number(value):
+        if not _is_number(value, many=True):
             raise TypeError(f"Argument `{name}` must be a number, but is {value!r}.")
-        if not isinstance(value, Tracer) and not np.isfinite(value):
-            raise ValueError(f"Argument `{name}` must be a finite number, but is {value}.")
+        if np.ndim(value) and not _is_declared(model, own[name].path):
+            raise TypeError(
+                f"Argument `{name}` must be one number, but has shape {np.shape(value)}; for a number for each "
+                "impact declare its field with `erosion.own_parameter`, or as `float`."
+            )
+        if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
+            raise ValueError(f"Argument `{name}` must be a finite number, but is {abbreviate(value)}.")
     leaves, structure = jax.tree.flatten(model)
     for name, value in changes.items():
-        # A number in the place of a number, and an array in that of an array: then what is compiled serves again.
-        array = isinstance(leaves[own[name].leaf], (np.ndarray, jax.Array)) or isinstance(value, Tracer)
-        leaves[own[name].leaf] = jnp.asarray(value, float) if array else float(value)
+        if isinstance(value, Tracer):
+            leaves[own[name].leaf] = value
+        else:
+            leaves[own[name].leaf] = np.asarray(value, float) if np.ndim(value) else float(value)
     return jax.tree.unflatten(structure, leaves)
 
 
@@ -130,18 +138,32 @@ def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
     return ", ".join(f"{name} = {abbreviate(one.value)}" for name, one in own if name not in but)
 
 
-def _is_number(value: Any) -> bool:
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.ndarray, np.generic, jax.Array)):
+def _is_number(value: Any, *, many: bool) -> bool:
+    """Whether it is a real number; or an array of such, where that may be."""
+    if isinstance(value, (bool, np.bool_)):
         return False
-    return np.ndim(value) == 0 and jnp.result_type(value).kind in "iuf"
+    if isinstance(value, (int, float)):
+        return True
+    if not isinstance(value, (np.ndarray, np.generic, jax.Array, Tracer)):
+        return False
+    return np.dtype(value.dtype).kind in "iuf" and (many or np.ndim(value) == 0)
+
+
+def _is_declared(model: Any, path: tuple[str, ...]) -> bool:
+    """Whether a field is said to hold a number."""
+    field = _field(model, path)
+    return "quantity" in field.metadata or field.type in (float, int, "float", "int")
 
 
 def _quantity(model: Any, path: tuple[str, ...]) -> Quantity:
     """As the field declares it, else from its name."""
+    return _field(model, path).metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
+
+
+def _field(model: Any, path: tuple[str, ...]) -> Any:
     for part in path[:-1]:
         model = getattr(model, part)
-    field = next(field for field in dataclasses.fields(model) if field.name == path[-1])
-    return field.metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
+    return next(field for field in dataclasses.fields(model) if field.name == path[-1])
 
 
 def _name(path: tuple[str, ...], paths: list[tuple[str, ...]]) -> str:

@@ -14,8 +14,9 @@ import numpy as np
 from scipy import stats
 
 from erosion.arguments import check_path, check_tolerance, check_whole
+from erosion.engine.impact import impact
+from erosion.engine.outcomes import end_names
 from erosion.files import require_writable
-from erosion.kernel import end_names, impact
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.netcdf import read_netcdf, write_netcdf

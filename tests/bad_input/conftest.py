@@ -51,13 +51,13 @@ def in_workshop(workshop, monkeypatch):
 @pytest.fixture
 def no_computing(monkeypatch):
     """What is wrong with the input must be known before the first impact."""
+    import erosion.engine.impact
     import erosion.flow
-    import erosion.kernel
 
     def computed(*arguments, **options):
         raise AssertionError("computed before the input was checked")
 
-    monkeypatch.setattr(erosion.kernel, "integrate", computed)
+    monkeypatch.setattr(erosion.engine.impact, "integrate", computed)
     monkeypatch.setattr(erosion.flow, "solve", computed)
 
 

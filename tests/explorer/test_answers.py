@@ -7,6 +7,7 @@ from collections.abc import Awaitable
 import numpy as np
 import pytest
 
+from erosion.engine.impact import impact
 from erosion.explorer import found as finding
 from erosion.explorer.answers import ANGLES, Answer, Answers
 from erosion.explorer.exports import case_toml, curves_csv, python_lines
@@ -15,7 +16,6 @@ from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.single_events import SingleEvent, end_times
 from erosion.explorer.state import Case, State
-from erosion.kernel import impact
 from erosion.models import Linearized
 from erosion.optimum import alpha_max
 from erosion.parameters import TABLE_1

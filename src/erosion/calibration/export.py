@@ -12,7 +12,7 @@ from scipy import optimize
 
 from erosion.calibration.result import Calibration
 from erosion.correlations import finnie
-from erosion.kernel import impact
+from erosion.engine.impact import impact
 from erosion.models import model_name
 from erosion.units import conversion_factor
 from erosion.version import __version__

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from erosion.calibration.measurements import Measurements
-from erosion.kernel import Impact, impact
+from erosion.engine.impact import Impact, impact
 from erosion.model import CuttingModel
 from erosion.own_parameters import own_parameters, quantities, sizes, values, with_values
 from erosion.parameters import QUANTITIES, Parameters

@@ -190,11 +190,9 @@ def _as_option(argument: re.Match[str]) -> str:
 
 
 def start_engine() -> None:
-    """Keep programs, traced and compiled, in the user's cache folder, so that the next start is quick."""
+    """Keep what XLA compiles in the user's cache folder, so that the next start is quick."""
     import jax
     import platformdirs
-
-    from erosion.programs import Program
 
     # Whoever says where JAX is to keep its programs decides for themselves, as the tests do.
     if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
@@ -203,8 +201,6 @@ def start_engine() -> None:
             jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
             # However small: reading any program takes a fraction of the time that compiling it does.
             jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-            (folder / "traced").mkdir(exist_ok=True)
-            Program.folder = folder / "traced"
 
 
 def print_json(content: Mapping[str, Any]) -> None:

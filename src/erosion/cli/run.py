@@ -38,7 +38,7 @@ def run(
 
     import numpy as np
 
-    from erosion.kernel import impact
+    from erosion.engine.impact import impact
     from erosion.quantities import RESULTS
     from erosion.tables import Row, format_number
     from erosion.trajectory import SimulationError, TurnWarning, simulate

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from erosion.engine.impact import Impact, impact
 from erosion.explorer.single_events import end_times
 from erosion.explorer.state import Case
-from erosion.kernel import Impact, impact
 from erosion.model import CuttingModel
 from erosion.optimum import Optimum, alpha_max
 from erosion.trajectory import Trajectory, simulate

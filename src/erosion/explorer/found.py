@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from erosion.engine.impact import Impact
 from erosion.explorer.answers import Answer, Answers, Spins
 from erosion.explorer.preparation import Preparation, sentence
 from erosion.explorer.state import Case, State
 from erosion.explorer.threads import in_thread
-from erosion.kernel import Impact
 from erosion.optimum import Optimum
 from erosion.trajectory import Trajectory
 

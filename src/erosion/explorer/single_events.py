@@ -6,7 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.kernel import end_names, impact
+from erosion.engine.impact import impact
+from erosion.engine.outcomes import end_names
 from erosion.model import CuttingModel, Scales, Tip
 from erosion.parameters import Parameters
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from erosion.kernel import impact
+from erosion.engine.impact import impact
 from erosion.objectives import MEASURES
 from erosion.optimum import ASIDE, SHALLOWEST, Optimum
 from erosion.parameters import QUANTITIES

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from erosion.kernel import Impact, impact
+from erosion.engine.impact import Impact, impact
 from erosion.model import ClosedForm
 from erosion.models import Linearized
 from erosion.optimum import Optimum, alpha_max

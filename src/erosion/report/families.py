@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from erosion.kernel import impact
+from erosion.engine.impact import impact
 from erosion.maxima import Jump
 from erosion.optimum import alpha_max
 from erosion.parameters import MATERIALS, QUANTITIES, Parameters

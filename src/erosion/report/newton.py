@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from erosion.kernel import impact
+from erosion.engine.impact import impact
 from erosion.model import CuttingModel
 from erosion.parameters import Parameters
 from erosion.trajectory import SimulationError

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.kernel import Impact, impact, pair_derivatives
+from erosion.engine.impact import Impact, impact, pair_derivatives
 from erosion.model import CuttingModel
 from erosion.models import (
     CentreOfMassTip,

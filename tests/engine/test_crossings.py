@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from erosion.crossings import Ends, expected_fall
+from erosion.engine.crossings import Ends, expected_fall
 
 
 def looked_at(polynomial: np.polynomial.Polynomial, length: float, low: float, high: float) -> tuple[float, bool]:

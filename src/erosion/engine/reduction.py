@@ -6,79 +6,81 @@ horizontal torque) φ̇ follow from ∫ F_x dt. What nothing that matters depend
 need not be integrated at all.
 """
 
+import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
-from erosion.model import CuttingModel, Scales, Tip
+from erosion.engine.leaves import Layout, numbers_of
+from erosion.engine.variational import Cut
+from erosion.model import CuttingModel
 from erosion.parameters import Parameters
-from erosion.tracing import traced_once
 
 
-def reduced(model: CuttingModel, p: Parameters) -> CuttingModel:
-    """The same model, whose state is a tuple of integrals: as few as its arithmetic shows.
+class WholeMotion:
+    """A model's motion with the model's own state, as a tuple of numbers."""
 
-    Args:
-        model: any; the result has the same leaves.
-        p: scalars, whose values do not matter.
-    """
-    start = jax.eval_shape(lambda model, p: model.initial_state(p), model, p)
-    leaves, structure = jax.tree.flatten(start)
+    def __init__(self, model: CuttingModel, p: Parameters) -> None:
+        self.model, self.p = model, p
+        self.start, self.structure = jax.tree.flatten(model.initial_state(p))
 
-    def look(model: CuttingModel, p: Parameters, leaves: list[Any]) -> list[Any]:
-        state = jax.tree.unflatten(structure, leaves)
-        needed = [*jax.tree.leaves(model.events(state, p)), model.removal_rate(state, p)]
-        return [*jax.tree.leaves(model.derivative(state, p)), *needed]
+    def initial_state(self) -> tuple[Any, ...]:
+        """The state at contact."""
+        return tuple(self.start)
 
-    return _Reduced(model, _Unknowns(jax.make_jaxpr(look)(model, p, leaves), len(leaves)))
+    def state(self, cut: Cut) -> Any:
+        """The model's own state."""
+        return jax.tree.unflatten(self.structure, cut.state)
+
+    def rate(self, cut: Cut) -> Cut:
+        """The time derivative of state and volume."""
+        state = self.state(cut)
+        rates = jax.tree.leaves(self.model.derivative(state, self.p))
+        return Cut(tuple(rates), self.model.removal_rate(state, self.p))
+
+    def events(self, cut: Cut) -> list[Any]:
+        """The event functions, by name."""
+        # JAX sorts the keys of a dictionary that passes through it; so is the order everywhere.
+        return [value for _, value in sorted(self.model.events(self.state(cut), self.p).items())]
 
 
-class _Reduced(CuttingModel):
-    model: CuttingModel
-    unknowns: "_Unknowns" = eqx.field(static=True)
+def reduced(layout: Layout) -> Callable[[CuttingModel, Parameters], "ReducedMotion"]:
+    """The motion of model and case whose state is a tuple of integrals: as few as the arithmetic shows."""
+    start = jax.make_jaxpr(lambda numbers: WholeMotion(*layout.joined(numbers)).start)(layout.like())
 
-    def initial_state(self, p: Parameters) -> tuple[Any, ...]:
-        leaves = jax.tree.leaves(self.model.initial_state(p))
-        return tuple(self._starts(leaves))
+    def look(numbers: list[Any], leaves: list[Any]) -> list[Any]:
+        motion = WholeMotion(*layout.joined(numbers))
+        cut = Cut(tuple(leaves), None)
+        rate = motion.rate(cut)
+        return [*rate.state, rate.volume, *motion.events(cut)]
 
-    @traced_once
-    def derivative(self, state: Any, p: Parameters) -> tuple[Any, ...]:
-        arguments = [*jax.tree.leaves((self.model, p)), *jax.tree.leaves(self._whole(state, p))]
-        return tuple(self.unknowns.rates(*arguments))
+    like = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in start.out_avals]
+    unknowns = Unknowns(jax.make_jaxpr(look)(layout.like(), like), jaxpr_as_fun(start), len(like))
+    return functools.partial(ReducedMotion, unknowns)
 
-    def tip(self, state: Any, p: Parameters) -> Tip:
-        return self.model.tip(self._whole(state, p), p)
 
-    @traced_once
-    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
-        return self.model.events(self._whole(state, p), p)
+class ReducedMotion:
+    """A model's motion whose state is a tuple of integrals."""
 
-    @traced_once
-    def removal_rate(self, state: Any, p: Parameters) -> Any:
-        return self.model.removal_rate(self._whole(state, p), p)
+    def __init__(self, unknowns: "Unknowns", model: CuttingModel, p: Parameters) -> None:
+        self.unknowns, self.known = unknowns, numbers_of(model, p)
 
-    def scales(self, p: Parameters) -> Scales:
-        return self.model.scales(p)
+    def initial_state(self) -> tuple[Any, ...]:
+        """The integrals at contact."""
+        return self.unknowns.initial(self.known)
 
-    def _whole(self, integrals: tuple[Any, ...], p: Parameters) -> Any:
-        """The model's own state; parts of it that do not matter stay as they were at contact."""
-        leaves, structure = jax.tree.flatten(self.model.initial_state(p))
-        starts = self._starts(leaves)
-        for i, index, factor in self.unknowns.follow(*jax.tree.leaves((self.model, p)), *leaves):
-            leaves[i] = leaves[i] + factor * (integrals[index] - starts[index])
-        for i, integral in zip(self.unknowns.itself, integrals, strict=True):
-            if i is not None:
-                leaves[i] = integral
-        return jax.tree.unflatten(structure, leaves)
+    def rate(self, cut: Cut) -> Cut:
+        """The time derivative of integrals and volume."""
+        *rates, volume = self.unknowns.rates(self.known, cut.state)
+        return Cut(tuple(rates), volume)
 
-    def _starts(self, leaves: list[Any]) -> list[Any]:
-        """The integrals at contact: of a part of the state, that part; else zero."""
-        return [jnp.zeros(()) if i is None else leaves[i] for i in self.unknowns.itself]
+    def events(self, cut: Cut) -> list[Any]:
+        """The event functions, by name."""
+        return self.unknowns.events(self.known, cut.state)
 
 
 class _Product(NamedTuple):
@@ -90,15 +92,17 @@ class _Product(NamedTuple):
     core: Any
 
 
-class _Unknowns:
+class Unknowns:
     """Which expressions to integrate, and how the parts of the state follow from them.
 
     Args:
-        closed: of (known …, state …); gives the state's rates, then what else matters.
+        closed: of (known …, state …); gives the state's rates, then that of the volume, then the events.
+        start: the state at contact, of (known …).
         parts: of the state.
     """
 
-    def __init__(self, closed: ClosedJaxpr, parts: int) -> None:
+    def __init__(self, closed: ClosedJaxpr, start: Callable[..., list[Any]], parts: int) -> None:
+        self._start = start
         self._made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
         arguments, outputs = closed.jaxpr.invars, closed.jaxpr.outvars
         state = arguments[len(arguments) - parts :]
@@ -125,20 +129,34 @@ class _Unknowns:
             cores.append(products[group[0]].core if itself is None else rates[state[itself]])
             self.itself.append(itself)
             self._follow += [(i, index, products[i]) for i in group if i != itself]
-        self.rates = _evaluate(closed, cores)
+        rates, events = _evaluate(closed, [*cores, outputs[parts]]), _evaluate(closed, outputs[parts + 1 :])
+        # JAX traces each of these once, for all the places and derivatives that ask for it.
+        self.initial = jax.jit(self._initial)
+        self.rates = jax.jit(lambda known, integrals: rates(*known, *self._parts(known, integrals)))
+        self.events = jax.jit(lambda known, integrals: events(*known, *self._parts(known, integrals)))
         self._factors = _evaluate(
             closed, [part for *_, product in self._follow for part in (*product.times, *product.over)]
         )
 
-    def follow(self, *arguments: Any) -> list[tuple[int, int, Any]]:
-        """For each part of the state that is no integral itself: which one it follows, how many times."""
-        values = iter(self._factors(*arguments))
-        found = []
+    def _initial(self, known: Sequence[Any]) -> tuple[Any, ...]:
+        """The integrals at contact: of a part of the model's state, that part; else zero."""
+        start = self._start(*known)
+        return tuple(jnp.zeros(()) if i is None else start[i] for i in self.itself)
+
+    def _parts(self, known: Sequence[Any], integrals: Sequence[Any]) -> list[Any]:
+        """The model's own state; parts of it that do not matter stay as they were at contact."""
+        start = self._start(*known)
+        parts = list(start)
+        factors = iter(self._factors(*known, *start))
         for i, index, product in self._follow:
-            times = math.prod([next(values) for _ in product.times], start=product.sign)
-            over = math.prod([next(values) for _ in product.over], start=1.0)
-            found.append((i, index, times / over))
-        return found
+            times = math.prod([next(factors) for _ in product.times], start=product.sign)
+            over = math.prod([next(factors) for _ in product.over], start=1.0)
+            # Only an integral from zero is followed.
+            parts[i] = parts[i] + times / over * integrals[index]
+        for i, integral in zip(self.itself, integrals, strict=True):
+            if i is not None:
+                parts[i] = integral
+        return parts
 
     def _product(self, core: Any) -> _Product:
         """Takes known factors off an expression as long as there are any."""
@@ -162,15 +180,15 @@ class _Unknowns:
 
     def _inputs(self, values: Iterable[Any]) -> set[Any]:
         """What of the state some values depend on."""
-        found: set[Any] = set()
+        seen: set[Any] = set()
         waiting = [value for value in values if not self._is_known(value)]
         while waiting:
             value = waiting.pop()
-            if value not in found:
-                found.add(value)
+            if value not in seen:
+                seen.add(value)
                 equation = self._made_by.get(value)
                 waiting += [atom for atom in equation.invars if not self._is_known(atom)] if equation else []
-        return found & self._state
+        return seen & self._state
 
 
 def _known(jaxpr: Jaxpr, state: set[Any]) -> set[Any]:

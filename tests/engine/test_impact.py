@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion import blocks
-from erosion.clock import FAILED
+from erosion.engine import batch
+from erosion.engine.batch import integrate
+from erosion.engine.leaves import split
+from erosion.engine.outcomes import end_names
 from tests.reference import AT_20_DEGREES, CLOSED, closed_form
 
 P = erosion.TABLE_1
@@ -92,7 +94,7 @@ def test_a_batch_equals_its_members():
 
 
 def test_more_lanes_than_a_call_in_order():
-    count = blocks.CALL + 17
+    count = 2**17 + 17
     alphas = np.linspace(0.3, 0.31, count)
     hit = erosion.impact("linearized", P.replace(alpha=alphas))
     exact = closed_form("linearized")
@@ -142,10 +144,10 @@ def test_a_lane_of_rounding_alone_fails_soon():
         alpha=0.5645325433252832,
     )
     model = erosion.load_model("rotating")
-    lanes = [np.array([float(getattr(hopeless, name))]) for name in erosion.parameters.QUANTITIES]
-    found = blocks.integrate(model, lanes, 2, ("alpha",), 3e-13)
-    assert found.mode == FAILED
-    assert found.trials < 1000
+    layout, numbers = split(model, hopeless)
+    results = integrate(layout, numbers, 1, 2, ("alpha",), 3e-13)
+    assert end_names(model)[results.outcome[0]] == "failed"
+    assert results.trials < 1000
     assert erosion.impact(model, hopeless, derivatives=2).ended_by == "rebound"
 
 
@@ -254,7 +256,7 @@ def test_one_program_serves_whatever_the_impacts_share(monkeypatch):
     angles = np.linspace(0.1, 1.5, 7)
     erosion.impact("rotating", P.replace(alpha=angles), derivatives=1)
     # Called when a program is made, not when it runs.
-    monkeypatch.setattr(blocks, "solve", None)
+    monkeypatch.setattr(batch, "solve", None)
     for changed in ({"k": angles}, {"alpha": angles, "m": angles * 1e-4}, {}):
         erosion.impact("rotating", P.replace(**changed), derivatives=1)
         erosion.impact("rotating", P.replace(**changed), derivatives=1, rtol=1e-8)

@@ -1,10 +1,8 @@
-"""Where in a step an event function may fall through zero, from the cubic through its ends.
-
-Straight-line arithmetic, so that a kernel can do it for all lanes at once.
-"""
+"""Where in a step an event function may fall through zero, from the cubic through its ends."""
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 _LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known
@@ -22,6 +20,8 @@ class Ends(NamedTuple):
     rate: Any
 
 
+# JAX traces both once, for all events and programs.
+@jax.jit
 def dip_in_step(start: Ends, end: Ends, length: Any) -> tuple[Any, Any]:
     """Where in the step (0 to 1) an event function may dip to zero and return; 2 if it does not.
 
@@ -44,6 +44,7 @@ def dip_in_step(start: Ends, end: Ends, length: Any) -> tuple[Any, Any]:
     return where, jnp.where(inside, lowest, jnp.inf)
 
 
+@jax.jit
 def expected_fall(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
     """When an event function is expected to fall through zero, whether steeply, and how far that may be off.
 
@@ -53,7 +54,6 @@ def expected_fall(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> t
     Steep is a function whose slope at that zero is no small part of its slopes at the trial's ends.
     Flat ones may turn before zero, and Newton's method is slow to find where they do not.
     """
-    # Without products that could change places in a sum; see docs/performance.md.
     mean = (end.value - start.value) / length
     c3 = start.rate + end.rate - 2 * mean
     c2 = mean - start.rate - c3

@@ -7,10 +7,17 @@ import pytest
 
 import erosion
 import erosion.parameters
+from erosion.engine.leaves import split
+from erosion.engine.reduction import WholeMotion, reduced
+from erosion.engine.variational import Cut
 from erosion.model import CuttingModel, State, Tip
-from erosion.reduction import reduced
 
 _P = erosion.TABLE_1.replace(phidot0=2e4)
+
+
+def _reduced(model):
+    layout, _ = split(model, _P)
+    return reduced(layout)(model, _P)
 
 
 @pytest.mark.parametrize(
@@ -24,27 +31,25 @@ _P = erosion.TABLE_1.replace(phidot0=2e4)
     ],
 )
 def test_as_few_unknowns_as_the_physics_allows(name, unknowns):
-    assert len(reduced(erosion.load_model(name), _P).initial_state(_P)) == unknowns
+    assert len(_reduced(erosion.load_model(name)).initial_state()) == unknowns
 
 
 @pytest.mark.parametrize("name", erosion.available_models())
 def test_the_motion_is_the_same(name):
     """Rates of events and volume along the motion, at contact and after a step."""
     model = erosion.load_model(name)
-    other = reduced(model, _P)
-    assert len(jax.tree.leaves(other)) == len(jax.tree.leaves(model))
 
-    def looks(model, steps):
-        state, found = model.initial_state(_P), []
+    def looks(motion, steps):
+        cut, rows = Cut(motion.initial_state(), 0.0), []
         for _ in range(steps):
-            rate = model.derivative(state, _P)
-            events = jax.jvp(lambda s: model.events(s, _P), (state,), (rate,))
-            found.append(jax.tree.leaves((events, model.removal_rate(state, _P), model.tip(state, _P).depth)))
-            state = jax.tree.map(lambda s, k: s + 0.1 * model.scales(_P).time * k, state, rate)
-        return np.array(found)
+            rate = motion.rate(cut)
+            events = jax.jvp(motion.events, (cut,), (rate,))
+            rows.append(jax.tree.leaves((events, rate.volume)))
+            cut = jax.tree.map(lambda s, k: s + 0.1 * model.scales(_P).time * k, cut, rate)
+        return np.array(rows)
 
-    expected = looks(model, 4)
-    assert np.allclose(looks(other, 4), expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max(axis=0))
+    expected = looks(WholeMotion(model, _P), 4)
+    assert np.allclose(looks(_reduced(model), 4), expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max(axis=0))
 
 
 class Odd(CuttingModel):
@@ -65,7 +70,7 @@ class Odd(CuttingModel):
 
 def test_odd_arithmetic_is_left_as_it_is():
     model = Odd()
-    assert len(reduced(model, _P).initial_state(_P)) == 3  # y, φ with a rate of parameters alone, ∫ force
+    assert len(_reduced(model).initial_state()) == 3  # y, φ with a rate of parameters alone, ∫ force
     # Without drag ẋ stays, and the closed form is half a period of y.
     found = erosion.impact(model, erosion.TABLE_1, derivatives=1)
     p = erosion.TABLE_1
@@ -137,7 +142,7 @@ class Resting(Ploughing):
 
 
 def test_nothing_left_to_integrate():
-    assert len(reduced(Resting(), _P).initial_state(_P)) == 0
+    assert len(_reduced(Resting()).initial_state()) == 0
     found = erosion.impact(Resting(), _P, derivatives=1)
     assert (found.ended_by, found.volume) == ("no-cut", 0.0)
 

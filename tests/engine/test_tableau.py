@@ -3,7 +3,7 @@ import functools
 import diffrax
 import numpy as np
 
-from erosion import tableau
+from erosion.engine import tableau
 
 
 @functools.cache

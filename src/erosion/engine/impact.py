@@ -1,0 +1,248 @@
+"""Impacts, one or millions, with first and second derivatives: `erosion.impact`."""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from erosion.arguments import check_tolerance
+from erosion.engine.batch import Results, integrate, integrate_along
+from erosion.engine.leaves import Layout, element_of, split
+from erosion.engine.outcomes import OTHER_ENDS, end_names, names_of
+from erosion.engine.variational import Derivatives
+from erosion.model import CuttingModel
+from erosion.models import load_model, model_name
+from erosion.own_parameters import quantities
+from erosion.parameters import QUANTITIES, Parameters, require_concrete, validate
+from erosion.precision import require_float64
+from erosion.quantities import derivative_row, result_row
+from erosion.tables import Row, abbreviate, format_number, to_html, to_text
+
+_TINY = 1e-14  # no tolerance is tighter: rounding is near
+_FAILED = OTHER_ENDS.index("failed") - len(OTHER_ENDS)  # counted from the end of `end_names`
+
+
+@dataclasses.dataclass(frozen=True)
+class Impact:
+    """Results of a batch of impacts; every array has the broadcast shape of the parameters.
+
+    Args:
+        model, p: what was computed.
+        volume: removed volume [volume]; NaN where `ended_by` is "failed" or "unfinished".
+        t_c: end of the cut [s]; 0 where nothing is cut.
+        outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
+        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None. With several names there
+            is a last axis over them.
+        d2volume: ∂²V/∂q² likewise; with several names two last axes, the matrix ∂²V/∂q_i∂q_j.
+        wrt: the parameter(s) of the derivatives.
+    """
+
+    model: CuttingModel
+    p: Parameters
+    volume: Any
+    t_c: Any
+    outcome: Any
+    dvolume: Any
+    d2volume: Any
+    wrt: str | tuple[str, ...]
+
+    @functools.cached_property
+    def ended_by(self) -> Any:
+        """How the cut ended, "rebound", "stop", "no-cut" (or a plug-in's event), "failed" or "unfinished".
+
+        Words take five times the memory of the numbers, so they are made when asked for.
+        """
+        return np.array(end_names(self.model))[self.outcome]
+
+    def rows(self) -> list[Row]:
+        """The results as rows of a table."""
+        rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
+        rows.append(result_row("volume", self.volume, self.p.units))
+        if self.wrt == "alpha":
+            found = {"dvolume": self.dvolume, "d2volume": self.d2volume}
+            return rows + [result_row(name, value, self.p.units) for name, value in found.items() if value is not None]
+        names = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
+        known = quantities(self.model)
+        for name, value, order in (("dvolume", self.dvolume, 1), ("d2volume", self.d2volume, 2)):
+            if value is None:
+                continue
+            for index in itertools.combinations_with_replacement(range(len(names)), order):
+                part = value if isinstance(self.wrt, str) else value[(..., *index)]
+                rows.append(derivative_row(name, part, [known[names[i]] for i in index], self.p.units))
+        return rows
+
+    def __repr__(self) -> str:
+        names = ("t_c", "ended_by", "volume", "dvolume", "d2volume")
+        values = [f"{name}={abbreviate(v)}" for name in names if (v := getattr(self, name)) is not None]
+        return f"Impact({model_name(self.model)!r}, {', '.join(values)}, wrt={self.wrt!r}, p={self.p!r})"
+
+    def __str__(self) -> str:
+        return to_text(f"{model_name(self.model)}: {np.size(self.volume):,} impact(s)", self.rows())
+
+    def _repr_html_(self) -> str:
+        return to_html(f"{model_name(self.model)}: {np.size(self.volume):,} impact(s)", self.rows())
+
+
+def impact(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    derivatives: int = 0,
+    wrt: str | Sequence[str] = "alpha",
+    rtol: float = 1e-9,
+) -> Impact:
+    """Compute many impacts at once: volume, end, and derivatives.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: parameters whose leaves are scalars or arrays that broadcast.
+        derivatives: 0, 1 or 2.
+        wrt: the parameter, or several, of the derivatives: of the case, or the model's own.
+        rtol: relative tolerance of volume, end time and derivatives.
+
+    Returns:
+        Results of the broadcast shape; scalars for scalar parameters.
+
+    Raises:
+        ValueError: for parameters out of range or arguments that make no sense. NaN or
+            infinity in an array is no error: like run-time failures of single impacts it is
+            an outcome, in `ended_by`, and leaves the other impacts as they are.
+    """
+    require_float64()
+    model = load_model(model)
+    validate(p, batch=True)
+    require_concrete(p)
+    if not isinstance(wrt, (str, Sequence)):
+        raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {wrt!r}.")
+    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    known = quantities(model)
+    for name in names:
+        if not isinstance(name, str) or name not in known:
+            raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {name!r}.")
+    if not names or len(set(names)) != len(names):
+        raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {wrt!r}.")
+    if not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
+        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+    derivatives, rtol = int(derivatives), max(check_tolerance(rtol), _TINY)
+    layout, numbers, shape = lanes_of(model, p)
+    single = isinstance(wrt, str)
+    if derivatives == 0 or (single and wrt in QUANTITIES):
+        results = integrate(layout, numbers, _count(shape), derivatives, names if derivatives else (), rtol)
+        first, second = results.volume.first, results.volume.second
+    else:
+        results, first, second = _several(model, layout, numbers, _count(shape), derivatives, names, rtol)
+    tail = () if single else (len(names),)
+    return Impact(
+        model=model,
+        p=p,
+        volume=results.volume.value.reshape(shape)[()],
+        t_c=results.time.value.reshape(shape)[()],
+        outcome=results.outcome.reshape(shape)[()],
+        dvolume=first.reshape(shape + tail)[()] if derivatives >= 1 else None,
+        d2volume=second.reshape(shape + tail + tail)[()] if second is not None else None,
+        wrt=wrt if isinstance(wrt, str) else names,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class PairDerivatives:
+    """Derivatives of volume and end time along pairs of parameters; see `pair_derivatives`.
+
+    Args:
+        volume, t_c: `value` has the broadcast shape of the parameters; for a pair (q, w)
+            `first` is ∂/∂q, `other` ∂/∂w and `second` ∂²/∂q∂w, with a last axis over pairs.
+        ended_by: as in `Impact`.
+    """
+
+    volume: Derivatives
+    t_c: Derivatives
+    ended_by: Any
+
+
+def pair_derivatives(
+    model: CuttingModel, p: Parameters, pairs: Sequence[tuple[str, str]], rtol: float = 1e-9
+) -> PairDerivatives:
+    """First and second derivatives of volume and end time along pairs of parameters.
+
+    For other modules of the package: arguments are not checked.
+    """
+    layout, numbers, shape = lanes_of(model, p)
+    results = _along(model, layout, numbers, _count(shape), 2, pairs, rtol)
+
+    def shaped(derivatives: Derivatives) -> Derivatives:
+        return Derivatives(*(part.reshape(shape + part.shape[1:]) for part in derivatives))
+
+    ended_by = np.array(end_names(model))[results.outcome].reshape(shape)[()]
+    return PairDerivatives(shaped(results.volume), shaped(results.time), ended_by)
+
+
+def lanes_of(model: CuttingModel, p: Parameters) -> tuple[Layout, list[np.ndarray], tuple[int, ...]]:
+    """Layout, numbers, and the shape over which they broadcast; the numbers are of one axis, or shared."""
+    layout, numbers = split(model, p)
+    own = [number.ndim > 0 and shape == () for number, shape in zip(numbers, layout.shapes, strict=True)]
+    if not any(own):
+        return layout, numbers, ()
+    try:
+        shape = np.broadcast_shapes(*(number.shape for number, varies in zip(numbers, own, strict=True) if varies))
+    except ValueError:
+        shapes = ", ".join(str(number.shape) for number, varies in zip(numbers, own, strict=True) if varies)
+        raise ValueError(
+            f"The model's own parameters must broadcast with the case's, but shapes are {shapes}."
+        ) from None
+    flat = [
+        number if not varies else number.reshape(()) if number.size == 1 else np.broadcast_to(number, shape).reshape(-1)
+        for number, varies in zip(numbers, own, strict=True)
+    ]
+    return layout, flat, shape
+
+
+def _count(shape: tuple[int, ...]) -> int:
+    return int(np.prod(shape, dtype=int))
+
+
+def _several(
+    model: CuttingModel,
+    layout: Layout,
+    numbers: list[np.ndarray],
+    lanes: int,
+    order: int,
+    names: tuple[str, ...],
+    rtol: float,
+) -> tuple[Results, np.ndarray, np.ndarray | None]:
+    """Gradient and Hessian over several parameters."""
+    if order == 1:
+        results = _along(model, layout, numbers, lanes, 1, [(name,) for name in names], rtol)
+        return results, results.volume.first, None
+    results = _along(model, layout, numbers, lanes, 2, list(itertools.combinations_with_replacement(names, 2)), rtol)
+    row, column = np.triu_indices(len(names))
+    second = np.empty((lanes, len(names), len(names)))
+    second[:, row, column] = second[:, column, row] = results.volume.second
+    return results, results.volume.first[:, row == column], second
+
+
+def _along(
+    model: CuttingModel,
+    layout: Layout,
+    numbers: list[np.ndarray],
+    lanes: int,
+    order: int,
+    along: Sequence[tuple[str, ...]],
+    rtol: float,
+) -> Results:
+    """The lanes' results, with derivatives (lanes, along) along names, or along pairs of them."""
+    places = np.array([[element_of(model, name) for name in names] for names in along], float).T
+    each = integrate_along(layout, numbers, lanes, order, places, rtol)
+    # A lane that fails along one direction fails.
+    failed = np.any(each.outcome - len(names_of(layout)) >= _FAILED, axis=1, keepdims=True)
+    outcome = np.where(failed[:, 0], each.outcome.max(axis=1), each.outcome[:, 0])
+
+    def whole(parts: Any) -> Derivatives:
+        value, *rest = parts
+        slopes = (None if part is None else np.where(failed, np.nan, part) for part in rest)
+        return Derivatives(np.where(failed[:, 0], np.nan, value[:, 0]), *slopes)
+
+    return Results(outcome, whole(each.time), whole(each.volume), each.trials[:, 0])

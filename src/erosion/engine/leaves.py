@@ -1,0 +1,115 @@
+"""Case and model as plain numbers, of which each impact may have its own, and the rest, which all share.
+
+The numbers are the parameters of the case, then those leaves of the model that are real: floats, whole
+numbers, arrays. What else a model holds (functions, strings) is part of the program.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from erosion.model import CuttingModel
+from erosion.own_parameters import own_parameters
+from erosion.parameters import QUANTITIES, Parameters
+
+_NAMES = tuple(QUANTITIES)
+
+
+def is_number(leaf: Any) -> bool:
+    """Whether a leaf is a number or an array of numbers."""
+    if isinstance(leaf, (float, int)):
+        return True
+    return isinstance(leaf, (np.ndarray, np.generic, jax.Array, Tracer)) and np.dtype(leaf.dtype).kind in "fiub"
+
+
+def numbers_of(model: CuttingModel, p: Parameters) -> list[Any]:
+    """The numbers, in their order."""
+    return [*(getattr(p, name) for name in _NAMES), *filter(is_number, jax.tree.leaves(model))]
+
+
+class Layout:
+    """What the numbers are, and everything else of the model. Where layouts are equal one program serves.
+
+    Args:
+        structure: of the model.
+        leaves: its leaves that are no numbers; `None` in the place of a number.
+        shapes: of each number, for one impact.
+        dtypes: of each number.
+    """
+
+    def __init__(
+        self, structure: Any, leaves: tuple[Any, ...], shapes: tuple[tuple[int, ...], ...], dtypes: tuple[str, ...]
+    ) -> None:
+        self.structure, self.leaves, self.shapes, self.dtypes = structure, leaves, shapes, dtypes
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Layout) and self._key == other._key
+
+    def __hash__(self) -> int:
+        # Without the structure, whose hash is slow, and the functions, of which some have none.
+        return hash((self.shapes, self.dtypes))
+
+    @property
+    def _key(self) -> Any:
+        return self.structure, self.leaves, self.shapes, self.dtypes
+
+    @functools.cached_property
+    def offsets(self) -> list[int]:
+        """Of each number the place of its first element among the elements of all; then how many there are."""
+        return [0, *np.cumsum([math.prod(shape) for shape in self.shapes]).tolist()]
+
+    def joined(self, numbers: Sequence[Any]) -> tuple[CuttingModel, Parameters]:
+        """Model and case of some numbers. The physics does not depend on the unit system: one stands for all."""
+        rest = iter(numbers[len(_NAMES) :])
+        leaves = [next(rest) if leaf is None else leaf for leaf in self.leaves]
+        p = Parameters(**dict(zip(_NAMES, numbers, strict=False)), units="inch-pound")
+        return jax.tree.unflatten(self.structure, leaves), p
+
+    def like(self) -> list[jax.ShapeDtypeStruct]:
+        """What one impact's numbers look like."""
+        return [jax.ShapeDtypeStruct(*each) for each in zip(self.shapes, self.dtypes, strict=True)]
+
+
+def _array(leaf: Any) -> Any:
+    """As numpy has it, unless JAX is tracing it."""
+    return leaf if isinstance(leaf, Tracer) else np.asarray(leaf)
+
+
+def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[Any]]:
+    """Layout and numbers of many impacts.
+
+    The parameters of the case and the model's own may be arrays: these hold an impact's own
+    numbers. Any other array is part of the model, the same for all.
+    """
+    leaves, structure = jax.tree.flatten(model)
+    own = {one.leaf for one in own_parameters(model).values()} if leaves else ()
+    numbers = [_array(getattr(p, name)) for name in _NAMES]
+    rest: list[Any] = []
+    shapes: list[tuple[int, ...]] = [()] * len(_NAMES)
+    dtypes = ["float64"] * len(_NAMES)
+    for i, leaf in enumerate(leaves):
+        if not is_number(leaf):
+            rest.append(leaf)
+            continue
+        array = _array(leaf)
+        rest.append(None)
+        numbers.append(array)
+        # A whole number in a parameter's place is a number like others.
+        dtypes.append("float64" if i in own or array.dtype.kind == "f" else array.dtype.name)
+        shapes.append(() if i in own else array.shape)
+    return Layout(structure, tuple(rest), tuple(shapes), tuple(dtypes)), numbers
+
+
+def element_of(model: CuttingModel, name: str) -> int:
+    """The place of a parameter among the elements of all numbers."""
+    if name in QUANTITIES:
+        return _NAMES.index(name)
+    own = own_parameters(model)
+    scalars = {one.leaf for one in own.values()}
+    before = jax.tree.leaves(model)[: own[name].leaf]
+    return len(_NAMES) + sum(1 if i in scalars else np.size(leaf) for i, leaf in enumerate(before) if is_number(leaf))

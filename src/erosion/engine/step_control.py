@@ -1,0 +1,238 @@
+"""What becomes of an impact after a trial step: whether it moves on, how long the next step is, where it ends.
+
+An impact advances, or it locates the end of its cut. A step is cut short to end where an event is
+foreseen. An impact whose step went past an event locates it: it tries again **from the same start** with
+the length at which it expects the event. So the state at the event has the full order of the method, not
+an interpolant's.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from erosion.engine.crossings import Ends, dip_in_step, expected_fall
+
+ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
+
+NO_CUT, ARRIVED = -1, -2
+"""The event of an impact that cuts nothing, and of one that has come to the time it was asked for."""
+
+_SAFETY = 0.8  # of the step that would just do
+_LONGEST_CUT = 1e4  # of the model's time scale; later is "unfinished"
+_MAX_TRIALS = 20_000
+_REJECTED = 64  # trials, and one more for each eight accepted: then the error must be rounding
+_NEAR = 1e-2  # of the time scale, the cut and a good step: this near a steep fall, a short step and Newton do the rest
+_NEAR_FLAT = 1e-3  # likewise, a flat one
+_SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
+_AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
+_SOON = 2.0  # trials, at the rate of now: an event that near is worth to be looked for
+_SHORTEST = 1e-14  # of the time scale
+
+
+class Control(NamedTuple):
+    """Where an impact stands between two trials."""
+
+    mode: Any
+    time: Any  # from contact to the start of the step
+    trial: Any  # the length to try next
+    step: Any  # the length that the error control would like
+    high: Any  # while locating: a length past the event
+    event: Any  # the index of the one that ended the cut
+    left: Any  # from the last trial's end to the event
+    trials: Any
+    rejected: Any  # of them, those whose error was too large
+    margin: Any  # the least value that an event function dipped to so far
+
+
+class Trial(NamedTuple):
+    """What is known after a trial step."""
+
+    error: Any  # over the tolerance; NaN is an error
+    start: Sequence[Ends]  # the event functions where it began
+    end: Sequence[Ends]  # and where it ended
+    dip: Any  # where in the step one may dip to zero and return, from 0 to 1; 2 if none does
+    lowest: Any  # the least value in the step
+    past: Any  # whether its end is past an event
+    low: Any  # a length before the event
+    high: Any  # and one past it, or as far as to look ahead
+
+
+def begin(scale: Any, begins: Any, finite: Any, first: float) -> Control:
+    """At contact: `scale` is the model's time scale, `begins` says whether anything is cut."""
+    zero = 0.0 * scale
+    mode = jnp.where(finite & (scale > 0), jnp.where(begins, ADVANCING, ENDED), FAILED)
+    return Control(
+        mode=mode,
+        time=zero,
+        trial=first * scale,
+        step=first * scale,
+        high=zero,
+        event=jnp.where(begins, 0, NO_CUT),
+        left=zero,
+        trials=0 * mode,
+        rejected=0 * mode,
+        margin=zero + jnp.inf,
+    )
+
+
+def goes_on(control: Control) -> Any:
+    """Whether there is another step to try."""
+    return control.mode <= LOCATING
+
+
+def look(control: Control, start: Sequence[Ends], end: Sequence[Ends], error: Any) -> Trial:
+    """What a trial says about events."""
+    dips, lows = zip(*(dip_in_step(*each, control.trial) for each in zip(start, end, strict=True)), strict=True)
+    past = _any(event.value <= 0 for event in end)
+    ahead = jnp.where(control.mode == LOCATING, control.high, _AHEAD * control.trial)
+    return Trial(
+        error=error,
+        start=start,
+        end=end,
+        dip=functools.reduce(jnp.minimum, dips),
+        lowest=functools.reduce(jnp.minimum, lows),
+        past=past,
+        low=jnp.where(past, 0.0, control.trial),
+        high=jnp.where(_good(control, error) & past, control.trial, ahead),
+    )
+
+
+def is_near_an_end(control: Control, trial: Trial) -> Any:
+    """Whether more must be known about events than that none is near."""
+    soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
+    advancing = control.mode == ADVANCING
+    return (control.mode == LOCATING) | (advancing & (trial.past | soon | (trial.dip < 1)))
+
+
+def go_on(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
+    """After a trial that came close to no event: see `decide`."""
+    good = trial.error <= 1
+    step = _next_step(control, trial.error, good)
+    moved = good & (control.mode == ADVANCING)
+    after = _counted(control, trial, good, moved)
+    return _given_up(after._replace(step=step, trial=step), scale), moved
+
+
+def decide(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
+    """After a trial near an event; and whether the impact moves to the trial's end.
+
+    A dip that may reach below zero is landed on before anything else is decided.
+    """
+    locating, past = control.mode == LOCATING, trial.past
+    good = _good(control, trial.error)
+    lands, fits = good & (trial.dip < 1), good & (trial.dip >= 1)
+    bracketed = good & (past | locating)
+    expected, event, steep, uncertainty = _first_expected(control, trial)
+    left = expected - control.trial
+    size = jnp.minimum(jnp.minimum(scale, control.step), control.time + control.trial)
+    flat = jnp.where(uncertainty <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
+    ended = fits & (jnp.abs(left) <= jnp.where(steep, _NEAR * size, flat))
+    # One that locates moves on as well, or it would look for ever at both sides of a dip.
+    accepted = fits & ~past & ~ended
+
+    step = jnp.where(locating, control.step, _next_step(control, trial.error, good))
+    aim = jnp.where(past, expected, left)
+    length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
+    after = _counted(control, trial, good, accepted | ended)._replace(
+        mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),
+        step=step,
+        trial=length,
+        high=jnp.where(accepted, trial.high - control.trial, trial.high),
+        event=jnp.where(ended, event, control.event),
+        left=jnp.where(ended, left, control.left),
+    )
+    after = _given_up(after, scale)
+    mode = jnp.where(ended, ENDED, jnp.where(locating & ~good, FAILED, after.mode))
+    return after._replace(mode=mode), accepted | ended
+
+
+def stop_at(control: Control, until: Any) -> Control:
+    """No further than to a time: the next step ends there, and so does the impact."""
+    rest = until - control.time
+    # An event that was found beyond it does not count.
+    over = (control.mode == ENDED) & (control.event >= 0) & (control.left > rest)
+    arrived = goes_on(control) & (rest <= 0)
+    return control._replace(
+        mode=jnp.where(arrived, ENDED, control.mode),
+        event=jnp.where(arrived | over, ARRIVED, control.event),
+        left=jnp.where(arrived, 0.0, jnp.where(over, rest, control.left)),
+        trial=jnp.where(goes_on(control) & (rest > 0), jnp.minimum(control.trial, rest), control.trial),
+    )
+
+
+def first_fall(control: Control, events: Sequence[Ends]) -> tuple[Any, Any]:
+    """Which event ends the cut, and what time remains to it, given the events where it was expected.
+
+    Of events that fall almost together the trial's cubics may have expected the wrong one first:
+    they are off by far less than the way that was left.
+    """
+    newton = [-event.value / event.rate for event in events]
+    which = control.event
+    remaining = sum(jnp.where(which == i, time, 0.0) for i, time in enumerate(newton))
+    for i, (event, time) in enumerate(zip(events, newton, strict=True)):
+        earlier = (event.rate < 0) & (time < remaining) & (time > -jnp.abs(control.left)) & (which >= 0)
+        which, remaining = jnp.where(earlier, i, which), jnp.where(earlier, time, remaining)
+    return which, remaining
+
+
+def eighth_root(value: Any) -> Any:
+    """The root of the step control's order."""
+    return jnp.sqrt(jnp.sqrt(jnp.sqrt(value)))
+
+
+def _any(conditions: Any) -> Any:
+    return functools.reduce(jnp.logical_or, conditions)
+
+
+def _good(control: Control, error: Any) -> Any:
+    """Whether a trial counts: while locating, any that is shorter than the one that did, if it is finite."""
+    return jnp.where(control.mode == LOCATING, jnp.isfinite(error), error <= 1)
+
+
+def _first_expected(control: Control, trial: Trial) -> tuple[Any, Any, Any, Any]:
+    """When the first event is expected, from the step's start; which, whether steeply, and how far that is off."""
+    advancing = control.mode == ADVANCING
+    falls = []
+    for before, after in zip(trial.start, trial.end, strict=True):
+        root, steep, uncertainty = expected_fall(before, after, control.trial, trial.low, trial.high)
+        # Past the trial's end all may still fall; before it, those that have fallen at it.
+        known = (after.value <= 0) | (~trial.past & ~advancing)
+        soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
+        foreseen = advancing & ~trial.past & soon & (after.rate < 0)
+        falls.append((jnp.where(known | foreseen, root, jnp.inf), known | steep, steep, uncertainty))
+    first = functools.reduce(jnp.minimum, [root for root, *_ in falls])
+    sure, is_steep, off, which = True, False, 0.0 * first, 0 * control.mode
+    for i, (root, trusted, steep, uncertainty) in enumerate(falls):
+        # What is not sure to fall, but would first, may fall after the others.
+        sure = ((root > first) | trusted) & sure
+        is_steep, off = jnp.where(root == first, steep, is_steep), jnp.where(root == first, uncertainty, off)
+        which = jnp.where(root == first, i, which)
+    return jnp.where(sure, first, jnp.inf), which, is_steep, off
+
+
+def _next_step(control: Control, error: Any, good: Any) -> Any:
+    """The length that the error control would like, of the order of the embedded estimate."""
+    factor = _SAFETY / eighth_root(error + 1e-30)
+    wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * control.trial
+    # Steps cut short to land on a dip or at an event say little about the step to take next.
+    return jnp.where(good & (control.trial < control.step), jnp.maximum(wanted, control.step), wanted)
+
+
+def _counted(control: Control, trial: Trial, good: Any, moved: Any) -> Control:
+    """With one trial more."""
+    return control._replace(
+        time=control.time + jnp.where(moved, control.trial, 0.0),
+        trials=control.trials + 1,
+        rejected=control.rejected + jnp.where(good, 0, 1),
+        margin=jnp.where(moved, jnp.minimum(control.margin, trial.lowest), control.margin),
+    )
+
+
+def _given_up(control: Control, scale: Any) -> Control:
+    """Unless it takes too long, or the error must be rounding."""
+    late = (control.time > _LONGEST_CUT * scale) | (control.trials > _MAX_TRIALS)
+    hopeless = 8 * (control.rejected - _REJECTED) > control.trials - control.rejected
+    mode = jnp.where(late, UNFINISHED, control.mode)
+    return control._replace(mode=jnp.where(~(control.trial > _SHORTEST * scale) | hopeless, FAILED, mode))

@@ -1,0 +1,134 @@
+"""The removed volume as a number that JAX can trace: `erosion.volume`."""
+
+import functools
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from erosion.engine.batch import integrate, integrate_along
+from erosion.engine.integrator import solve
+from erosion.engine.leaves import Layout, split
+from erosion.engine.variational import Derivatives
+from erosion.lanes.choice import by_xla
+from erosion.model import CuttingModel
+from erosion.models import load_model
+from erosion.own_parameters import own_parameters
+from erosion.parameters import Parameters, require_scalars
+from erosion.precision import require_float64
+
+_RTOL = 1e-11
+
+
+def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:
+    """The removed volume of one impact, as a traceable number.
+
+    Use it inside `jit`, `vmap`, `grad`, `jacfwd`, `hessian` and their compositions up to second order,
+    with respect to any leaf of `p` or of the model, arrays included. Event times are differentiated
+    exactly. Nothing is checked here: an impact that fails gives NaN, and parameters out of range
+    (see `validate`) give numbers without meaning.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: parameters, all scalars.
+
+    Returns:
+        V [volume], a scalar.
+    """
+    require_float64()
+    require_scalars(p, "; for many impacts use `erosion.impact`, or `jax.vmap`")
+    model = load_model(model)
+    for name, own in own_parameters(model).items():
+        if np.ndim(own.value):
+            raise ValueError(
+                f"Argument `{name}` must be a scalar here, but has shape {np.shape(own.value)}; "
+                "for many impacts use `erosion.impact`, or `jax.vmap`."
+            )
+    layout, numbers = split(model, p)
+    return _volume(layout, [jnp.asarray(one, dtype) for one, dtype in zip(numbers, layout.dtypes, strict=True)])
+
+
+# Derivatives by one element after the other: places of elements, see `Variational`.
+_Places = tuple[tuple[int, ...], ...]
+
+
+def _solve(layout: Layout, numbers: Sequence[Any], order: int, places: _Places) -> Any:
+    """V, or the derivatives along each of the directions, shape (directions,)."""
+    if by_xla():
+        rows = jnp.asarray(places, float)
+        of = functools.partial(solve, layout, list(numbers), rtol=_RTOL, order=order)
+        if not places:
+            return of(()).volume.value
+        return jax.vmap(lambda row: of(tuple(row)).volume)(rows)[1 if order == 1 else 3]
+    shape = jax.ShapeDtypeStruct((len(places),) if places else (), np.float64)
+    call = functools.partial(_on_host, layout, order, places)
+    return jax.pure_callback(call, shape, *numbers, vmap_method="expand_dims")
+
+
+def _on_host(layout: Layout, order: int, places: _Places, *given: Any) -> np.ndarray:
+    """The same, for numbers that may have axes of `vmap` before their own."""
+    arrays = [np.asarray(one) for one in given]
+    leading = [one.shape[: one.ndim - len(shape)] for one, shape in zip(arrays, layout.shapes, strict=True)]
+    batch = np.broadcast_shapes(*leading)
+    lanes = math.prod(batch)
+    numbers = [
+        one.reshape(shape) if math.prod(before) == 1 else np.broadcast_to(one, (*batch, *shape)).reshape(lanes, *shape)
+        for one, before, shape in zip(arrays, leading, layout.shapes, strict=True)
+    ]
+    if not places:
+        return integrate(layout, numbers, lanes, 0, (), _RTOL).volume.value.reshape(batch)
+    results: Derivatives = integrate_along(layout, numbers, lanes, order, np.array(places, float).T, _RTOL).volume
+    part = results.first if order == 1 else results.second
+    return part.reshape(*batch, len(places))
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _volume(layout: Layout, numbers: list[Any]) -> Any:
+    return _solve(layout, numbers, 0, ())
+
+
+@functools.partial(_volume.defjvp, symbolic_zeros=True)
+def _volume_jvp(layout: Layout, primals: Any, tangents: Any) -> Any:
+    (numbers,), (rates,) = primals, tangents
+    moving, moved = _moving(layout, rates)
+    return _volume(layout, numbers), _slopes(layout, moving, numbers) @ moved
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _slopes(layout: Layout, elements: tuple[int, ...], numbers: list[Any]) -> Any:
+    """∂V/∂(element i) for each i of `elements`."""
+    return _solve(layout, numbers, 1, tuple((i,) for i in elements))
+
+
+@functools.partial(_slopes.defjvp, symbolic_zeros=True)
+def _slopes_jvp(layout: Layout, elements: tuple[int, ...], primals: Any, tangents: Any) -> Any:
+    (numbers,), (rates,) = primals, tangents
+    moving, moved = _moving(layout, rates)
+    return _slopes(layout, elements, numbers), _curvatures(layout, elements, moving, numbers) @ moved
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
+def _curvatures(layout: Layout, elements: tuple[int, ...], others: tuple[int, ...], numbers: list[Any]) -> Any:
+    """∂²V/∂(element i)∂(element j) for each i of `elements` and j of `others`."""
+    # One direction twice is cheaper than a pair.
+    alone = elements == others and len(elements) == 1
+    pairs = (elements,) if alone else tuple(itertools.product(elements, others))
+    return _solve(layout, numbers, 2, pairs).reshape(len(elements), len(others))
+
+
+@_curvatures.defjvp
+def _curvatures_jvp(layout: Any, elements: Any, others: Any, primals: Any, tangents: Any) -> Any:
+    raise NotImplementedError("erosion.volume has derivatives up to the second; the third is not available.")
+
+
+def _moving(layout: Layout, rates: list[Any]) -> tuple[tuple[int, ...], Any]:
+    """The elements whose tangents are not zero by construction, and these tangents."""
+    zero = jax.custom_derivatives.SymbolicZero
+    moving = [i for i, rate in enumerate(rates) if not isinstance(rate, zero)]
+    elements = [j for i in moving for j in range(layout.offsets[i], layout.offsets[i + 1])]
+    return tuple(elements), jnp.concatenate([jnp.ravel(jnp.asarray(rates[i])) for i in moving])

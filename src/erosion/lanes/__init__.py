@@ -1,0 +1,1 @@
+"""Compiles a function of one lane's numbers to LLVM vector code."""

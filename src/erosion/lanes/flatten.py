@@ -1,0 +1,304 @@
+"""From JAX's equations to a graph: calls opened, control flow as regions, arrays element by element."""
+
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+from erosion.lanes.arrays import ARRAYS, Part, Work, constant, elementwise, part, whole
+from erosion.lanes.functions import FUNCTIONS
+from erosion.lanes.graph import BOOL, LONG, Graph, Value
+from erosion.lanes.places import PLACES
+from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind
+
+_CALLS = {
+    "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
+}  # fmt: skip
+_UNROLLED = 64  # rounds of a loop of known length, at most; longer ones run as loops
+_LIBRARIES = tuple(str(Path(module.__file__ or "").parent) for module in (jax, eqx, np))
+
+
+class NotForLanesError(ValueError):
+    """A function that cannot be compiled for lanes; the sentence says what in it."""
+
+
+class Flattener:
+    """Adds functions to a graph."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        # A function that is called a dozen times is read once. The jaxprs are kept, so that their ids stay theirs.
+        self._read: dict[int, tuple[Jaxpr, _Steps]] = {}
+
+    def call(self, jaxpr: Jaxpr, constants: Sequence[Any], arguments: Sequence[Part]) -> list[Part]:
+        """A function's results."""
+        if id(jaxpr) not in self._read:
+            self._read[id(jaxpr)] = (jaxpr, self._steps(jaxpr))
+        steps = self._read[id(jaxpr)][1]
+        values: list[Any] = [None] * steps.count
+        for slot, number in zip(steps.constants, constants, strict=True):
+            values[slot] = constant(self.graph, number, np.asarray(number).dtype)
+        for slot, argument in zip(steps.arguments, arguments, strict=True):
+            values[slot] = argument
+        for slot, literal in steps.literals:
+            values[slot] = literal
+        graph = self.graph
+        for work, inputs, outputs in steps.work:
+            for slot, value in zip(outputs, work(graph, [values[i] for i in inputs]), strict=True):
+                values[slot] = value
+        return [values[slot] for slot in steps.results]
+
+    def closed(self, closed: ClosedJaxpr, arguments: Sequence[Part]) -> list[Part]:
+        """Likewise, of a function with its constants."""
+        return self.call(closed.jaxpr, closed.consts, arguments)
+
+    def _steps(self, jaxpr: Jaxpr) -> "_Steps":
+        steps = _Steps()
+        slots: dict[Any, int] = {}
+
+        def slot(atom: Any) -> int:
+            if isinstance(atom, Literal):
+                steps.count += 1
+                steps.literals.append((steps.count - 1, constant(self.graph, atom.val, _dtype(atom))))
+                return steps.count - 1
+            if atom not in slots:
+                slots[atom] = steps.count
+                steps.count += 1
+            return slots[atom]
+
+        steps.constants, steps.arguments = [list(map(slot, atoms)) for atoms in (jaxpr.constvars, jaxpr.invars)]
+        for equation in jaxpr.eqns:
+            work = self._work(equation)
+            steps.work.append((work, list(map(slot, equation.invars)), list(map(slot, equation.outvars))))
+        steps.results = list(map(slot, jaxpr.outvars))
+        return steps
+
+    def _work(self, equation: Any) -> Work:
+        """What computes an equation's outputs."""
+        name = equation.primitive.name
+        if name in SCALARS:
+            return _located(equation, lambda: elementwise(SCALARS[name], equation))
+        work = _located(equation, lambda: self._other_work(equation, name))
+
+        def located(graph: Graph, inputs: list[Any]) -> list[Any]:
+            return _located(equation, lambda: work(graph, inputs))
+
+        return located
+
+    def _other_work(self, equation: Any, name: str) -> Work:
+        """Of calls, control flow, functions and arrays."""
+        if name in _CALLS:
+            inner = equation.params.get("jaxpr") or equation.params.get("call_jaxpr")
+            body, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
+            return lambda _, inputs: self.call(body, constants, inputs)
+        if equation.effects:
+            raise CannotCompileError(f"`{name}`, which does more than compute")
+        control = {"while": self._while, "cond": self._cond, "scan": self._scan}.get(name)
+        if control is not None:
+            return functools.partial(control, equation)
+        if name in FUNCTIONS:
+            return elementwise(self._function(name, len(equation.invars)), equation)
+        if name in ARRAYS or name in PLACES:
+            return (ARRAYS if name in ARRAYS else PLACES)[name](equation)
+        raise CannotCompileError(f"`{name}`")
+
+    def _function(self, name: str, inputs: int) -> Callable[..., Value]:
+        """A function such as `exp` in plain arithmetic."""
+        closed = _traced(name, inputs)
+
+        def rule(graph: Graph, kind: Kind, *given: Value) -> Value:
+            if kind.output != np.float64:
+                raise CannotCompileError(f"`{name}` of {kind.output}")
+            # A whole power is an argument of another type.
+            exact = [
+                SCALARS["convert_element_type"](graph, Kind({}, (of,), kind.output), value)
+                for value, of in zip(given, kind.inputs, strict=True)
+            ]
+            (result,) = self.closed(closed, exact)
+            assert isinstance(result, Value)
+            return result
+
+        return rule
+
+    # Control flow. Loops and branches know scalars: arrays are taken apart and put together again.
+
+    def _while(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
+        params = equation.params
+        ends = params["cond_nconsts"], params["cond_nconsts"] + params["body_nconsts"]
+        for_condition, for_body, initial = inputs[: ends[0]], inputs[ends[0] : ends[1]], inputs[ends[1] :]
+        return self._loop(
+            lambda carried: self.closed(params["cond_jaxpr"], [*for_condition, *carried])[0],
+            lambda carried: self.closed(params["body_jaxpr"], [*for_body, *carried]),
+            initial,
+            _unchanged(params["body_jaxpr"].jaxpr, params["body_nconsts"]),
+        )
+
+    def _loop(
+        self,
+        condition: Callable[[list[Part]], Part],
+        body: Callable[[list[Part]], list[Part]],
+        initial: list[Part],
+        unchanged: set[int],
+    ) -> list[Part]:
+        """A loop, given functions of what it carries; what it leaves unchanged is known before it."""
+        graph, changing = self.graph, [i for i in range(len(initial)) if i not in unchanged]
+
+        def all_of(changed: Sequence[Value]) -> list[Part]:
+            carried = list(initial)
+            for i, one in zip(changing, _gathered(changed, [initial[i] for i in changing]), strict=True):
+                carried[i] = one
+            return carried
+
+        loop = graph.loop(_scalars([initial[i] for i in changing]))
+        carried = all_of(loop.arguments)
+        goes_on = condition(carried)
+        assert isinstance(goes_on, Value)
+        graph.begin_body(loop, goes_on)
+        after = body(carried)
+        return all_of(graph.end_loop(loop, _scalars([after[i] for i in changing])))
+
+    def _cond(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
+        which, *arguments = inputs
+        assert isinstance(which, Value)
+        cases, outputs, like = [], [], []
+        for closed in equation.params["branches"]:
+            cases.append(graph.begin_case())
+            like = self.closed(closed, arguments)
+            outputs.append(_scalars(like))
+            graph.end_case()
+        if len(cases) == 2 and which.type != BOOL:
+            which = graph.compare("icmp ne", which, graph.constant(0, which.type))
+        return _gathered(graph.branch(which, cases, outputs), like)
+
+    def _scan(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
+        params = equation.params
+        constants, carries, length = params["num_consts"], params["num_carry"], params["length"]
+        fixed, carried, rows = (
+            inputs[:constants],
+            inputs[constants : constants + carries],
+            inputs[constants + carries :],
+        )
+        if length > _UNROLLED and not rows and len(equation.outvars) == carries:
+            return self._counted(params["jaxpr"], fixed, carried, length)
+        made: list[list[Part]] = []
+        order = range(length)[::-1] if params["reverse"] else range(length)
+        for i in order:
+            results = self.closed(params["jaxpr"], [*fixed, *carried, *(whole(row)[i] for row in rows)])
+            carried = results[:carries]
+            made.append(results[carries:])
+        if params["reverse"]:
+            made.reverse()
+        stacked = []
+        for j, variable in enumerate(equation.outvars[carries:]):
+            array = np.empty(variable.aval.shape, object)
+            for i in range(length):
+                array[i] = whole(made[i][j])[()]
+            stacked.append(array)
+        return [*carried, *stacked]
+
+    def _counted(self, closed: ClosedJaxpr, fixed: list[Part], carried: list[Part], length: int) -> list[Part]:
+        """A loop that runs a known number of times."""
+        graph = self.graph
+        zero, one, last = (graph.constant(number, LONG) for number in (0, 1, length))
+
+        def body(state: list[Part]) -> list[Part]:
+            count, *rest = state
+            assert isinstance(count, Value)
+            return [graph.op("add", LONG, count, one), *self.closed(closed, [*fixed, *rest])]
+
+        def condition(state: list[Part]) -> Part:
+            assert isinstance(state[0], Value)
+            return graph.compare("icmp slt", state[0], last)
+
+        unchanged = {i + 1 for i in _unchanged(closed.jaxpr, len(fixed))}
+        return self._loop(condition, body, [zero, *carried], unchanged)[1:]
+
+
+class _Steps:
+    """A function's equations, read once: what computes them, and the slots of their inputs and outputs."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.constants: list[int] = []
+        self.arguments: list[int] = []
+        self.literals: list[tuple[int, Part]] = []
+        self.work: list[tuple[Work, list[int], list[int]]] = []
+        self.results: list[int] = []
+
+
+def flatten(closed: ClosedJaxpr) -> Graph:
+    """The graph of a function: its inputs are float64 in memory, one place after another.
+
+    Raises:
+        NotForLanesError: naming what lanes cannot do, and where it is.
+    """
+    graph = Graph()
+    arguments: list[Part] = []
+    place = 0
+    for variable in closed.jaxpr.invars:
+        dtype = np.dtype(variable.aval.dtype)
+        array = np.empty(variable.aval.shape, object)
+        for index in np.ndindex(array.shape):
+            kind = Kind({}, (np.dtype(np.float64),), dtype)
+            array[index] = SCALARS["convert_element_type"](graph, kind, graph.input(place))
+            place += 1
+        arguments.append(part(array))
+    try:
+        results = Flattener(graph).closed(closed, arguments)
+    except CannotCompileError as error:
+        raise NotForLanesError(f"The function uses {error}, which lanes cannot do.") from None
+    graph.finish(_scalars(results))
+    return graph
+
+
+@functools.cache
+def _traced(name: str, inputs: int) -> ClosedJaxpr:
+    number = jax.ShapeDtypeStruct((), np.float64)
+    return jax.make_jaxpr(FUNCTIONS[name])(*[number] * inputs)
+
+
+def _scalars(parts: Sequence[Part]) -> list[Value]:
+    return [value for one in parts for value in whole(one).ravel()]
+
+
+def _gathered(values: Sequence[Value], like: Sequence[Part]) -> list[Part]:
+    """Scalars put together to parts of these shapes."""
+    rest, made = iter(values), []
+    for one in like:
+        array = np.empty(whole(one).shape, object)
+        for index in np.ndindex(array.shape):
+            array[index] = next(rest)
+        made.append(part(array))
+    return made
+
+
+def _dtype(atom: Any) -> Any:
+    return atom.aval.dtype
+
+
+def _unchanged(body: Jaxpr, constants: int) -> set[int]:
+    """Which of the values that a loop carries its body gives back as they are."""
+    carried = body.invars[constants:]
+    return {i for i, (before, after) in enumerate(zip(carried, body.outvars, strict=True)) if before is after}
+
+
+def _located(equation: Any, function: Callable[[], Any]) -> Any:
+    """The function's result; what lanes cannot do is said with the place in the user's own code, if it is there."""
+    try:
+        return function()
+    except CannotCompileError as error:
+        traceback = equation.source_info.traceback
+        own = [frame for frame in (traceback.frames if traceback is not None else []) if _is_own(frame.file_name)]
+        if not own:
+            raise
+        place = f"`{own[0].function_name}` ({Path(own[0].file_name).name}, line {own[0].line_num})"
+        raise NotForLanesError(f"{place} uses {error}, which lanes cannot do.") from None
+
+
+def _is_own(file: str) -> bool:
+    return not file.startswith((*_LIBRARIES, "<"))

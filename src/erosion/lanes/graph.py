@@ -1,0 +1,412 @@
+"""The operations of one lane: scalars in nested regions, each distinct operation once.
+
+A region is a list of steps: values, loops and branches. The first region is the lane itself; a loop
+has one for its condition and one for its body, a branch has one for each of its cases. A value goes
+into the outermost region in which all its inputs are known, so that what a loop does not change is
+computed before it.
+"""
+
+import math
+import struct
+from collections.abc import Iterable, Sequence
+from typing import Any, Union
+
+import numpy as np
+
+DOUBLE, BOOL, LONG = "double", "i1", "i64"
+
+
+class Value:
+    """A scalar: the result of an operation.
+
+    Args:
+        op: the operation's name, as LLVM has it; or "const", "input", "argument" (of a loop) or
+            "result" (of a loop or a branch).
+        inputs: values.
+        type: LLVM's name of its type.
+        region: where it is computed.
+        extra: a constant's number, an input's place, or the loop or branch that it belongs to.
+    """
+
+    __slots__ = ("extra", "inputs", "name", "op", "region", "type", "uses")
+
+    def __init__(self, op: str, inputs: tuple["Value", ...], type_: str, region: "Region", extra: Any = None) -> None:
+        self.op, self.inputs, self.type, self.region, self.extra = op, inputs, type_, region, extra
+        self.name = ""  # in the text of the program
+        self.uses = 0  # how many operations read it; known once the graph is complete
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether its number is known."""
+        return self.op == "const"
+
+
+class Region:
+    """Steps that run one after another.
+
+    Args:
+        parent: the region around it.
+        is_loop: whether its steps run again and again.
+    """
+
+    __slots__ = ("depth", "is_loop", "known", "level", "parent", "steps", "targets")
+
+    def __init__(self, parent: Union["Region", None], *, is_loop: bool = False) -> None:
+        self.parent, self.is_loop = parent, is_loop
+        self.depth: int = 0 if parent is None else parent.depth + 1
+        self.level: int = is_loop if parent is None else parent.level + is_loop  # loops around it
+        self.steps: list[Step] = []
+        self.known: dict[Any, Value] = {}  # operations that are computed here, by what they are
+        # By the depth of the innermost input: the region in which an operation asked for here is computed.
+        self.targets: list[Region] = []
+        for depth in range(self.depth):
+            out_of_loop = is_loop or (parent is not None and parent.targets[depth] is not parent)
+            self.targets.append(parent.targets[depth] if parent is not None and out_of_loop else self)
+        self.targets.append(self)
+
+
+class Loop:
+    """Runs until the condition fails in every lane; a lane whose condition failed keeps its values."""
+
+    __slots__ = ("arguments", "body", "condition", "head", "initial", "results", "updates")
+
+    def __init__(self, head: Region, initial: Sequence[Value]) -> None:
+        self.head, self.body = head, Region(head)
+        self.initial = list(initial)
+        self.arguments = [Value("argument", (), value.type, head, self) for value in initial]
+        self.condition: Value
+        self.updates: list[Value] = []
+        self.results: list[Value] = []
+
+
+class Branch:
+    """One of several cases for each lane; a case runs if any lane takes it."""
+
+    __slots__ = ("cases", "outputs", "results", "which")
+
+    def __init__(self, which: Value, cases: list[Region], outputs: list[list[Value]]) -> None:
+        self.which, self.cases, self.outputs = which, cases, outputs  # outputs: of each case
+        self.results: list[Value] = []
+
+
+Step = Value | Loop | Branch
+
+
+class Graph:
+    """Operations on one lane's numbers, to be added one by one.
+
+    `op` adds an operation and returns its value. Constants are folded; what changes no bit is left out:
+    x·1, x - 0, a choice between equal values, a sign that is changed twice.
+    """
+
+    def __init__(self) -> None:
+        self.root = self.region = Region(None)
+        self.outputs: list[Value] = []
+
+    def constant(self, number: Any, type_: str) -> Value:
+        """A number."""
+        number = bool(number) if type_ == BOOL else float(number) if type_ in _FLOATS else int(number)
+        key = ("const", type_, struct.pack("<d", number) if type_ in _FLOATS else number)
+        value = self.root.known.get(key)
+        if value is None:
+            value = self.root.known[key] = Value("const", (), type_, self.root, number)
+        return value
+
+    def input(self, place: int) -> Value:
+        """The float64 in this place of the lane's arguments."""
+        key = ("input", place)
+        value = self.root.known.get(key)
+        if value is None:
+            value = self.root.known[key] = Value("input", (), DOUBLE, self.root, place)
+            self.root.steps.append(value)
+        return value
+
+    def op(self, name: str, type_: str, *inputs: Value, extra: Any = None) -> Value:
+        """The value of an operation."""
+        simpler = self._simplified(name, type_, inputs)
+        if simpler is not None:
+            return simpler
+        # By hand: this is called ten thousand times while a user waits.
+        innermost, here = 0, self.region
+        for value in inputs:
+            if value.region.depth > innermost:
+                innermost = value.region.depth
+        target = here.targets[innermost]
+        key = (name, type_, extra, *inputs)
+        region: Region | None = target
+        while region is not None:
+            value = region.known.get(key)
+            if value is not None:
+                return value
+            region = region.parent
+        value = target.known[key] = Value(name, inputs, type_, target, extra)
+        target.steps.append(value)
+        return value
+
+    def _simplified(self, name: str, type_: str, inputs: tuple[Value, ...]) -> Value | None:
+        """A value that is the same to the bit, if there is one that is simpler."""
+        if name in _FOLDED and all(value.op == "const" for value in inputs):
+            return self._folded(name, type_, inputs)
+        simplify = _SIMPLER.get(name)
+        return simplify(self, *inputs) if simplify is not None else None
+
+    def _folded(self, name: str, type_: str, inputs: tuple[Value, ...]) -> Value:
+        numbers = [_NUMPY[value.type](value.extra) for value in inputs]
+        with np.errstate(all="ignore"):
+            return self.constant(_FOLDED[name](*numbers), type_)
+
+    # Operations that are used by name.
+
+    def negative(self, x: Value) -> Value:
+        """-x."""
+        return self.op("fneg", x.type, x)
+
+    def compare(self, kind: str, x: Value, y: Value) -> Value:
+        """A comparison: "fcmp olt", "icmp eq", …."""
+        return self.op(kind, BOOL, x, y)
+
+    def select(self, condition: Value, if_true: Value, if_false: Value) -> Value:
+        """One of two values."""
+        return self.op("select", if_true.type, condition, if_true, if_false)
+
+    def loop(self, initial: Sequence[Value]) -> Loop:
+        """Begin a loop's condition; `begin_body` and `end_loop` follow."""
+        self.region = Region(self.region, is_loop=True)
+        return Loop(self.region, initial)
+
+    def begin_body(self, loop: Loop, condition: Value) -> None:
+        """Go on with what the loop does while the condition holds."""
+        loop.condition, self.region = condition, loop.body
+
+    def end_loop(self, loop: Loop, updates: Sequence[Value]) -> list[Value]:
+        """The loop's values when it has ended."""
+        outer = loop.head.parent
+        assert outer is not None
+        loop.updates, self.region = list(updates), outer
+        outer.steps.append(loop)
+        loop.results = [Value("result", (), value.type, outer, loop) for value in loop.initial]
+        return loop.results
+
+    def begin_case(self) -> Region:
+        """Begin a case of a branch; `end_case` follows."""
+        self.region = Region(self.region)
+        return self.region
+
+    def end_case(self) -> None:
+        """End a case."""
+        assert self.region.parent is not None
+        self.region = self.region.parent
+
+    def branch(self, which: Value, cases: list[Region], outputs: list[list[Value]]) -> list[Value]:
+        """The outputs of the case that each lane takes."""
+        branch = Branch(which, cases, outputs)
+        self.region.steps.append(branch)
+        branch.results = [Value("result", (), value.type, self.region, branch) for value in outputs[0]]
+        return branch.results
+
+    def finish(self, outputs: Sequence[Value]) -> None:
+        """Drop what the outputs do not need, count uses, and make one operation of a product and a sum."""
+        self.outputs = list(outputs)
+        live = _live(self.outputs)
+        _prune(self.root, live)
+        # Twice, for with a product in a sum its factors are read by the sum.
+        _count_uses(self)
+        _contract(self.root)
+
+
+def _live(outputs: Iterable[Value]) -> set[Value]:
+    """What the outputs depend on."""
+    live: set[Value] = set()
+    waiting = list(outputs)
+    while waiting:
+        value = waiting.pop()
+        if value in live:
+            continue
+        live.add(value)
+        waiting += value.inputs
+        if isinstance(value.extra, Loop):
+            loop = value.extra
+            i = (loop.arguments if value.op == "argument" else loop.results).index(value)
+            waiting += (loop.condition, loop.initial[i], loop.updates[i], loop.arguments[i])
+        elif isinstance(value.extra, Branch):
+            branch = value.extra
+            i = branch.results.index(value)
+            waiting += (branch.which, *(outputs[i] for outputs in branch.outputs))
+    return live
+
+
+def _prune(region: Region, live: set[Value]) -> None:
+    kept: list[Step] = []
+    for step in region.steps:
+        if isinstance(step, Value):
+            if step in live:
+                kept.append(step)
+            continue
+        if isinstance(step, Loop):
+            # A loop's value may be live within it alone.
+            indices = [i for i, argument in enumerate(step.arguments) if argument in live]
+            for name in ("arguments", "initial", "updates", "results"):
+                setattr(step, name, [getattr(step, name)[i] for i in indices])
+            inner = [step.head, step.body]
+        else:
+            indices = [i for i, result in enumerate(step.results) if result in live]
+            step.results = [step.results[i] for i in indices]
+            step.outputs = [[outputs[i] for i in indices] for outputs in step.outputs]
+            inner = step.cases
+        if indices:
+            kept.append(step)
+            for one in inner:
+                _prune(one, live)
+    region.steps = kept
+
+
+def _count_uses(graph: Graph) -> None:
+    def read(values: Iterable[Value]) -> None:
+        for value in values:
+            value.uses += 1
+
+    def walk(region: Region) -> None:
+        for step in region.steps:
+            if isinstance(step, Value):
+                for value in step.inputs:
+                    value.uses += 1
+            elif isinstance(step, Loop):
+                read((step.condition, *step.initial, *step.updates))
+                walk(step.head)
+                walk(step.body)
+            else:
+                read((step.which, *(value for outputs in step.outputs for value in outputs)))
+                for case in step.cases:
+                    walk(case)
+
+    walk(graph.root)
+    read(graph.outputs)
+
+
+def _contract(region: Region) -> None:
+    """Make a sum and the product that it alone reads one operation with one rounding, the first of two products.
+
+    Which these are depends on the graph alone, and so do a result's bits.
+    """
+    taken: set[Value] = set()
+
+    def is_product(value: Value) -> bool:
+        return value.op == "fmul" and value.uses == 1 and value.region is region and value.type == DOUBLE
+
+    for step in region.steps:
+        if isinstance(step, Loop):
+            _contract(step.head)
+            _contract(step.body)
+        elif isinstance(step, Branch):
+            for case in step.cases:
+                _contract(case)
+        elif step.op in ("fadd", "fsub"):
+            x, y = step.inputs
+            minus = step.op == "fsub"
+            if is_product(x):
+                taken.add(x)
+                step.op, step.inputs = ("fms" if minus else "fma"), (*x.inputs, y)
+            elif is_product(y):
+                taken.add(y)
+                step.op, step.inputs = ("fnma" if minus else "fma"), (*y.inputs, x)
+    region.steps = [step for step in region.steps if step not in taken]
+
+
+_FLOATS = ("double", "float")
+_NUMPY: dict[str, Any] = {
+    "double": np.float64, "float": np.float32, "i1": np.bool_,
+    "i8": np.int8, "i16": np.int16, "i32": np.int32, "i64": np.int64,
+}  # fmt: skip
+_FOLDED: dict[str, Any] = {
+    "fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide, "fneg": np.negative,
+    "add": np.add, "sub": np.subtract, "mul": np.multiply,
+    "llvm.sqrt": np.sqrt, "llvm.fabs": np.abs, "llvm.floor": np.floor, "llvm.ceil": np.ceil,
+    "llvm.roundeven": np.rint, "llvm.trunc": np.trunc,
+    "and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor,
+    "fcmp oeq": np.equal, "fcmp une": np.not_equal, "fcmp olt": np.less, "fcmp ole": np.less_equal,
+    "fcmp ogt": np.greater, "fcmp oge": np.greater_equal,
+    "icmp eq": np.equal, "icmp ne": np.not_equal, "icmp slt": np.less, "icmp sle": np.less_equal,
+    "icmp sgt": np.greater, "icmp sge": np.greater_equal,
+    "sitofp": np.float64, "sext": np.int64,
+}  # fmt: skip
+
+
+def _is(value: Value, number: float) -> bool:
+    """Whether it is this constant, the zeros told apart."""
+    return value.op == "const" and value.extra == number and math.copysign(1, value.extra) == math.copysign(1, number)
+
+
+def _product(graph: Graph, x: Value, y: Value) -> Value | None:
+    for one, other in ((x, y), (y, x)):
+        if _is(one, 1.0):
+            return other
+        if _is(one, -1.0):
+            return graph.negative(other)
+    return None
+
+
+def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
+    if y.op == "const" and y.extra != 0 and math.isfinite(y.extra) and abs(math.frexp(y.extra)[0]) == 0.5:
+        inverse = 1 / y.extra
+        # Exact, unless the inverse is subnormal.
+        return graph.op("fmul", x.type, x, graph.constant(inverse, y.type)) if abs(inverse) > 1e-300 else None
+    innermost = max(x.region.depth, y.region.depth)
+    if y.op != "const" and y.region.level < graph.region.targets[innermost].level:
+        # By what a loop does not change: a product with its reciprocal, which is computed before the loop.
+        return graph.op("fmul", x.type, x, graph.op("fdiv", y.type, graph.constant(1.0, y.type), y))
+    return None
+
+
+def _sum(graph: Graph, x: Value, y: Value) -> Value | None:
+    for one, other in ((x, y), (y, x)):
+        if _is(one, -0.0):
+            return other
+        if one.op == "fneg":
+            return graph.op("fsub", other.type, other, one.inputs[0])
+    return None
+
+
+def _difference(graph: Graph, x: Value, y: Value) -> Value | None:
+    if _is(y, 0.0):
+        return x
+    return graph.op("fadd", x.type, x, y.inputs[0]) if y.op == "fneg" else None
+
+
+def _choice(_: Graph, condition: Value, x: Value, y: Value) -> Value | None:
+    if x is y:
+        return x
+    return (x if condition.extra else y) if condition.op == "const" else None
+
+
+def _conjunction(_: Graph, x: Value, y: Value) -> Value | None:
+    for one, other in ((x, y), (y, x)):
+        if one.op == "const" and one.type == BOOL:
+            return other if one.extra else one
+    return x if x is y else None
+
+
+def _disjunction(_: Graph, x: Value, y: Value) -> Value | None:
+    for one, other in ((x, y), (y, x)):
+        if one.op == "const" and one.type == BOOL:
+            return one if one.extra else other
+    return x if x is y else None
+
+
+def _not_zero(_: Graph, x: Value, y: Value) -> Value | None:
+    # A condition that was made a number: 1 or 0.
+    if x.op == "select" and _is(y, 0) and _is(x.inputs[1], 1) and _is(x.inputs[2], 0):
+        return x.inputs[0]
+    return None
+
+
+_SIMPLER: dict[str, Any] = {
+    "icmp ne": _not_zero,
+    "fmul": _product,
+    "fdiv": _quotient,
+    "fadd": _sum,
+    "fsub": _difference,
+    "fneg": lambda _, x: x.inputs[0] if x.op == "fneg" else None,
+    "select": _choice,
+    "and": _conjunction,
+    "or": _disjunction,
+}

@@ -1,0 +1,114 @@
+"""A function of one lane's numbers, made one of many lanes.
+
+add = Lanewise(lambda x, y: x + y, (number, number))
+add((np.arange(5.0), 2.0))  # -> an array of 5
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from erosion.lanes.flatten import flatten
+from erosion.lanes.machine import MachineCode, Target, without_garbage_collection
+from erosion.lanes.vector_ir import vector_ir
+
+WIDTH = 8
+"""Lanes of a vector: eight float64 fill the widest registers; narrower ones take two or four for each."""
+
+number = jax.ShapeDtypeStruct((), np.float64)
+"""What a lane's plain number looks like."""
+
+
+class Lanewise:
+    """A function of one lane's numbers, compiled for many lanes.
+
+    Args:
+        function: takes and returns pytrees of numbers and small arrays; written in plain JAX.
+        like: its arguments, as `jax.ShapeDtypeStruct` or as examples.
+        width, target: of the vectors, and the processor; for tests.
+
+    Raises:
+        NotForLanesError: naming what in the function lanes cannot do.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        like: Sequence[Any],
+        *,
+        width: int = WIDTH,
+        target: Target | None = None,
+    ) -> None:
+        with without_garbage_collection():
+            closed, shapes = jax.make_jaxpr(function, return_shape=True)(*like)
+            graph = flatten(closed)
+            self._code = MachineCode(vector_ir(graph, width), target)
+        self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
+        leaves, self.structure = jax.tree.flatten(shapes)
+        self.outputs = [(tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves]
+        self._places = np.cumsum([0, *(int(np.prod(shape, dtype=int)) for shape in self.inputs)])
+        self._width = width
+        self._threads = threading.local()
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function of all lanes: leaves of shape (lanes, …), or of one lane's shape where all share it."""
+        leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(arguments)]
+        lanes = max(
+            (len(leaf) for leaf, shape in zip(leaves, self.inputs, strict=True) if leaf.ndim > len(shape)), default=1
+        )
+        results = [np.empty((lanes, *shape), dtype) for shape, dtype in self.outputs]
+        self.run(leaves, np.arange(lanes), results)
+        return jax.tree.unflatten(self.structure, results)
+
+    def run(self, leaves: Sequence[np.ndarray], order: np.ndarray, results: Sequence[np.ndarray]) -> None:
+        """Compute some lanes, in an order, and write their results; other threads run meanwhile.
+
+        Args:
+            leaves: float64, of shape (lanes, …), or of one lane's shape where all share it.
+            order: which lanes, shape (n,), int64; neighbours share a vector.
+            results: for each output an array (lanes, …) of its type, in C's order.
+        """
+        if not len(order):
+            return
+        inputs = self._inputs()
+        varying: list[int] = []
+        for leaf, shape, place in zip(leaves, self.inputs, self._places[:-1], strict=True):
+            if leaf.ndim == len(shape) or leaf.strides[0] == 0:
+                one = leaf if leaf.ndim == len(shape) else leaf[0]
+                inputs[place : place + one.size] = one.reshape(-1, 1)
+                continue
+            address, stride = leaf.ctypes.data, leaf.strides[0]
+            within = np.zeros(1, int)
+            for length, step in zip(leaf.shape[1:], leaf.strides[1:], strict=True):
+                within = (within[:, None] + step * np.arange(length)).ravel()
+            for i, offset in enumerate(within.tolist()):
+                varying += (address + offset, stride, int(place) + i)
+        outputs: list[int] = []
+        for result in results:
+            address, stride, step = result.ctypes.data, result.strides[0], result.itemsize
+            for i in range(result[0].size):
+                outputs += (address + i * step, stride)
+        of_inputs, of_outputs = np.array(varying, np.int64), np.array(outputs, np.int64)
+        self._code.run(
+            inputs.ctypes.data,
+            of_inputs.ctypes.data,
+            len(varying) // 3,
+            order.ctypes.data,
+            0,
+            len(order),
+            of_outputs.ctypes.data,
+        )
+
+    def _inputs(self) -> np.ndarray:
+        """The place for a vector of arguments, shape (places, width), of which each thread has its own."""
+        inputs = getattr(self._threads, "inputs", None)
+        if inputs is None:
+            line = 64
+            size = int(self._places[-1]) * self._width
+            memory = np.zeros(size + line // 8)
+            begin = -memory.ctypes.data % line // 8
+            inputs = self._threads.inputs = memory[begin : begin + size].reshape(-1, self._width)
+        return inputs

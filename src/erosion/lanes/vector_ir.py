@@ -1,0 +1,392 @@
+"""A graph as LLVM's intermediate representation, on vectors of lanes.
+
+Where lanes part, masks say which of them are meant: a loop runs until its last lane is done, a case of a
+branch if any lane takes it, and what a lane is not meant to do changes nothing of it. There is no fast-math
+and no pass over the result, so that its bits depend on the graph alone.
+"""
+
+import struct
+
+from erosion.lanes.graph import BOOL, Branch, Graph, Loop, Region, Value
+
+ENTRY = "run"
+_FEW = 8  # operations of a case that are no longer than the jump around them
+_CHOSEN = 8  # elements of a table among which choosing is quicker than looking up
+_BITS = {"double": 64, "float": 32, "i64": 64, "i32": 32, "i16": 16, "i8": 8, "i1": 1, "ptr": 64}
+_SATURATING = ("llvm.fptosi.sat", "llvm.fptoui.sat")
+_CASTS = {"sitofp", "uitofp", "fpext", "fptrunc", "sext", "zext", "trunc", "bitcast"}
+
+
+def vector_ir(graph: Graph, width: int) -> str:
+    """The text of a module with one function.
+
+        void run(double* inputs, Varying* varying, i64 count, i64* order, i64 begin, i64 end, Place* outputs)
+
+    For each group of `width` lanes order[begin:end] it copies the lanes' numbers into `inputs`, computes, and
+    writes the results. `inputs` is an array (places, width), which holds what all lanes share; `varying` says
+    for `count` places where a lane's number is found: an address, the bytes from lane to lane, the place.
+    `outputs` has for each output an address, and the bytes from lane to lane. A group that is not full
+    repeats its last lane. Truths are written as bytes.
+
+    Args:
+        graph: finished.
+        width: lanes of a vector.
+    """
+    return _Writer(graph, width).module()
+
+
+class _Writer:
+    def __init__(self, graph: Graph, width: int) -> None:
+        self.graph, self.width = graph, width
+        self.lines: list[str] = []
+        self.label = ""  # of the block that is being written
+        self.count = 0
+        self.declared: dict[str, str] = {}
+        self.tables: list[str] = []  # of constants
+        self.memory: list[str] = []  # on the stack
+
+    # Text.
+
+    def new(self, what: str = "v") -> str:
+        """A name that is new."""
+        self.count += 1
+        return f"{what}{self.count}"
+
+    def get(self, text: str) -> str:
+        """The name of an operation's result."""
+        self.count += 1
+        name = f"%v{self.count}"
+        self.lines.append(f"  {name} = {text}")
+        return name
+
+    def do(self, text: str) -> None:
+        """An operation without a result."""
+        self.lines.append("  " + text)
+
+    def start(self, label: str) -> None:
+        """Begin a block."""
+        self.lines.append(label + ":")
+        self.label = label
+
+    def vector(self, type_: str) -> str:
+        """A vector of lanes of this type."""
+        return f"<{self.width} x {type_}>"
+
+    def kind(self, type_: str) -> str:
+        """A vector of this type in the name of an intrinsic function."""
+        return f"v{self.width}{'f' if type_ in ('double', 'float') else 'i'}{_BITS[type_]}"
+
+    def intrinsic(self, name: str, result: str, arguments: str) -> str:
+        """Declares a function of LLVM's once; its name."""
+        self.declared[name] = f"declare {result} @{name}({arguments})"
+        return f"@{name}"
+
+    def splat(self, scalar: str, type_: str = "i64") -> str:
+        """A vector of one number."""
+        vector = self.vector(type_)
+        first = self.get(f"insertelement {vector} poison, {type_} {scalar}, i64 0")
+        return self.get(f"shufflevector {vector} {first}, {vector} poison, <{self.width} x i32> zeroinitializer")
+
+    # The function around the lanes.
+
+    def module(self) -> str:
+        """The whole text."""
+        longs, all_lanes = self.vector("i64"), "splat (i1 true)"
+        self.start("entry")
+        self.do("%last = sub i64 %end, 1")
+        last = self.splat("%last")
+        places = []
+        for i in range(len(self.graph.outputs)):
+            address, step = (f"getelementptr i64, ptr %outputs, i64 {2 * i + j}" for j in (0, 1))
+            stride = self.splat(self.get(f"load i64, ptr {self.get(step)}"))
+            places.append((self.get(f"load ptr, ptr {self.get(address)}"), stride))
+        self.do("br label %group")
+        self.start("group")
+        self.do("%at = phi i64 [ %begin, %entry ], [ %next, %written ]")
+        steps = ", ".join(f"i64 {i}" for i in range(self.width))
+        position = self.get(f"add {longs} {self.splat('%at')}, <{steps}>")
+        least = self.intrinsic(f"llvm.smin.v{self.width}i64", longs, f"{longs}, {longs}")
+        position = self.get(f"call {longs} {least}({longs} {position}, {longs} {last})")
+        in_order = self.get(f"getelementptr i64, ptr %order, {longs} {position}")
+        lane = self.gather("i64", in_order)
+        self.copy_inputs(lane)
+        self.region(self.graph.root, all_lanes)
+        for (address, stride), value in zip(places, self.graph.outputs, strict=True):
+            to = self.get(f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {stride}')}")
+            type_, name = self.stored(value)
+            vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
+            arguments = f"{vector}, {pointers}, {mask}"
+            kind = self.kind(type_)
+            scatter = self.intrinsic(f"llvm.masked.scatter.{kind}.v{self.width}p0", "void", arguments)
+            self.do(
+                f"call void {scatter}({vector} {name}, {pointers} align {_BITS[type_] // 8} {to}, {mask} {all_lanes})"
+            )
+        self.do("br label %written")
+        self.start("written")
+        self.do(f"%next = add i64 %at, {self.width}")
+        self.do("%more = icmp slt i64 %next, %end")
+        self.do("br i1 %more, label %group, label %exit")
+        self.start("exit")
+        self.do("ret void")
+        parameters = (
+            "ptr noalias align 64 %inputs, ptr noalias %varying, i64 %count, ptr noalias %order, i64 %begin, i64 %end, "
+            "ptr noalias %outputs"
+        )
+        return "\n".join([
+            *self.declared.values(),
+            *self.tables,
+            # Vectors that do not fit the registers go onto the stack, where they must not straddle cache lines.
+            f'define void @{ENTRY}({parameters}) nounwind "stackrealign" {{',
+            self.lines[0],
+            *self.memory,
+            *self.lines[1:],
+            "}",
+        ])  # fmt: skip
+
+    def copy_inputs(self, lane: str) -> None:
+        """Copy what varies into `inputs`: a loop, for there may be many places."""
+        self.do("%any_varies = icmp sgt i64 %count, 0")
+        self.do("br i1 %any_varies, label %copy, label %compute")
+        before = self.label
+        self.start("copy")
+        self.do(f"%which = phi i64 [ 0, %{before} ], [ %following, %copy ]")
+        row = self.get("mul i64 %which, 3")
+        fields = []
+        for field, type_ in enumerate(("ptr", "i64", "i64")):
+            address = self.get(f"getelementptr i64, ptr %varying, i64 {self.get(f'add i64 {row}, {field}')}")
+            fields.append(self.get(f"load {type_}, ptr {address}"))
+        address, stride, place = fields
+        longs = self.vector("i64")
+        from_ = self.get(
+            f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {self.splat(stride)}')}"
+        )
+        numbers = self.gather("double", from_)
+        to = self.get(f"getelementptr {self.vector('double')}, ptr %inputs, i64 {place}")
+        self.do(f"store {self.vector('double')} {numbers}, ptr {to}")
+        self.do("%following = add i64 %which, 1")
+        self.do("%go_on = icmp slt i64 %following, %count")
+        self.do("br i1 %go_on, label %copy, label %compute")
+        self.start("compute")
+
+    def gather(self, type_: str, addresses: str) -> str:
+        """Numbers from memory, each lane's from its own address."""
+        vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
+        kind = self.kind(type_)
+        name = self.intrinsic(f"llvm.masked.gather.{kind}.v{self.width}p0", vector, f"{pointers}, {mask}, {vector}")
+        size = max(_BITS[type_] // 8, 1)
+        return self.get(
+            f"call {vector} {name}({pointers} align {size} {addresses}, {mask} splat (i1 true), {vector} poison)"
+        )
+
+    def stored(self, value: Value) -> tuple[str, str]:
+        """An output's type in memory, and its vector: truths as bytes."""
+        if value.type != BOOL:
+            return value.type, self.text(value)
+        return "i8", self.get(f"zext {self.vector(BOOL)} {self.text(value)} to {self.vector('i8')}")
+
+    # Values.
+
+    def text(self, value: Value) -> str:
+        """A value's name, or its number."""
+        if value.op == "const":
+            return self.number(value)
+        return value.name
+
+    def number(self, value: Value) -> str:
+        """A constant."""
+        if not value.name:
+            if value.type in ("double", "float"):
+                bits = struct.unpack("<Q", struct.pack("<d", value.extra))[0]
+                value.name = f"splat ({value.type} 0x{bits:016X})"
+            elif value.type == BOOL:
+                value.name = f"splat (i1 {'true' if value.extra else 'false'})"
+            else:
+                value.name = f"splat ({value.type} {value.extra})"
+        return value.name
+
+    def region(self, region: Region, mask: str) -> None:
+        """The steps of a region, for the lanes of a mask."""
+        for step in region.steps:
+            if isinstance(step, Loop):
+                self.loop(step, mask)
+            elif isinstance(step, Branch):
+                self.branch(step, mask)
+            else:
+                self.operation(step)
+
+    def operation(self, value: Value) -> None:
+        """One operation."""
+        op, type_ = value.op, self.vector(value.type)
+        names = [self.text(one) for one in value.inputs]
+        if op == "input":
+            address = self.get(f"getelementptr {type_}, ptr %inputs, i64 {value.extra}")
+            value.name = self.get(f"load {type_}, ptr {address}")
+        elif op == "fneg":
+            value.name = self.get(f"fneg {type_} {names[0]}")
+        elif op == "select":
+            value.name = self.get(f"select {self.vector(BOOL)} {names[0]}, {type_} {names[1]}, {type_} {names[2]}")
+        elif op in ("fma", "fms", "fnma"):
+            if op == "fms":
+                names[2] = self.get(f"fneg {type_} {names[2]}")
+            elif op == "fnma":
+                names[0] = self.get(f"fneg {type_} {names[0]}")
+            name = self.intrinsic(f"llvm.fma.v{self.width}f64", type_, f"{type_}, {type_}, {type_}")
+            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {one}' for one in names)})")
+        elif op[1:5] == "cmp ":
+            value.name = self.get(f"{op} {self.vector(value.inputs[0].type)} {names[0]}, {names[1]}")
+        elif op in _CASTS or op in _SATURATING:
+            value.name = self.cast(value)
+        elif op.startswith("llvm."):
+            name = self.intrinsic(f"{op}.{self.kind(value.type)}", type_, ", ".join([type_] * len(names)))
+            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {one}' for one in names)})")
+        elif op == "table":
+            self.table(value, names)
+        elif op == "lookup":
+            value.name = self.lookup(value)
+        else:
+            value.name = self.get(f"{op} {type_} {names[0]}, {names[1]}")
+
+    def cast(self, value: Value) -> str:
+        """A value as another type."""
+        op, (of,) = value.op, value.inputs
+        type_, from_ = self.vector(value.type), self.vector(of.type)
+        if op not in _SATURATING:
+            return self.get(f"{op} {from_} {self.text(of)} to {type_}")
+        name = self.intrinsic(f"{op}.{self.kind(value.type)}.{self.kind(of.type)}", type_, from_)
+        return self.get(f"call {type_} {name}({from_} {self.text(of)})")
+
+    # Tables.
+
+    def table(self, value: Value, names: list[str]) -> None:
+        """Numbers in memory: the module's own, the lane's arguments, or copies on the stack."""
+        elements, type_ = value.inputs, value.inputs[0].type
+        if len(elements) <= _CHOSEN:
+            return
+        places = [element.extra for element in elements]
+        if all(element.is_constant for element in elements) and type_ != BOOL:
+            value.name = f"@{self.new('table')}"
+            numbers = ", ".join(self.number(element)[len("splat (") : -1] for element in elements)
+            self.tables.append(f"{value.name} = private constant [{len(elements)} x {type_}] [{numbers}]")
+        elif all(element.op == "input" for element in elements) and places == list(
+            range(places[0], places[0] + len(places))
+        ):
+            value.name = self.get(f"getelementptr {self.vector(type_)}, ptr %inputs, i64 {places[0]}")
+        else:
+            # Truths as bytes: a vector of them has no address for each.
+            kept = "i8" if type_ == BOOL else type_
+            vector = self.vector(kept)
+            value.name = f"%{self.new('memory')}"
+            self.memory.append(f"  {value.name} = alloca [{len(names)} x {vector}], align 64")
+            for i, name in enumerate(names):
+                to = self.get(f"getelementptr {vector}, ptr {value.name}, i64 {i}")
+                one = name if kept == type_ else self.get(f"zext {self.vector(type_)} {name} to {vector}")
+                self.do(f"store {vector} {one}, ptr {to}")
+
+    def lookup(self, value: Value) -> str:
+        """The element of a table that each lane asks for."""
+        index, table = value.inputs
+        elements, type_ = table.inputs, value.type
+        longs = self.vector("i64")
+        if len(elements) <= _CHOSEN:
+            chosen = self.text(elements[-1])
+            for i, element in enumerate(elements[:-1]):
+                here = self.get(f"icmp eq {longs} {self.text(index)}, splat (i64 {i})")
+                vector = self.vector(type_)
+                chosen = self.get(
+                    f"select {self.vector(BOOL)} {here}, {vector} {self.text(element)}, {vector} {chosen}"
+                )
+            return chosen
+        kept = "i8" if type_ == BOOL else type_
+        flat = self.text(index)
+        if not table.name.startswith("@"):
+            lanes = ", ".join(f"i64 {i}" for i in range(self.width))
+            row = self.get(f"mul {longs} {flat}, splat (i64 {self.width})")
+            flat = self.get(f"add {longs} {row}, <{lanes}>")
+        numbers = self.gather(kept, self.get(f"getelementptr {kept}, ptr {table.name}, {longs} {flat}"))
+        return numbers if kept == type_ else self.get(f"trunc {self.vector(kept)} {numbers} to {self.vector(type_)}")
+
+    # Control flow.
+
+    def any_of(self, mask: str) -> str:
+        """Whether any lane is meant."""
+        vector = self.vector(BOOL)
+        name = self.intrinsic(f"llvm.vector.reduce.or.v{self.width}i1", BOOL, vector)
+        return self.get(f"call i1 {name}({vector} {mask})")
+
+    def both(self, mask: str, other: str) -> str:
+        """The lanes of two masks."""
+        return other if mask == "splat (i1 true)" else self.get(f"and {self.vector(BOOL)} {mask}, {other}")
+
+    def loop(self, loop: Loop, mask: str) -> None:
+        """A loop: the condition, and what is done where it holds."""
+        head, body, done = self.new("head"), self.new("body"), self.new("done")
+        before = self.label
+        self.do(f"br label %{head}")
+        self.start(head)
+        phis = len(self.lines)
+        for argument in loop.arguments:
+            argument.name = f"%{self.new()}"
+        self.region(loop.head, mask)
+        active = self.both(mask, self.text(loop.condition))
+        self.do(f"br i1 {self.any_of(active)}, label %{body}, label %{done}")
+        self.start(body)
+        self.region(loop.body, active)
+        updates = []
+        for argument, update in zip(loop.arguments, loop.updates, strict=True):
+            type_ = self.vector(argument.type)
+            updates.append(
+                self.get(f"select {self.vector(BOOL)} {active}, {type_} {self.text(update)}, {type_} {argument.name}")
+            )
+        after = self.label
+        self.do(f"br label %{head}")
+        self.lines[phis:phis] = [
+            f"  {argument.name} = phi {self.vector(argument.type)} [ {self.text(initial)}, %{before} ], "
+            f"[ {update}, %{after} ]"
+            for argument, initial, update in zip(loop.arguments, loop.initial, updates, strict=True)
+        ]
+        self.start(done)
+        for argument, result in zip(loop.arguments, loop.results, strict=True):
+            result.name = argument.name
+
+    def branch(self, branch: Branch, mask: str) -> None:
+        """A branch: each case if any lane takes it."""
+        results: list[list[str]] = []
+        conditions = []
+        for i, case in enumerate(branch.cases):
+            taken = self.taken(branch, i)
+            conditions.append(taken)
+            results.append(self.case(case, branch.outputs[i], self.both(mask, taken)))
+        for i, result in enumerate(branch.results):
+            chosen, type_ = results[-1][i], self.vector(result.type)
+            for taken, values in zip(conditions[-2::-1], results[-2::-1], strict=True):
+                chosen = self.get(f"select {self.vector(BOOL)} {taken}, {type_} {values[i]}, {type_} {chosen}")
+            result.name = chosen
+
+    def taken(self, branch: Branch, i: int) -> str:
+        """Which lanes take a case."""
+        which, last = branch.which, len(branch.cases) - 1
+        if which.type == BOOL:
+            if i == 1:
+                return self.text(which)
+            return self.get(f"xor {self.vector(BOOL)} {self.text(which)}, splat (i1 true)")
+        # An index that is out of range means the first case, or the last.
+        kind = "sle" if i == 0 else "sge" if i == last else "eq"
+        return self.get(f"icmp {kind} {self.vector(which.type)} {self.text(which)}, splat ({which.type} {i})")
+
+    def case(self, case: Region, outputs: list[Value], mask: str) -> list[str]:
+        """One case; zeros where no lane takes it."""
+        if len(case.steps) <= _FEW and all(isinstance(step, Value) for step in case.steps):
+            self.region(case, mask)
+            return [self.text(value) for value in outputs]
+        inside, after = self.new("case"), self.new("after")
+        before = self.label
+        self.do(f"br i1 {self.any_of(mask)}, label %{inside}, label %{after}")
+        self.start(inside)
+        self.region(case, mask)
+        end = self.label
+        self.do(f"br label %{after}")
+        self.start(after)
+        return [
+            self.get(f"phi {self.vector(value.type)} [ {self.text(value)}, %{end} ], [ zeroinitializer, %{before} ]")
+            for value in outputs
+        ]

@@ -1,0 +1,242 @@
+"""Functions of a lane, compiled: control flow, arrays, and what a lane's bits depend on."""
+
+import threading
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+from erosion.lanes.flatten import NotForLanesError, flatten
+from erosion.lanes.graph import Loop, Region, Value
+from erosion.lanes.lanewise import Lanewise, number
+from erosion.lanes.machine import Target, this_machine
+from erosion.lanes.vector_ir import vector_ir
+
+_RANDOM = np.random.default_rng(1958)
+X, Y = _RANDOM.uniform(0.1, 3, (2, 45))  # no multiple of a vector's width
+TABLE = np.array([0.0, 0.1, 0.25, 0.3, 0.5, 0.8, 0.9, 1.1, 1.7, 2.0, 2.5, 3.1])
+
+
+def _root(x, y):
+    """Newton's method, of as many steps as a lane needs."""
+    return lax.while_loop(
+        lambda s: jnp.abs(s[1] * s[1] - x) > 1e-15 * x, lambda s: (s[0] + 1, (s[1] + x / s[1]) / 2), (0, x + y)
+    )
+
+
+def _nested(x, y):
+    def outer(i, total):
+        inner = lax.while_loop(lambda z: z < 10 * x, lambda z: z * (1 + y), x)
+        return lax.cond(
+            inner > 20, lambda: total + inner * i, lambda: total - lax.fori_loop(0, 70, lambda j, s: s + j * y, x)
+        )
+
+    return lax.fori_loop(0, 5, outer, 0.0)
+
+
+def _switch(x, y):
+    return lax.switch((x * 2).astype(int) - 1, [lambda: x, lambda: x * y, lambda: jnp.sqrt(x), lambda: -y])
+
+
+def _scan(x, y):
+    last, rows = lax.scan(lambda c, a: (c * a + y, (c, jnp.stack([a, c]))), x, jnp.array([0.1, 0.2, 0.3]))
+    return last, rows, lax.scan(lambda c, a: (c + a, c), x, jnp.arange(4.0), reverse=True)
+
+
+def _swapped(x, y):
+    """A loop that hands its values round, and one value that it never changes."""
+    return lax.while_loop(lambda s: s[3] < 3, lambda s: (s[1], s[0], s[2], s[3] + 1), (x, y, x * y, 0))
+
+
+def _arrays(x, y):
+    a, b = jnp.stack([x, y, x * y]), jnp.array([[1.0, 2.0, 3.0], [0.5, 0.1, 4.0]])
+    return {
+        "product": b @ a,
+        "outer": jnp.outer(a, a),
+        "sum": a.sum(),
+        "max": jnp.max(b * a, axis=0),
+        "argmax": jnp.argmax(a),
+        "argmin": jnp.argmin(b * a, axis=1),
+        "cumsum": jnp.cumsum(a),
+        "cumprod": jnp.cumprod(a[::-1]),
+        "any": jnp.any(a > 2),
+        "all": jnp.all(b > a, axis=1),
+        "roll": jnp.roll(a, 1),
+        "pad": jnp.pad(a, (1, 2)),
+        "where": jnp.where(a > 1, a, -a),
+        "reshape": b.reshape(3, 2),
+        "transpose": b.T * x,
+        "concatenate": jnp.concatenate([a, b[0]]),
+        "split": jnp.split(a, 3),
+        "linspace": jnp.linspace(0, x, 4),
+        "tile": jnp.tile(a, 2),
+        "set": a.at[1].set(0.0),
+        "prod": jnp.prod(a),
+        "arange": jnp.arange(3) * x,
+    }
+
+
+def _places(x, y):
+    a, i = jnp.stack([x, y, x * y, x - y, x + y]), (4 * x).astype(int) - 3
+    long = jnp.asarray(TABLE) * x
+    return {
+        "at": a[i],
+        "long": long[i],
+        "constants": jnp.asarray(TABLE)[i],
+        "fill": a.at[i].get(mode="fill", fill_value=7.0),
+        "slice": lax.dynamic_slice(a, (i,), (2,)),
+        "update": lax.dynamic_update_slice(a, a[:2], (i,)),
+        "set": a.at[i].set(-1.0),
+        "add": a.at[i].add(y),
+        "row": jnp.outer(a, a)[i],
+        "column": jnp.outer(a, a)[:, i],
+        "pair": jnp.outer(a, a)[i, 1],
+        "truths": (long > 1)[i],
+        "take": jnp.take(a, i, mode="clip"),
+        "interp": jnp.interp(x, TABLE, TABLE**2),
+    }
+
+
+FUNCTIONS = [_root, _nested, _switch, _scan, _swapped, _arrays, _places]
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_a_compiled_function_is_jaxs(function):
+    results = Lanewise(function, (number, number))(X, Y)
+    expected = jax.jit(jax.vmap(function))(X, Y)
+    assert jax.tree.structure(results) == jax.tree.structure(expected)
+    for one, other in zip(jax.tree.leaves(results), jax.tree.leaves(expected), strict=True):
+        assert one.dtype == other.dtype
+        assert one == pytest.approx(np.asarray(other), rel=1e-13, abs=1e-13)
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_a_lanes_bits_depend_on_nothing_else(function):
+    """Neither on its neighbours, its place, the width of vectors, nor the processor's instructions."""
+    plain = Target("x86-64", ""), Target("x86-64-v3", "")
+    order = _RANDOM.permutation(X.size)
+    results = Lanewise(function, (number, number))(X, Y)
+    others = [
+        jax.tree.map(lambda leaf: leaf[np.argsort(order)], Lanewise(function, (number, number))(X[order], Y[order])),
+        *(Lanewise(function, (number, number), width=width)(X, Y) for width in (2, 4, 16)),
+        *(Lanewise(function, (number, number), target=target)(X, Y) for target in plain if "x86" in _machine()),
+    ]
+    for other in others:
+        for leaf, same in zip(jax.tree.leaves(results), jax.tree.leaves(other), strict=True):
+            assert leaf.tobytes() == same.tobytes()
+
+
+def _machine():
+    import platform
+
+    return platform.machine()
+
+
+def test_leaves_may_be_shared_or_each_lanes_own():
+    add = Lanewise(
+        lambda a, b: (a["x"] * b, a["rows"].sum()), ({"x": number, "rows": jax.ShapeDtypeStruct((3,), float)}, number)
+    )
+    rows = _RANDOM.random((X.size, 3))
+    for x in (X, 2.0):
+        for r in (rows, rows[0], np.asfortranarray(rows), rows[:, ::-1]):
+            product, total = add({"x": x, "rows": r}, Y)
+            assert np.array_equal(product, x * Y)
+            assert total == pytest.approx(np.broadcast_to(np.sum(r, axis=-1), Y.shape))
+
+
+def test_results_are_written_for_the_lanes_that_are_asked_for_alone():
+    root = Lanewise(_root, (number, number))
+    steps, value = np.full(X.size, -1), np.full(X.size, -1.0)
+    some = np.array([3, 17, 4, 40])
+    root.run([X, Y], some, [steps, value])
+    assert np.array_equal(np.flatnonzero(value != -1), np.sort(some))
+    assert value[some] == pytest.approx(np.sqrt(X[some]))
+    root.run([X, Y], some[:0], [steps, value])
+
+
+def test_threads_share_a_function():
+    root = Lanewise(_root, (number, number))
+    expected, results = root(X, Y)[1], [np.empty(0)] * 8
+
+    def compute(i):
+        for _ in range(50):
+            results[i] = root(X, Y)[1]
+
+    threads = [threading.Thread(target=compute, args=(i,)) for i in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(np.array_equal(expected, one) for one in results)
+
+
+def _ops(region: Region) -> list[str]:
+    return [step.op for step in region.steps if isinstance(step, Value)]
+
+
+def test_what_a_loop_does_not_change_is_computed_before_it():
+    def function(x, y):
+        return lax.while_loop(lambda s: s < 10, lambda s: s + jnp.sqrt(x) * y / (1 + x) + 1, 0.0 * x)
+
+    graph = flatten(jax.make_jaxpr(function)(number, number))
+    (loop,) = (step for step in graph.root.steps if isinstance(step, Loop))
+    assert _ops(loop.body) == ["fadd", "fadd"]
+
+
+def test_equal_operations_are_computed_once_and_unused_ones_not_at_all():
+    def function(x, y):
+        unused = lax.while_loop(lambda s: s < 10, lambda s: s * x, y)
+        del unused
+        return jnp.sqrt(x) + 1, jax.jit(jnp.sqrt)(x) + 1
+
+    graph = flatten(jax.make_jaxpr(function)(number, number))
+    assert _ops(graph.root) == ["input", "llvm.sqrt", "fadd"]
+
+
+def test_a_product_and_a_sum_become_one_operation():
+    ops = _ops(flatten(jax.make_jaxpr(lambda x, y: x * y - x)(number, number)).root)
+    assert ops == ["input", "input", "fms"]
+    # Not where the product is a result, too.
+    ops = _ops(flatten(jax.make_jaxpr(lambda x, y: (x * y, y - x * y))(number, number)).root)
+    assert ops == ["input", "input", "fmul", "fsub"]
+
+
+@pytest.mark.parametrize(
+    ("function", "what"),
+    [
+        (lambda x, y: jnp.sort(jnp.stack([x, y]))[0], "uses `sort`, which lanes cannot do"),
+        (lambda x, y: jax.random.normal(jax.random.PRNGKey(0)) * x * y, "which lanes cannot do"),
+        (lambda x, y: jax.pure_callback(np.sin, number, x) + y, "uses `pure_callback`"),
+        (lambda x, y: jnp.linalg.eigvalsh(jnp.outer(jnp.stack([x, y]), jnp.stack([x, y])))[0], "which lanes cannot do"),
+    ],
+)
+def test_what_cannot_be_done_is_said_before_anything_runs(function, what):
+    with pytest.raises(NotForLanesError, match=r"`<lambda>` \(test_lanewise\.py, line \d+\) ") as error:
+        Lanewise(function, (number, number))
+    assert what in str(error.value)
+
+
+def test_a_small_network():
+    network = eqx.nn.MLP(2, "scalar", 8, 2, activation=jnp.tanh, key=jax.random.PRNGKey(0))
+    weights, rest = eqx.partition(network, eqx.is_array)
+
+    def function(weights, x, y):
+        return jax.value_and_grad(lambda x: eqx.combine(weights, rest)(jnp.stack([x, y])))(x)
+
+    result = Lanewise(function, (weights, number, number))(weights, X, Y)
+    expected = jax.vmap(function, (None, 0, 0))(weights, X, Y)
+    for one, other in zip(result, expected, strict=True):
+        assert one == pytest.approx(np.asarray(other), rel=1e-12, abs=1e-13)
+
+
+def test_the_text_is_the_same_each_time():
+    # What is compiled depends on the function alone: not on hashes, memory or what came before.
+    texts = {vector_ir(flatten(jax.make_jaxpr(_nested)(number, number)), 8) for _ in range(3)}
+    assert len(texts) == 1
+
+
+def test_this_machine_uses_its_widest_vectors():
+    assert "-prefer-256-bit" in this_machine().features
