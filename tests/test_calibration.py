@@ -250,7 +250,7 @@ def test_bounds_are_kept_and_said():
         ({"bounds": {"r": (1.0, 2.0)}}, "`bounds` must name free parameters, but has 'r'"),
         ({"bounds": {"k": (2.0, 1.0)}}, "`bounds` must give k two ascending values"),
         ({"bounds": {"k": [-1.0, 1.0]}}, "`bounds` must give k two ascending values"),
-        ({"p": GUESS.replace(k=[1.0, 2.0])}, r"`p` must be one case, but its k has shape \(2,\)"),
+        ({"p": GUESS.replace(k=[1.0, 2.0])}, r"`k` must be a scalar here, but has shape \(2,\)"),
         ({"density": -1.0}, "`density` must be positive and finite, but is -1"),
         ({"density": "3 kg"}, "`density` must be a density such as"),
         ({"data": {"angle [deg]": [20, 30], "mass_loss [mg]": [1, 2]}}, "`density` of the target must be given"),

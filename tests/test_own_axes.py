@@ -9,7 +9,9 @@ import pytest
 import xarray as xr
 
 import erosion
+from erosion import grids
 from erosion.cli import _status
+from erosion.engine import impact as engine
 from erosion.grids import make_grid
 from erosion.models import Finnie, Linearized
 from erosion.plotting.sweeps import plot_sweep
@@ -38,6 +40,28 @@ def test_an_own_parameter_is_an_axis(whole):
         found, hits = whole.sel(friction=friction), alone(friction, ANGLES)
         for name in ("volume", "t_c", "dvolume"):
             np.testing.assert_array_equal(found[name], getattr(hits, name))
+
+
+def test_all_values_are_one_call_of_each_verb(monkeypatch):
+    calls: list[str] = []
+
+    def counted(name: str, verb: Any) -> Any:
+        def call(*arguments: Any, **options: Any) -> Any:
+            calls.append(name)
+            return verb(*arguments, **options)
+
+        return call
+
+    monkeypatch.setattr(engine, "integrate", counted("integrate", engine.integrate))
+    frictions = np.linspace(0.0, 0.5, 200)
+    found = sweep(MODEL, P, friction=frictions, alpha=ANGLES)
+    assert calls == ["integrate"]
+    last = erosion.impact(MODEL.replace(friction=0.5), P.replace(alpha=ANGLES))
+    np.testing.assert_array_equal(found.volume[-1], last.volume)
+    monkeypatch.setattr(grids, "alpha_max", counted("alpha_max", grids.alpha_max))
+    calls.clear()
+    sweep(MODEL, P, friction=frictions[::50], optimum=True)
+    assert calls.count("alpha_max") == 1
 
 
 def test_it_has_its_label_and_unit(whole):

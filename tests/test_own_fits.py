@@ -79,6 +79,20 @@ def test_derivatives_are_those_of_the_prediction(data, friction):
         assert (up - down) / (2 * step) == pytest.approx(rates[:, i], rel=1e-6, abs=1e-8 * np.abs(rates).max())
 
 
+def test_many_points_are_one_call(data, monkeypatch):
+    def verb(model, p, **options):
+        calls.append(model)
+        return erosion.impact(model, p, **options)
+
+    calls: list[erosion.CuttingModel] = []
+    asked = Forward(MODEL, P, ("friction", "psi"), data, None)
+    thetas = asked.start + np.linspace(-0.3, 0.3, 7)[:, None]
+    one_by_one = [asked.predict(theta, data.conditions)[0] for theta in thetas]
+    monkeypatch.setattr("erosion.calibration.forward.impact", verb)
+    np.testing.assert_array_equal(asked.predict_many(thetas, data.conditions), one_by_one)
+    assert len(calls) == 1
+
+
 def test_the_name_of_the_scale_is_taken(data):
     class Scaled(FRICTION):
         scale: float = 1.0

@@ -10,8 +10,10 @@ import erosion
 from erosion.cli.optimum import _print as print_optimum
 from erosion.engine import batch
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
+from erosion.models.contract import flaw
 from erosion.objectives import EndTime
 from erosion.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
+from erosion.verification.checks import Subject
 from tests.reference import closed_form
 
 P = erosion.TABLE_1
@@ -177,3 +179,91 @@ def test_a_model_with_an_array_of_its_own_has_derivatives_by_several_parameters(
     exact = -float(closed_form("linearized").volume(P)) / float(P.psi)
     assert found.dvolume[:2] == pytest.approx([exact, 0.0], rel=1e-8, abs=1e-14)
     assert found.dvolume[2] == pytest.approx(exact * float(P.psi) / 2, rel=1e-8)
+
+
+FRICTIONS = np.array([0.0, 0.2, 0.5])
+
+
+def test_an_array_is_a_number_for_each_impact():
+    model, angles = MODEL.replace(friction=FRICTIONS), np.deg2rad([[10.0], [30.0]])
+    assert flaw(model) is None
+    found = erosion.impact(model, P.replace(alpha=angles), derivatives=2, wrt=["friction", "k"])
+    assert found.d2volume.shape == (2, 3, 2, 2)
+    for i, friction in enumerate(FRICTIONS):
+        one = MODEL.replace(friction=friction)
+        for j, angle in enumerate(angles.ravel()):
+            alone = erosion.impact(one, P.replace(alpha=angle), derivatives=2, wrt=["friction", "k"])
+            for name in ("volume", "t_c", "dvolume", "d2volume"):
+                np.testing.assert_array_equal(getattr(found, name)[j, i], getattr(alone, name))
+    single = erosion.impact(model, P, derivatives=1, wrt="friction").dvolume
+    np.testing.assert_array_equal(single, erosion.impact(model, P, derivatives=1, wrt=["friction"]).dvolume[:, 0])
+
+
+def test_best_angles_of_arrays_and_their_sensitivities_are_those_of_each():
+    model = erosion.models.Rotating(force=FRICTION()).replace(friction=FRICTIONS)
+    found = erosion.alpha_max(model, P)
+    for i, friction in enumerate(FRICTIONS):
+        alone = erosion.alpha_max(model.replace(friction=friction), P)
+        assert found.alpha[i] == pytest.approx(alone.alpha, abs=1e-10)
+        assert found.kind[i] == alone.kind
+        for name, rate in alone.sensitivities.items():
+            assert found.sensitivities[name][i] == pytest.approx(rate, rel=1e-7), name
+
+
+def test_an_array_must_fit_and_may_have_gaps():
+    with pytest.raises(
+        ValueError, match=r"own parameters must broadcast with the case's, but shapes are \(2,\), \(3,\)"
+    ):
+        erosion.impact(MODEL.replace(friction=FRICTIONS), P.replace(alpha=[0.2, 0.3]))
+    found = erosion.impact(MODEL.replace(friction=np.array([0.2, np.nan, np.inf])), P)
+    assert list(found.ended_by) == ["rebound", "failed", "failed"]
+
+
+def test_one_impact_takes_one_number():
+    sentence = (
+        r"Argument `friction` must be a scalar here, but has shape \(3,\); for many impacts use `erosion.impact`\."
+    )
+    with pytest.raises(ValueError, match=sentence):
+        erosion.simulate(MODEL.replace(friction=FRICTIONS), P)
+
+
+class Lip(ForceLaw):
+    """As `models/saturating_lip.py`, but with a length where that has a multiple of r."""
+
+    reach: float = erosion.own_parameter(0.01, "L", "depth at which the lip stops growing", "length")
+
+    def __call__(self, state, tip, p):
+        horizontal = -p.stiffness * self.reach * jnp.tanh(tip.depth / self.reach)
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+class Nameless(Lip):
+    """The same, but does not say that it is a length."""
+
+    reach: float = 0.01
+
+
+@pytest.mark.parametrize("model", [Linearized(force=Lip()), erosion.load_model("models/rate_dependent.py")])
+def test_own_parameters_convert_with_the_case(model):
+    there, p = model.to("si", P)
+    assert p == P.to("si")
+    changed = {name: one.value / values(model, P)[name] for name, one in own_parameters(there).items()}
+    assert changed in ({"reach": pytest.approx(0.0254)}, {"rate": 1.0, "exponent": 1.0})
+    cubic_inch = 0.0254**3
+    assert erosion.impact(there, p).volume == pytest.approx(erosion.impact(model, P).volume * cubic_inch, rel=1e-9)
+    back, again = there.to("inch-pound", p)
+    assert values(back, again) == {name: pytest.approx(value, rel=1e-14) for name, value in values(model, P).items()}
+
+
+def test_arrays_convert_too():
+    model, _ = Linearized(force=Lip()).replace(reach=np.array([0.01, 0.02])).to("si", P)
+    assert own_parameters(model)["reach"].value == pytest.approx([0.01 * 0.0254, 0.02 * 0.0254])
+
+
+def test_the_check_of_units_knows_declared_dimensions():
+    declared, nameless = (Subject("lip", Linearized(force=force), registered=False) for force in (Lip(), Nameless()))
+    assert declared.worst(declared.checks()["units"]())[0] < 1e-9
+    assert nameless.worst(nameless.checks()["units"]())[0] > 1e-3

@@ -59,8 +59,12 @@ def test_a_set_that_is_no_table_is_refused():
 def test_quantities_are_read_in_the_units_of_the_case(harder):
     model = erosion.load_model(harder)
     said = settings(["speed=10 m/s", "factor=2"])
-    assert read_settings(harder, model, said, "si", read_quantity) == {"speed": 10.0, "factor": 2.0}
-    assert read_settings(harder, model, said, "inch-pound", read_quantity)["speed"] == pytest.approx(10 / 0.0254)
+
+    def read(units):
+        return read_settings(harder, model, said, units, lambda _, *of: read_quantity(*of))
+
+    assert read("si") == {"speed": 10.0, "factor": 2.0}
+    assert read("inch-pound")["speed"] == pytest.approx(10 / 0.0254)
     assert in_full(harder, load_set(harder, said, "si")) == "harder.py (factor = 2, speed = 10)"
     assert in_full("finnie", erosion.load_model("finnie")) == "finnie"
 

@@ -8,6 +8,7 @@ import xarray as xr
 
 import erosion
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
+from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
 from erosion.particles import Particles
 from erosion.provenance import StoreError
@@ -62,16 +63,16 @@ def test_scaled_particles_remove_in_proportion_to_their_mass():
     single = erosion.impact("linearized", P).volume / P.m
     assert found.erosion.value == pytest.approx(single, rel=1e-9)
     # Rotating too, as b goes with r: V/m does not depend on the size.
-    particles = Particles(P, {"r": Uniform(0.01, 0.08)})
-    p, _ = particles.impacts(particles.draw(np.array([[0.1], [0.9]])))
+    particles = Particles(Linearized(), P, {"r": Uniform(0.01, 0.08)})
+    _, p, _ = particles.impacts(particles.draw(np.array([[0.1], [0.9]])))
     np.testing.assert_allclose(p.rate * p.r, P.rate * P.r, rtol=1e-12)
     np.testing.assert_allclose(p.m / p.r**3, P.m / P.r**3, rtol=1e-12)
 
 
 def test_steep_particles_come_from_the_other_side_and_flat_ones_miss():
-    particles = Particles(P.replace(phidot0=100.0), {"alpha": Samples([-0.1, 0.3, np.pi - 0.3, 3.2])})
+    particles = Particles(Linearized(), P.replace(phidot0=100.0), {"alpha": Samples([-0.1, 0.3, np.pi - 0.3, 3.2])})
     values = particles.draw(np.array([[0.1], [0.4], [0.6], [0.9]]))
-    p, hits = particles.impacts(values)
+    _, p, hits = particles.impacts(values)
     np.testing.assert_array_equal(hits, [False, True, True, False])
     np.testing.assert_allclose(p.alpha[1:3], [0.3, 0.3])
     np.testing.assert_allclose(p.phidot0[1:3], [100, -100])

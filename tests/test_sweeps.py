@@ -216,7 +216,7 @@ def test_models_must_differ_and_the_case_be_scalar():
         sweep(["finnie", "finnie"], P, alpha=[0.3])
     with pytest.raises(ValueError, match="an empty list"):
         sweep([], P, alpha=[0.3])
-    with pytest.raises(ValueError, match="`alpha` is an array"):
+    with pytest.raises(ValueError, match=r"`alpha` must be a scalar here, but has shape \(2,\); give it as an axis"):
         sweep("finnie", P.replace(alpha=[0.1, 0.2]), k=[1.0])
 
 

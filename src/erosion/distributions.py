@@ -280,7 +280,7 @@ def read_samples(path: str | Path, name: str, dimension: Dimension, system: Syst
         raise ValueError(f"must name a CSV file, but {str(path)!r} cannot be read ({error.strerror})") from error
     except (ValueError, csv.Error) as error:
         raise ValueError(f"must name a CSV file, but {str(path)!r} is no table in UTF-8") from error
-    heads = [re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", head) for head in header]
+    heads = [re.fullmatch(r"\s*([\w.]+)\s*(?:\[(.*)\])?\s*", head) for head in header]
     columns = [i for i, head in enumerate(heads) if head is not None and head[1] == name]
     if len(columns) != 1:
         raise ValueError(f"must have one column `{name}` in {path}, whose columns are {', '.join(header) or 'none'}")

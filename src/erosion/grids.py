@@ -20,9 +20,9 @@ from erosion.engine.outcomes import end_names
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.optimum import alpha_max
-from erosion.own_parameters import own_in_words, quantities
-from erosion.parameters import QUANTITIES, Parameters, require_parameters, validate
-from erosion.partition import Region, regions
+from erosion.own_parameters import own_in_words, quantities, require_one_impact, with_values
+from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.partition import Region
 from erosion.provenance import digest, identity
 from erosion.quantities import RESULTS, Quantity
 from erosion.units import System, ascii_unit, derivative_unit
@@ -68,7 +68,7 @@ class Grid:
         ends: meanings of the codes 0, 1, … in `ended_by`; 0 is "not-computed".
         derivatives, wrt, rtol: see `erosion.impact`.
         optimum: whether the best angle is kept too, over the other dimensions than "alpha".
-        own: values of own parameters for all models, in the place of their own.
+        own: own parameters that are no axes, and their values for all models.
     """
 
     models: Mapping[str, Model]
@@ -119,17 +119,15 @@ class Grid:
         """What the parameters of case and models are called."""
         return quantities(next(iter(self.loaded().values())))
 
-    def parameters(self) -> Parameters:
-        """The case with its axes in place: leaves that broadcast to the shape without "model"."""
-        dims = [dim for dim in self.dims if dim != "model"]
-        leaves = {}
-        for name, values in self.axes.items():
-            if name not in QUANTITIES:
-                continue
-            shape = [1] * len(dims)
-            shape[dims.index(PAIR if name in self.paired else name)] = len(values)
-            leaves[name] = values.reshape(shape)
-        return self.p.replace(**leaves)
+    def impacts(self, model: CuttingModel, dims: Sequence[str]) -> tuple[CuttingModel, Parameters]:
+        """Model and case with the axes along `dims` in place: values that broadcast to the shape of `dims`."""
+        along = {name: PAIR if name in self.paired else name for name in self.axes}
+        values = {
+            name: values.reshape([-1 if dim == along[name] else 1 for dim in dims])
+            for name, values in self.axes.items()
+            if along[name] in dims
+        }
+        return with_values(model, self.p, values)
 
     def variables(self) -> dict[str, "Variable"]:
         """What is kept of each impact, and of each best angle; `ended_by` comes last."""
@@ -146,43 +144,26 @@ class Grid:
 
     def solve(self) -> dict[str, np.ndarray]:
         """Compute every impact: arrays of the variables' dimensions, names as codes."""
-        variables = self.variables()
-        found = {name: np.full([self.lengths[dim] for dim in one.dims], one.empty) for name, one in variables.items()}
-        # A call of the kernel has one model, with one set of own parameters.
-        own = {PAIR if name in self.paired else name for name in self.axes if name not in QUANTITIES}
-        for region in regions(
-            self.shape, [1 if dim in own or dim == "model" else n for dim, n in self.lengths.items()]
-        ):
-            along = dict(zip(self.dims, region, strict=True))
-            for name, values in self[region]._of_one_model().items():
-                place = found[name][tuple(along[dim] for dim in variables[name].dims)]
-                place[...] = values.reshape(place.shape)
-        return found
+        each = [self._of_model(model) for model in self.loaded().values()]
+        return {
+            name: np.stack([values[name] for values in each]).reshape([self.lengths[dim] for dim in variable.dims])
+            for name, variable in self.variables().items()
+        }
 
-    def _of_one_model(self) -> dict[str, np.ndarray]:
-        """The variables of a block that holds one model and one value of each own parameter."""
-        (model,) = self.loaded().values()
-        model = model.replace(**{name: values[0] for name, values in self.axes.items() if name not in QUANTITIES})
-        p = self.parameters()
-        hits = impact(model, p, derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
-        found = {name: np.asarray(getattr(hits, name)) for name in ("volume", "t_c")}
-        for name in ("dvolume", "d2volume")[: self.derivatives]:
-            found[name] = np.asarray(getattr(hits, name))
-        if self.optimum:
-            best = alpha_max(model, self._beside_alpha(p))
-            found["alpha_max"], found["volume_max"] = np.asarray(best.alpha), np.asarray(best.volume)
-            found["alpha_max_kind"] = _codes(best.kind, KINDS)
-            found["alpha_max_ended_by"] = _codes(best.ended_by, self.ends)
-        return {**found, "ended_by": _codes(hits.ended_by, self.ends)}
-
-    def _beside_alpha(self, p: Parameters) -> Parameters:
-        """The parameters without the dimension "alpha"."""
+    def _of_model(self, model: CuttingModel) -> dict[str, np.ndarray]:
+        """The variables of one model."""
         dims = [dim for dim in self.dims if dim != "model"]
-        if "alpha" not in dims:
-            return p
-        leaves = {name: getattr(p, name) for name in self.axes if name in QUANTITIES and name != "alpha"}
-        axis = dims.index("alpha")
-        return p.replace(alpha=self.p.alpha, **{name: np.squeeze(leaf, axis) for name, leaf in leaves.items()})
+        varied, p = self.impacts(model, dims)
+        hits = impact(varied, p, derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
+        values = {name: np.asarray(getattr(hits, name)) for name in ("volume", "t_c")}
+        for name in ("dvolume", "d2volume")[: self.derivatives]:
+            values[name] = np.asarray(getattr(hits, name))
+        if self.optimum:
+            best = alpha_max(*self.impacts(model, [dim for dim in dims if dim != "alpha"]))
+            values["alpha_max"], values["volume_max"] = np.asarray(best.alpha), np.asarray(best.volume)
+            values["alpha_max_kind"] = _codes(best.kind, KINDS)
+            values["alpha_max_ended_by"] = _codes(best.ended_by, self.ends)
+        return {**values, "ended_by": _codes(hits.ended_by, self.ends)}
 
     def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
         """Arrays of the grid's shape as a Dataset with coordinates, units and provenance."""
@@ -260,10 +241,8 @@ def make_grid(
     several: Any = model if isinstance(model, Sequence) and not isinstance(model, str) else None
     compared = several is not None
     models = _labelled_models([model] if several is None else several)
-    require_parameters(p)
-    for name in QUANTITIES:
-        if np.ndim(getattr(p, name)):
-            raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array; give it as an axis.")
+    for one in models.values():
+        require_one_impact(_loaded(one), p, "; give it as an axis")
     known = _common(models, (*axes, wrt))
     arrays = {name: _axis(name, values, known) for name, values in axes.items()}
     if not arrays and not compared:
@@ -288,8 +267,8 @@ def make_grid(
     for name in arrays:
         if name in {*grid.variables(), "model", PAIR}:
             raise ValueError(f"An axis must not be called `{name}`, as something else in a sweep is.")
-        if name in QUANTITIES:
-            validate(p.replace(**{name: arrays[name]}))
+        for one in grid.loaded().values():
+            validate(with_values(one, p, {name: arrays[name]})[1])
     return grid
 
 

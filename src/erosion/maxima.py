@@ -127,7 +127,7 @@ class _At(NamedTuple):
         ]
         lanes[_ALPHA] = alpha
         along = ("alpha",) if order else ()
-        return integrate(self.layout, lanes, alpha.size, order, along, self.rtol, twice=False)
+        return integrate(self.layout, lanes, alpha.size, order, along, self.rtol, again=False)
 
 
 class Search:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from erosion.own_parameters import replaced
+from erosion.own_parameters import converted, replaced
 from erosion.parameters import Parameters
 
 Scalar = Float[Array | np.ndarray, ""]
@@ -159,13 +159,30 @@ class CuttingModel(eqx.Module):
         """The same model with other values of its own parameters: `model.replace(friction=0.3)`.
 
         A model's own parameters are its fields, and those of its parts, that hold one real number;
-        where two have the same name, `{"force.rate": 1.0, "torque.rate": 2.0}`. The compiled programs
-        of the model serve again.
+        where two have the same name, `**{"force.rate": 1.0, "torque.rate": 2.0}`. An array holds a number
+        for each of many impacts, and broadcasts with the parameters of the case. The compiled
+        programs of the model serve again.
 
         Raises:
             TypeError, ValueError: for a name that is none of them, or a value that is no finite number.
+                NaN or infinity in an array is no error: it is an impact that fails.
         """
         return replaced(self, changes)
+
+    def to(self, units: str, p: Parameters) -> tuple["CuttingModel", Parameters]:
+        """Model and case in another unit system: `model, p = model.to("si", p)`.
+
+        A model knows no unit system: its own parameters are in the units of the case, and those
+        declared with a dimension (see `own_parameter`) are converted with it. `p.to` converts the case alone.
+
+        Args:
+            units: "inch-pound" or "si".
+            p: the case, in the units of the model's present values.
+
+        Returns:
+            The model and the case of the same impact.
+        """
+        return converted(self, p, units)
 
 
 def event_rates(model: CuttingModel, state: Any, rate: Any, p: Parameters) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from erosion.engine.impact import impact
-from erosion.model import CuttingModel
 from erosion.optimum import alpha_max
 from erosion.particles import Particles
 from erosion.replicates import Estimate, Points
@@ -54,7 +53,6 @@ class NozzleAngle:
 
 
 def best_nozzle_angle(
-    model: CuttingModel,
     particles: Particles,
     points: str,
     seed: int,
@@ -66,10 +64,9 @@ def best_nozzle_angle(
     """Maximise the mean volume over the nozzle's angle, in each replicate and in all together.
 
     Args:
-        model: what cuts.
         particles: deviations from the nozzle's angle stay as they are drawn.
         points: see `Points`.
-        seed: likewise.
+        seed: of the points.
         replicates: independent sets of 2048 particles, whose best angles' spread gives the interval.
         rtol: see `impact`.
         progress: called with angles done and their number, of the curve.
@@ -79,20 +76,20 @@ def best_nozzle_angle(
     def means(angles: np.ndarray, which: Any = slice(None)) -> np.ndarray:
         """Mean volume of each replicate at each angle, shape (replicates, angles)."""
         values = {name: value[which][..., None, :] for name, value in sample.items()}
-        p, hits = particles.impacts(values, angles[:, None])
+        model, p, hits = particles.impacts(values, angles[:, None])
         return np.nanmean(np.where(hits, impact(model, p, rtol=rtol).volume, 0.0), axis=-1)
 
     def best(which: Any, curve: np.ndarray) -> tuple[float, bool]:
         top = int(np.argmax(curve))
         around = _ANGLES[max(top - 1, 0)], _ANGLES[min(top + 1, len(_ANGLES) - 1)]
-        found = minimize_scalar(
+        minimum = minimize_scalar(
             lambda angle: -np.mean(means(np.array([angle]), which)),
             bounds=around,
             method="bounded",
             options={"xatol": _PRECISION},
         )
-        edge = min(abs(found.x - _ANGLES[0]), abs(found.x - _ANGLES[-1])) < 3 * _PRECISION
-        return float(found.x), bool(edge)
+        edge = min(abs(minimum.x - _ANGLES[0]), abs(minimum.x - _ANGLES[-1])) < 3 * _PRECISION
+        return float(minimum.x), bool(edge)
 
     at_once = max(1, _LANES // (replicates * _DRAWN))
     parts = []
@@ -102,7 +99,8 @@ def best_nozzle_angle(
     curves = np.concatenate(parts, axis=1)
     tops = np.array([best(slice(i, i + 1), curve)[0] for i, curve in enumerate(curves)])
     alpha, at_edge = best(slice(None), curves.mean(axis=0))
-    single = alpha_max(model, particles.typical)
+    model, typical = particles.typical
+    single = alpha_max(model, typical)
     fine = np.linspace(_ANGLES[0], _ANGLES[-1], 500)
     return NozzleAngle(
         alpha=Estimate.of(tops, alpha),
@@ -114,5 +112,5 @@ def best_nozzle_angle(
         single_alpha=float(single.alpha),
         single_kind=str(single.kind),
         single_angles=fine,
-        single_curve=np.asarray(impact(model, particles.typical.replace(alpha=fine), rtol=rtol).volume),
+        single_curve=np.asarray(impact(model, typical.replace(alpha=fine), rtol=rtol).volume),
     )

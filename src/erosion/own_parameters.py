@@ -1,6 +1,6 @@
 """A model's own parameters: numbers that are fields of the model, known by name as those of a case are.
 
-Whatever takes the name of a parameter takes that of a model's own as well. Here is what such a
+Whatever takes the name of a parameter takes that of a model's own as well. Here is what the
 name means: which leaf of the model it is, what it is called, and the same model with another value.
 """
 
@@ -14,10 +14,10 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters import QUANTITIES, Parameters, require_parameters
 from erosion.quantities import Quantity
 from erosion.tables import abbreviate
-from erosion.units import Dimension
+from erosion.units import Dimension, conversion_factor
 
 _Model = TypeVar("_Model", bound=eqx.Module)
 
@@ -50,8 +50,8 @@ def own_parameter(default: float, symbol: str, meaning: str, dimension: Dimensio
         default: the value of a model made without another.
         symbol: "μ".
         meaning: "coefficient of friction".
-        dimension: "1", "length", "rate", …; the value is in the units of the case, whichever
-            system that is in, so that numbers in multiples of the case's (of r, of v0) are safer.
+        dimension: "1", "length", "rate", …; the value is in the units of the case, which
+            `CuttingModel.to` converts together with the case.
     """
     known = typing.get_args(Dimension)
     if dimension not in known:
@@ -83,6 +83,7 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
 
     Raises:
         TypeError, ValueError: for a name that is none of them, or a value that is no finite number.
+            NaN or infinity in an array is no error: it is an impact that fails.
     """
     if not changes:
         return model
@@ -98,7 +99,7 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
                 f"Argument `{name}` must be one number, but has shape {np.shape(value)}; for a number for each "
                 "impact declare its field with `erosion.own_parameter`, or as `float`."
             )
-        if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
+        if not isinstance(value, Tracer) and not np.ndim(value) and not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be a finite number, but is {abbreviate(value)}.")
     leaves, structure = jax.tree.flatten(model)
     for name, value in changes.items():
@@ -107,6 +108,34 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
         else:
             leaves[own[name].leaf] = np.asarray(value, float) if np.ndim(value) else float(value)
     return jax.tree.unflatten(structure, leaves)
+
+
+def converted(model: _Model, p: Parameters, units: str) -> tuple[_Model, Parameters]:
+    """Model and case in another unit system; own parameters convert by their dimensions."""
+    there = p.to(units)
+    changes = {}
+    for name, one in own_parameters(model).items():
+        factor = conversion_factor(one.quantity.dimension, p.units, there.units)
+        if factor != 1:
+            changes[name] = one.value * factor
+    return replaced(model, changes), there
+
+
+def require_one_impact(model: eqx.Module, p: Parameters, instead: str = "") -> None:
+    """Refuse parameters that are arrays, of the case or the model's own.
+
+    Args:
+        model: whose own parameters.
+        p: the case.
+        instead: what to use for arrays, added to the message.
+
+    Raises:
+        ValueError: naming the first parameter that is an array, and its shape.
+    """
+    require_parameters(p)
+    for name, value in values(model, p).items():
+        if shape := np.shape(value):
+            raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
 
 
 def quantities(model: eqx.Module) -> dict[str, Quantity]:

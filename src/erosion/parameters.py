@@ -140,7 +140,7 @@ class Parameters(eqx.Module):
         return self.replace(sigma=MATERIALS[material] * conversion_factor("stress", "inch-pound", self.units))
 
     def to(self, units: str) -> "Parameters":
-        """The same impact in another unit system."""
+        """The same case in another unit system; `CuttingModel.to` converts a model's own parameters with it."""
         system = check_system(units)
         converted = {
             name: getattr(self, name) * conversion_factor(quantity.dimension, self.units, system)

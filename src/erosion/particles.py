@@ -4,18 +4,19 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import numpy as np
 
 from erosion.distributions import Distribution
+from erosion.model import CuttingModel
+from erosion.own_parameters import quantities, with_values
 from erosion.parameters import QUANTITIES, Parameters
 
-_SIGNED = ("alpha", "phidot0")  # the others are positive
+_POSITIVE = tuple(name for name in QUANTITIES if name not in ("alpha", "phidot0"))
 
 
 @dataclasses.dataclass(frozen=True)
 class Particles:
-    """The case and how its parameters vary; `draw` makes particles, `impacts` aims them.
+    """Model and case, and how their parameters vary; `draw` makes particles, `impacts` aims them.
 
     A size has consequences: where `r` varies, particles are scaled copies of the case's, so
     that b goes with r and m with r³, unless these have laws of their own.
@@ -25,25 +26,31 @@ class Particles:
     than 180°) flies away from the surface and misses it.
 
     Args:
+        model: what cuts.
         p: the case, all scalars.
-        laws: parameter name to its `Distribution`, one or more.
+        laws: parameter name, of the case or the model's own, to its `Distribution`, one or more.
+            The range of an own parameter is not known here: its law is taken as it is.
     """
 
+    model: CuttingModel
     p: Parameters
     laws: Mapping[str, Any]
 
     def __post_init__(self) -> None:
         if not self.laws:
             raise ValueError("Arguments must include a distribution, such as v0=Normal(4400, 400); there is none.")
+        known = quantities(self.model)
         for name, law in self.laws.items():
-            if name not in QUANTITIES:
-                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(QUANTITIES)}.")
+            if name not in known:
+                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(known)}.")
             if not isinstance(law, Distribution):
                 raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
             if self._least_share(name) > 0.01:
                 raise ValueError(
                     f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
                 )
+        # An own parameter that cannot differ from impact to impact is refused now, not when impacts are computed.
+        self.impacts(self._middle)
 
     def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """The parameters that vary.
@@ -70,14 +77,18 @@ class Particles:
         return float(self.laws["alpha"].ppf(np.array([0.5]))[0]) if "alpha" in self.laws else float(self.p.alpha)
 
     @property
-    def typical(self) -> Parameters:
-        """One particle without any spread: each law at its median."""
-        middle = self.draw(np.full((1, len(self.laws)), 0.5))
-        return jax.tree.map(lambda leaf: np.reshape(leaf, ()), self.impacts(middle)[0])
+    def typical(self) -> tuple[CuttingModel, Parameters]:
+        """The impact of one particle without any spread: each law at its median."""
+        return self.impacts({name: value.reshape(()) for name, value in self._middle.items()})[:2]
+
+    @property
+    def _middle(self) -> dict[str, np.ndarray]:
+        """One particle, each law at its median; shape (1,)."""
+        return self.draw(np.full((1, len(self.laws)), 0.5))
 
     def impacts(
         self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None
-    ) -> tuple[Parameters, np.ndarray]:
+    ) -> tuple[CuttingModel, Parameters, np.ndarray]:
         """The particles as impacts, and which of them hit the surface.
 
         Args:
@@ -86,17 +97,18 @@ class Particles:
                 particles [rad]; the deviations from it stay.
 
         Returns:
-            Parameters in range, and a mask of the same shape. What misses bears an angle of 90°.
+            Model, parameters in range, and a mask of the same shape. What misses bears an angle of 90°.
         """
         shape = np.broadcast_shapes(*(value.shape for value in values.values()))
         alpha = np.broadcast_to(values.get("alpha", np.asarray(self.p.alpha)), shape)
         if nozzle is not None:
             alpha = nozzle + (alpha - self.nozzle)
-        hits = (alpha > 0) & (alpha < np.pi)
+        hits = np.asarray((alpha > 0) & (alpha < np.pi))
         mirrored = alpha > np.pi / 2
         folded = np.where(hits, np.where(mirrored, np.pi - alpha, alpha), np.pi / 2)
         spin = values.get("phidot0", np.asarray(self.p.phidot0))
-        return self.p.replace(**{**values, "alpha": folded, "phidot0": np.where(mirrored, -spin, spin)}), hits
+        changes = {**values, "alpha": folded, "phidot0": np.where(mirrored, -spin, spin)}
+        return *with_values(self.model, self.p, changes), hits
 
     def _least_share(self, name: str) -> float:
-        return 0.0 if name in _SIGNED else self.laws[name].cdf(0.0)
+        return self.laws[name].cdf(0.0) if name in _POSITIVE else 0.0

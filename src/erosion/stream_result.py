@@ -11,7 +11,7 @@ from erosion.cases import dump_case
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.nozzle import NozzleAngle
-from erosion.own_parameters import own_in_words
+from erosion.own_parameters import own_in_words, quantities
 from erosion.parameters import QUANTITIES
 from erosion.particles import Particles
 from erosion.quantities import RESULTS, result_row
@@ -28,8 +28,7 @@ class Stream:
     """The erosion of a stream of particles.
 
     Args:
-        model: what cuts.
-        particles: the case and its distributions.
+        particles: model and case, and their distributions.
         tally: what was counted.
         ends: how a particle may end, the columns of `tally.ends`.
         nozzle: the stream's own best angle, or None where it was not asked for.
@@ -38,12 +37,16 @@ class Stream:
             or where nothing is removed.
     """
 
-    model: CuttingModel
     particles: Particles
     tally: Tally
     ends: tuple[str, ...]
     nozzle: NozzleAngle | None = None
     sensitivities: Mapping[str, tuple[Estimate, Estimate]] | None = None
+
+    @property
+    def model(self) -> CuttingModel:
+        """What cuts."""
+        return self.particles.model
 
     @property
     def n(self) -> int:
@@ -103,8 +106,9 @@ class Stream:
             rows.append(row._replace(value=f"{volume:.4g}", meaning=f"{share:.0%} of the particles remove no more"))
         for end, share in self.shares.items():
             rows.append(_with_error(Row(f"share {end}", "", "", "%"), share, 100.0))
+        known = quantities(self.model)
         for name, (first, total) in (self.sensitivities or {}).items():
-            symbol = QUANTITIES[name].symbol
+            symbol = known[name].symbol
             rows.append(_with_error(Row("sensitivity", f"S({symbol})", "", "", "of the variance, alone"), first))
             rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), total))
         if self.nozzle is not None:
@@ -169,7 +173,7 @@ class Stream:
             dataset["single_alpha_max"] = ((), self.nozzle.single_alpha, single)
             dataset["alpha_max_interval"] = ("end_of_interval", [best.low, best.high], angle)
         laws = "; ".join(f"{name}: {law}" for name, law in self.particles.laws.items())
-        own = own_in_words(self.model)
+        own = own_in_words(self.model, but=self.particles.laws)
         dataset.attrs |= {
             "Conventions": "CF-1.11",
             "title": "Solid particle erosion: a stream",

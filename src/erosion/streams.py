@@ -21,7 +21,8 @@ from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.netcdf import read_netcdf, write_netcdf
 from erosion.nozzle import best_nozzle_angle
-from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.own_parameters import require_one_impact
+from erosion.parameters import Parameters, validate
 from erosion.particles import Particles
 from erosion.precision import require_float64
 from erosion.provenance import identity
@@ -78,7 +79,9 @@ def stream(
         store: a netCDF file, written at the end or when interrupted. The same call goes on from
             it, also to a greater n.
         progress: called with what is being done, how much of it is, and how much there is.
-        **distributions: parameter name to its law, see `erosion.distributions`.
+        **distributions: parameter name, of the case or the model's own, to its law, see
+            `erosion.distributions`. Laws of positive parameters of the case are restricted to x > 0;
+            of own parameters no range is known.
 
     Returns:
         Mean and total volume, erosion per mass, how the particles end, quantiles, Sobol's
@@ -122,10 +125,11 @@ def prepare_stream(
     require_float64()
     model = load_model(model)
     validate(p)
-    particles = Particles(p, distributions)
+    require_one_impact(model, p)
+    particles = Particles(model, p, distributions)
     n, seed, rtol = check_whole("n", n, 1), check_whole("seed", seed, 0), check_tolerance(rtol)
     path = None if store is None else check_path("store", store)
-    _check(p, points, path)
+    _check(points, path)
     known: dict[str, str] = {}
     begun = None
     if path is not None:
@@ -134,7 +138,7 @@ def prepare_stream(
         if path.exists():
             begun = Tally.from_dataset(read_netcdf(path, known))
         require_writable(path)
-    return StreamJob(model, particles, n, seed, points, best_angle, sensitivities, rtol, path, known, begun)
+    return StreamJob(particles, n, seed, points, best_angle, sensitivities, rtol, path, known, begun)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,14 +146,13 @@ class StreamJob:
     """A stream whose arguments make sense.
 
     Args:
-        model, n, seed, points, best_angle, sensitivities, rtol: see `stream`.
-        particles: the case and its laws.
+        particles: model and case, and their laws.
+        n, seed, points, best_angle, sensitivities, rtol: see `stream`.
         path: of the store, if there is one.
         known: the store's identity.
         begun: what the store holds already.
     """
 
-    model: CuttingModel
     particles: Particles
     n: int
     seed: int
@@ -163,8 +166,8 @@ class StreamJob:
 
     def run(self, progress: Callable[[str, int, int], object] | None = None) -> Stream:
         """Compute it; progress and errors as of `stream`."""
-        model, particles, tally = self.model, self.particles, self.begun
-        ends = (MISS, *end_names(model))
+        particles, tally = self.particles, self.begun
+        ends = (MISS, *end_names(particles.model))
         report = progress or (lambda what, done, total: None)
         whole = -(-self.n // REPLICATES)
         drawn = 0 if tally is None else tally.drawn
@@ -173,26 +176,26 @@ class StreamJob:
             while drawn < whole:
                 # Sobol points come in powers of 2; of the last block some may be left.
                 block = supply.take(_BLOCK)[:, : whole - drawn]
-                part = _tally(model, particles, block, ends, self.rtol)
+                part = _tally(particles, block, ends, self.rtol)
                 tally = part if tally is None else tally + part
                 drawn = tally.drawn
                 report("stream", drawn * REPLICATES, whole * REPLICATES)
             assert tally is not None
             if not tally.counted.any():
                 raise SimulationError(
-                    f"{model_name(model)}: of {drawn * REPLICATES:,} particles none could be computed."
+                    f"{model_name(particles.model)}: of {drawn * REPLICATES:,} particles none could be computed."
                 )
-            indices = _sensitivities(model, particles, self.seed, self.rtol) if self.sensitivities else None
+            indices = _sensitivities(particles, self.seed, self.rtol) if self.sensitivities else None
             nozzle = None
             if self.best_angle:
                 turned = functools.partial(report, "angles")
-                nozzle = best_nozzle_angle(model, particles, self.points, self.seed, rtol=self.rtol, progress=turned)
+                nozzle = best_nozzle_angle(particles, self.points, self.seed, rtol=self.rtol, progress=turned)
         except KeyboardInterrupt:
             if tally is None:
                 raise StreamInterrupted(
                     f"interrupted before any of {whole * REPLICATES:,} particles was computed", None
                 ) from None
-            partial = Stream(model, particles, tally, ends)
+            partial = Stream(particles, tally, ends)
             self._save(partial)
             where = "give a store to go on from there another time"
             if self.path is not None:
@@ -200,53 +203,49 @@ class StreamJob:
             raise StreamInterrupted(
                 f"interrupted after {partial.n:,} of {whole * REPLICATES:,} particles; {where}", partial
             ) from None
-        found = Stream(model, particles, tally, ends, nozzle, indices)
-        self._save(found)
-        return found
+        result = Stream(particles, tally, ends, nozzle, indices)
+        self._save(result)
+        return result
 
-    def _save(self, found: Stream) -> None:
+    def _save(self, result: Stream) -> None:
         if self.path is not None:
-            write_netcdf(found.to_dataset(), self.path, self.known)
+            write_netcdf(result.to_dataset(), self.path, self.known)
 
 
-def _check(p: Parameters, points: str, path: Path | None) -> None:
-    for name in QUANTITIES:
-        if np.ndim(getattr(p, name)):
-            raise ValueError(f"Argument `p` must hold scalars, but `{name}` is an array.")
+def _check(points: str, path: Path | None) -> None:
     if points not in ("sobol", "random"):
         raise ValueError(f'Argument `points` must be "sobol" or "random", but is {points!r}.')
     if path is not None and path.suffix != ".nc":
         raise ValueError(f"Argument `store` must end in .nc, but is {path}.")
 
 
-def _tally(model: CuttingModel, particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol: float) -> Tally:
+def _tally(particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol: float) -> Tally:
     """Of one block of points, shape (replicates, n, laws)."""
-    p, hits = particles.impacts(particles.draw(points))
-    found = impact(model, p, rtol=rtol)
+    model, p, hits = particles.impacts(particles.draw(points))
+    results = impact(model, p, rtol=rtol)
     mass = np.broadcast_to(np.asarray(p.m), hits.shape)
-    ended_by = np.where(hits, found.ended_by, MISS)
-    return Tally.of(np.where(hits, found.volume, 0.0), mass, ended_by, ends, float(particles.typical.volume_scale))
+    ended_by = np.where(hits, results.ended_by, MISS)
+    scale = float(particles.typical[1].volume_scale)
+    return Tally.of(np.where(hits, results.volume, 0.0), mass, ended_by, ends, scale)
 
 
-def _sensitivities(
-    model: CuttingModel, particles: Particles, seed: int, rtol: float
-) -> dict[str, tuple[Estimate, Estimate]] | None:
+def _sensitivities(particles: Particles, seed: int, rtol: float) -> dict[str, tuple[Estimate, Estimate]] | None:
     """Sobol's indices, each from independent replicates (Saltelli et al., 2010)."""
     if len(particles.laws) == 1:
         return None
 
     def volume(points: np.ndarray) -> np.ndarray:
-        p, hits = particles.impacts(particles.draw(points.T))
+        model, p, hits = particles.impacts(particles.draw(points.T))
         return np.where(hits, np.nan_to_num(impact(model, p, rtol=rtol).volume), 0.0)
 
     uniform = [stats.uniform(2.0**-31, 1 - 2.0**-30)] * len(particles.laws)
     # Other points than the stream's, so that their errors have nothing to do with each other.
     seeds = np.random.SeedSequence([seed, 1]).spawn(REPLICATES)
-    found = [
+    indices = [
         stats.sobol_indices(func=volume, n=_SENSITIVITY_POINTS, dists=uniform, rng=np.random.default_rng(one))
         for one in seeds
     ]
-    first, total = (np.array([getattr(one, name) for one in found]) for name in ("first_order", "total_order"))
+    first, total = (np.array([getattr(one, name) for one in indices]) for name in ("first_order", "total_order"))
     if not np.isfinite(total).all():
         return None
     return {name: (Estimate.of(first[:, i]), Estimate.of(total[:, i])) for i, name in enumerate(particles.laws)}

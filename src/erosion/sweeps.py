@@ -50,7 +50,7 @@ def sweep(
 
     Args:
         model: a model, its name or path; several in a list make the first dimension, "model".
-        p: the case, all scalars; an axis takes the place of its leaf.
+        p: the case, all scalars; an axis takes the place of its value, or of the model's own.
         derivatives: 0, 1 or 2 derivatives of the volume by `wrt`.
         wrt: one parameter, of the case or the model's own.
         rtol: relative tolerance, see `impact`.
@@ -65,9 +65,8 @@ def sweep(
             interrupted sweep and returns a finished one; the bits do not depend on where and
             how often it was interrupted.
         progress: called with the impacts done and their whole number.
-        **axes: parameter name to one-dimensional values, in the units of `p`. A model's own
-            parameters are shared by all impacts of a call of the kernel: of each value of these
-            a call of its own.
+        **axes: parameter name, of the case or every model's own, to one-dimensional values, in the
+            units of `p`.
 
     Returns:
         volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings say of

@@ -24,7 +24,8 @@ from erosion.arguments import check_tolerance, check_whole
 from erosion.events import find_root, first_fall
 from erosion.model import CuttingModel, State, Tip
 from erosion.models import load_model, model_name
-from erosion.parameters import Parameters, require_concrete, require_scalars, validate
+from erosion.own_parameters import require_one_impact
+from erosion.parameters import Parameters, require_concrete, validate
 from erosion.precision import require_float64
 from erosion.quantities import result_row
 from erosion.tables import Row, abbreviate, to_html, to_text
@@ -199,7 +200,7 @@ def simulate(
 
     Args:
         model: a model, its name, or the path of its file.
-        p: parameters, all scalars.
+        p: parameters, all scalars, as are the model's own.
         points: times at which the histories are given, ≥ 2.
         rtol: relative tolerance of each step.
         solver: a diffrax solver with dense output, by default `Dopri8`.
@@ -221,7 +222,7 @@ def simulate(
     model = load_model(model)
     validate(p)
     require_concrete(p)
-    require_scalars(p, "; for many impacts use `erosion.impact`")
+    require_one_impact(model, p, "; for many impacts use `erosion.impact`")
     rtol, points = check_tolerance(rtol), check_whole("points", points, 2)
     for name, given, kind in (
         ("solver", solver, diffrax.AbstractSolver),

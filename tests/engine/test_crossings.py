@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
-from erosion.engine.crossings import Ends, expected_fall
+from erosion.engine.crossings import Ends, cubic_error, expected_fall, is_crooked, may_hide_a_fall
 
 
 def looked_at(polynomial: np.polynomial.Polynomial, length: float, low: float, high: float) -> tuple[float, bool]:
@@ -37,3 +38,27 @@ def test_a_graze_is_not_steep(lowest: float) -> None:
 
 def test_a_function_that_rises_is_not_steep() -> None:
     assert not looked_at(np.polynomial.Polynomial([0.1, 1.0]), 1.0, 1.0, 3.0)[1]
+
+
+@pytest.mark.parametrize("length", [0.3, 1.0, 2.5, 3.5])
+def test_looks_within_a_step_say_how_much_its_cubic_errs(length):
+    """A sine's cubic errs by up to length⁴/384 of its amplitude; the bound holds, and is not far above."""
+    for phase in np.linspace(0, 2 * np.pi, 50):
+        theta = np.linspace(0, 1, 200)
+        start, end = (Ends(np.sin(phase + t * length), np.cos(phase + t * length)) for t in (0.0, 1.0))
+        error = cubic_error(start, end, length, [(t, np.sin(phase + t * length)) for t in (0.1475, 0.9247)])
+        cubic = CubicHermiteSpline([0, length], [start.value, end.value], [start.rate, end.rate])(theta * length)
+        off = np.abs(cubic - np.sin(phase + theta * length))
+        assert np.all(off <= 2 * float(error) * (theta * (1 - theta)) ** 2 + 1e-14)
+        assert float(error) / 16 <= 1.5 * length**4 / 384
+
+
+def test_a_dip_that_the_cubic_does_not_see_may_be_there():
+    # Down and up again within the step, both ends high: the cubic is a hump.
+    start, end = Ends(1.0, 0.5), Ends(1.0, -0.5)
+    within = [(0.465, -0.1), (0.65, 0.1)]
+    error = cubic_error(start, end, 1.0, within)
+    assert is_crooked(start, end, 1.0, error)
+    assert may_hide_a_fall(start, end, 1.0, error)
+    straight = [(t, 1 + 0.5 * t * (1 - t)) for t in (0.1475, 0.9247)]
+    assert not is_crooked(start, end, 1.0, cubic_error(start, end, 1.0, straight))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import erosion
+from benchmarks.fast_turns import fast_turns
 from erosion.engine.batch import integrate
 from erosion.engine.leaves import split
 from tests.fine_steps import wrong_ends
@@ -165,3 +166,21 @@ def test_of_two_ends_at_almost_the_same_time_the_first_is_taken(row: tuple, orde
         )
         assert {*below, *above} == {"rebound", "stop"}, rtol
         assert len(below) == len(above) == 1, rtol
+
+
+def test_a_stop_within_a_fast_oscillation_is_not_stepped_over():
+    # Turned by radians within a step; the figure is scipy's, at 1e-12 with steps of 1e-5 of the time scale.
+    p = P.replace(psi=1e-6, alpha=0.3141, phidot0=-2958.0)
+    assert erosion.impact("rotating", p).volume == pytest.approx(6.7725336, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", ["rotating", "rotating-full-torque"])
+def test_bodies_that_turn_fast_miss_no_end(name):
+    # A sample of what benchmarks/fast_turns.py covers (a million).
+    p = fast_turns(4000, seed=5)
+    hits, exact = erosion.impact(name, p), erosion.impact(name, p, rtol=1e-12)
+    assert np.array_equal(hits.ended_by, exact.ended_by)
+    assert "failed" not in hits.ended_by
+    cut = exact.t_c > 0
+    assert hits.t_c[cut] == pytest.approx(exact.t_c[cut], rel=1e-7)
+    assert hits.volume[cut] == pytest.approx(exact.volume[cut], rel=1e-7)

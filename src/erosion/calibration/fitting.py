@@ -13,7 +13,8 @@ from erosion.calibration.measurements import Measurements, read_measurements
 from erosion.calibration.result import Calibration
 from erosion.model import CuttingModel
 from erosion.models import load_model
-from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.own_parameters import require_one_impact
+from erosion.parameters import Parameters, validate
 from erosion.units import UnitError, read_quantity
 
 
@@ -54,9 +55,7 @@ def calibrate(
     """
     model = load_model(model)
     validate(p)
-    for name in QUANTITIES:
-        if np.ndim(getattr(p, name)):
-            raise ValueError(f"Argument `p` must be one case, but its {name} has shape {np.shape(getattr(p, name))}.")
+    require_one_impact(model, p)
     measured = read_measurements(data, p.units)
     forward = Forward(model, p, check_free(free, measured, model), measured, _density(density, measured, p))
     if loss not in LOSSES:

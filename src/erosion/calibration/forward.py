@@ -1,8 +1,8 @@
 """From free parameters to predicted erosion, with exact derivatives.
 
 Positive parameters q are fitted as θ = log q, the spin φ̇₀ as θ = φ̇₀ r/v₀ (of the case): then
-steps are of order 1 whatever the units, and nothing leaves its range. So are a model's own
-parameters, which have no range that is known here: one that starts at zero or below it is fitted in
+steps are of order 1 whatever the units, and nothing leaves its range. The range of a model's own
+parameters is not known here: one that starts above zero is fitted as its logarithm, any other in
 multiples of its size, and may change its sign.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from erosion.calibration.measurements import Measurements
 from erosion.engine.impact import Impact, impact
 from erosion.model import CuttingModel
-from erosion.own_parameters import own_parameters, quantities, sizes, values, with_values
+from erosion.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.parameters import QUANTITIES, Parameters
 
 SCALE = "scale"
@@ -93,10 +93,10 @@ class Forward:
         Returns:
             Erosion, shape (rows,), and ∂/∂θ, shape (rows, names); NaN where an impact failed.
         """
-        found, factor = self._impacts(self.values(theta), conditions)
-        erosion = found.volume * factor
+        hits, factor = self._impacts(self.values(theta), conditions)
+        erosion = hits.volume * factor
         slopes = self.slopes(theta)[: len(self.free)]
-        rates = [found.dvolume[:, i] * slope * factor for i, slope in enumerate(slopes)]
+        rates = [hits.dvolume[:, i] * slope * factor for i, slope in enumerate(slopes)]
         if self.data.per_mass and "m" in self.free:
             rates[self.free.index("m")] = rates[self.free.index("m")] - erosion
         if self.data.free_scale:
@@ -104,7 +104,7 @@ class Forward:
         return erosion, np.stack(rates, axis=-1)
 
     def predict_many(self, thetas: np.ndarray, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The erosion at several θ at once, for parameters of the case much faster than one by one.
+        """The erosion at several θ at once, much faster than one by one.
 
         Args:
             thetas: shape (points, names).
@@ -113,21 +113,18 @@ class Forward:
         Returns:
             Erosion, shape (points, rows); NaN where an impact failed.
         """
-        if not all(name in QUANTITIES for name in self.free):
-            # The impacts of one call of the kernel share the model.
-            return np.stack([self.predict(theta, conditions)[0] for theta in thetas])
         columns = zip(self.names, thetas.T, strict=True)
-        found, factor = self._impacts(
+        hits, factor = self._impacts(
             {name: self.from_theta(name, column[:, None]) for name, column in columns}, conditions
         )
-        return found.volume * factor
+        return hits.volume * factor
 
     def _impacts(self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray]) -> tuple[Impact, Any]:
         """The impacts at parameter values, and what turns volume into the erosion that was measured."""
         model, p = with_values(self.model, self.p, {name: values[name] for name in self.free})
         p = p.replace(**conditions)
         # Always with derivatives: then one compiled program serves all.
-        found = impact(model, p, derivatives=1, wrt=self.free)
+        hits = impact(model, p, derivatives=1, wrt=self.free)
         factor = 1.0
         if self.data.needs_density and self.density is not None:
             factor = self.density
@@ -135,7 +132,7 @@ class Forward:
             factor = factor / np.asarray(p.m)
         if self.data.free_scale:
             factor = factor * values[SCALE]
-        return found, factor
+        return hits, factor
 
     @functools.cached_property
     def _units(self) -> dict[str, float]:
@@ -150,6 +147,7 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
 
     Raises:
         ValueError: for a name that is no parameter, or one that the data fixes.
+        TypeError: for an own parameter of a field that is not declared as a number.
     """
     if not isinstance(free, Sequence):
         raise TypeError(f"Argument `free` must be a list of parameters, but is {free!r}.")
@@ -164,4 +162,6 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
             raise ValueError(f"Argument `free` must not name `{name}`: the data has a column of it.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
+    # An own parameter that cannot differ from impact to impact is refused now, not when many θ are tried at once.
+    replaced(model, {name: np.zeros(1) for name in names if name not in QUANTITIES})
     return names

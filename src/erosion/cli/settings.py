@@ -1,6 +1,6 @@
 """`--set friction=0.3`: a model's own parameters at the command line and in case files."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -9,7 +9,7 @@ from erosion.cli.options import InputError, load
 
 if TYPE_CHECKING:
     from erosion.model import CuttingModel
-    from erosion.units import System
+    from erosion.units import Dimension, System
 
 SetOption = Annotated[
     list[str] | None,
@@ -48,7 +48,11 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
 
 
 def read_settings(
-    name: str, model: "CuttingModel", said: Settings, units: "System", read: Callable[[Any, Any, "System"], Any]
+    name: str,
+    model: "CuttingModel",
+    said: Settings,
+    units: "System",
+    read: "Callable[[str, Any, Dimension, System], Any]",
 ) -> dict[str, Any]:
     """The values of settings.
 
@@ -57,7 +61,8 @@ def read_settings(
         model: whose own parameters they must be.
         said: see `settings`.
         units: of bare numbers and of the result.
-        read: takes what is said, a dimension and the units, as `read_quantity` does.
+        read: takes an own parameter's name, what is said of it, its dimension and the units; gives its
+            value, or several, or its law.
 
     Raises:
         InputError: one sentence naming the option or the field.
@@ -66,18 +71,18 @@ def read_settings(
 
     from erosion.own_parameters import own_parameters
 
-    own, found = own_parameters(model), {}
+    own, values = own_parameters(model), {}
     for one, (what, text) in said.items():
         if one not in own:
             has = f"has {', '.join(own)}" if own else "has none"
             raise InputError(f"{what} must name an own parameter of {name}, which {has}.")
         try:
-            found[one] = read(text, own[one].quantity.dimension, units)
+            values[one] = read(one, text, own[one].quantity.dimension, units)
         except ValueError as error:
             raise InputError(f"{what} {error}.") from error
-        if not np.all(np.isfinite(found[one])):
+        if isinstance(values[one], (float, np.ndarray)) and not np.all(np.isfinite(values[one])):
             raise InputError(f"{what} must be finite, but is {text}.")
-    return found
+    return values
 
 
 def load_set(name: str, said: Settings, units: "System") -> "CuttingModel":
@@ -85,7 +90,7 @@ def load_set(name: str, said: Settings, units: "System") -> "CuttingModel":
     from erosion.units import read_quantity
 
     model = load(name)
-    changes = read_settings(name, model, said, units, lambda text, *of: read_quantity(str(text), *of))
+    changes = read_settings(name, model, said, units, lambda _, text, *of: read_quantity(str(text), *of))
     return model.replace(**changes)
 
 
@@ -97,8 +102,9 @@ def in_full(name: str, model: "CuttingModel") -> str:
     return f"{name} ({own})" if own else name
 
 
-def model_as_json(name: str, model: "CuttingModel") -> dict[str, Any]:
-    """A model's name, and its own parameters as plain numbers."""
+def model_as_json(name: str, model: "CuttingModel", but: Collection[str] = ()) -> dict[str, Any]:
+    """A model's name, and its own parameters as plain numbers, those named `but` left out."""
     from erosion.own_parameters import own_parameters
 
-    return {"model": name, "own_parameters": {own: float(one.value) for own, one in own_parameters(model).items()}}
+    own = {key: float(one.value) for key, one in own_parameters(model).items() if key not in but}
+    return {"model": name, "own_parameters": own}

@@ -10,6 +10,7 @@ from erosion.cli.options import (
     InputError,
     JsonOption,
     WholeOption,
+    load,
     print_json,
     print_table,
     read_whole,
@@ -19,11 +20,13 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.progress import progress_bar
-from erosion.cli.settings import SetOption, load_set, model_as_json, settings
+from erosion.cli.settings import SetOption, Settings, model_as_json, read_settings, settings
 
 if TYPE_CHECKING:
+    from erosion.model import CuttingModel
     from erosion.parameters import Parameters
     from erosion.stream_result import Stream
+    from erosion.units import Dimension, System
 
 
 def stream(
@@ -45,7 +48,8 @@ def stream(
 
     Any of the case's parameters may vary: --alpha "normal(20deg, 3deg)", --v0 "lognormal(110 m/s, 0.1)",
     --phidot0 "uniform(-1e4, 1e4)", --m "weibull(50ug, 3)", --r "rosin-rammler(1mm, 3, 0.2mm)",
-    --v0 "samples(jet.csv)". A case file says the same in a table [stream], which options overrule.
+    --v0 "samples(jet.csv)"; so may the model's own: --set "friction=normal(0.2, 0.02)". A case file says
+    the same in a table [stream], which options overrule.
     """
     if out is not None and out.suffix != ".nc":
         raise InputError(f"Option `--out` must end in .nc, but is {out}.")
@@ -58,7 +62,7 @@ def stream(
         raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
     require_outputs(plot=plot, inputs=(options.case,))
     said = settings(own, section, f"{options.case}: `set` of [stream]")
-    chosen = load_set(model or section.get("model", "linearized"), said, p.units)
+    chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), said, p)
     start_engine()
     from erosion.streams import StreamInterrupted, prepare_stream
 
@@ -72,10 +76,11 @@ def stream(
             best_angle=best_angle,
             store=out,
             **laws,
+            **own_laws,
         )
     with progress_bar("stream") as progress:
         try:
-            found = job.run(lambda what, done, total: progress(done, total, what))
+            result = job.run(lambda what, done, total: progress(done, total, what))
         except StreamInterrupted as interrupted:
             if interrupted.partial is not None:
                 _show(interrupted.partial, json)
@@ -85,48 +90,62 @@ def stream(
         from erosion.plotting.style import save_plot
 
         with user_errors():
-            save_plot(plot_stream(found), plot)
-    _show(found, json)
+            save_plot(plot_stream(result), plot)
+    _show(result, json)
 
 
 def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
     """The scalars of the case, and what its [stream] and the options let vary; options win."""
-    from erosion.distributions import read_distribution
     from erosion.parameters import QUANTITIES
-    from erosion.units import read_quantity
 
     p = options.without_changes().parameters()
-    laws: dict[str, Any] = {}
-    scalars: dict[str, float] = {}
+    values: dict[str, Any] = {}
     for name, (what, text) in options.texts("stream", section).items():
-        dimension = QUANTITIES[name].dimension
         try:
-            law = read_distribution(str(text), name, dimension, p.units)
-            if law is None:
-                scalars[name] = read_quantity(str(text), dimension, p.units)
-            else:
-                laws[name] = law
+            values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.units)
         except ValueError as error:
             raise InputError(f"{what} {error}.") from error
-    return p.replace(**scalars), laws
+    numbers, laws = _split(values)
+    return p.replace(**numbers), laws
 
 
-def _show(found: "Stream", json: bool) -> None:
+def _model_and_laws(name: str, said: Settings, p: "Parameters") -> "tuple[CuttingModel, dict[str, Any]]":
+    """The model with its own parameters as they are said to be, and what of them varies."""
+    model = load(name)
+    numbers, laws = _split(read_settings(name, model, said, p.units, _number_or_law))
+    return model.replace(**numbers), laws
+
+
+def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System") -> Any:
+    from erosion.distributions import read_distribution
+    from erosion.units import read_quantity
+
+    law = read_distribution(str(text), name, dimension, units)
+    return read_quantity(str(text), dimension, units) if law is None else law
+
+
+def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
+    """The numbers among them, and the laws."""
+    numbers = {name: value for name, value in values.items() if isinstance(value, float)}
+    return numbers, {name: value for name, value in values.items() if name not in numbers}
+
+
+def _show(result: "Stream", json: bool) -> None:
     if not json:
-        print_table(found.title, found.rows())
+        print_table(result.title, result.rows())
         return
-    summary = found.to_dataset()
+    summary = result.to_dataset()
     scalars = [str(name) for name, variable in summary.data_vars.items() if not variable.dims]
-    content: dict[str, Any] = {**model_as_json(summary.attrs["model"], found.model), "particles": found.n}
-    content |= {name: float(summary[name]) for name in scalars}
-    content["quantiles"] = {f"{share:g}": volume for share, volume in found.quantiles.items()}
-    content["shares"] = {end: share.value for end, share in found.shares.items()}
-    if found.nozzle is not None:
-        content["alpha_max_interval"] = [found.nozzle.alpha.low, found.nozzle.alpha.high]
-    if found.sensitivities is not None:
+    content = model_as_json(summary.attrs["model"], result.model, but=result.particles.laws)
+    content |= {"particles": result.n, **{name: float(summary[name]) for name in scalars}}
+    content["quantiles"] = {f"{share:g}": volume for share, volume in result.quantiles.items()}
+    content["shares"] = {end: share.value for end, share in result.shares.items()}
+    if result.nozzle is not None:
+        content["alpha_max_interval"] = [result.nozzle.alpha.low, result.nozzle.alpha.high]
+    if result.sensitivities is not None:
         content["sensitivities"] = {
             name: {"first": first.value, "first_error": first.error, "total": total.value, "total_error": total.error}
-            for name, (first, total) in found.sensitivities.items()
+            for name, (first, total) in result.sensitivities.items()
         }
     content["units"] = {name: summary[name].attrs["units"] for name in scalars}
     print_json(content)

@@ -127,7 +127,7 @@ def _own_values(model: Any, said: Settings, p: "Parameters") -> dict[str, Any]:
     found: dict[str, Any] = {}
     if said:
         for name in model if isinstance(model, list) else [model]:
-            found = read_settings(name, load(name), said, p.units, read_axis)
+            found = read_settings(name, load(name), said, p.units, lambda _, *of: read_axis(*of))
     return found
 
 

@@ -9,14 +9,16 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from erosion.engine.integrator import Solution, solve
+from erosion.engine.integrator import TIGHTEST, Solution, solve
 from erosion.engine.leaves import Layout
 from erosion.engine.ordering import alike_together
+from erosion.engine.outcomes import names_of
 from erosion.engine.variational import Derivatives
 from erosion.lanes.choice import Compiled, compile_lanes, threads
 from erosion.lanes.lanewise import WIDTH, number
 
 _SHELF = 2**16  # lanes among which to look for neighbours: their numbers fit the second-level cache
+_REPEATED = 4  # times at most
 _FEW = 256  # lanes; so few are computed sooner than shared among threads
 
 
@@ -43,12 +45,12 @@ def integrate(
     directions: tuple[Any, ...],
     rtol: float,
     *,
-    twice: bool = True,
+    again: bool = True,
 ) -> Results:
-    """Integrate lanes to their ends; those of doubtful accuracy twice.
+    """Integrate lanes to their ends; those of doubtful accuracy again.
 
     Where small errors of the motion may be large ones of the results, the lane is integrated
-    again with a tolerance that is smaller by as much.
+    again with a tolerance that is smaller by as much, until two integrations agree.
 
     Args:
         layout: of model and case.
@@ -58,7 +60,7 @@ def integrate(
         directions: a parameter's name, or one or two arrays of the places of elements, see `Variational`:
             numbers like the others, so that one program serves all.
         rtol: of volume, end time and derivatives.
-        twice: False leaves doubtful lanes as they are.
+        again: False leaves doubtful lanes as they are.
     """
     names = tuple(one for one in directions if isinstance(one, str))
     program = _program(layout, order, names, 0 if names else len(directions))
@@ -66,12 +68,48 @@ def integrate(
     leaves = [*(np.asarray(one, float) for one in numbers), *places]
     results, tolerance = _empty(lanes, order, len(directions)), np.empty(lanes)
     outputs = jax.tree.leaves(Solution(results.outcome, tolerance, *results[1:3], None, results.trials))
-    again = _walk(program, [*leaves, np.asarray(rtol)], np.arange(lanes), outputs, layout)
-    if twice:
-        again = np.flatnonzero(tolerance < rtol)
-        if again.size:
-            _walk(program, [*leaves, tolerance.copy()], again, outputs, layout)
+    _walk(program, [*leaves, np.asarray(rtol)], np.arange(lanes), outputs)
+    if again:
+        doubtful = np.flatnonzero(tolerance < rtol)
+        _repeat(program, leaves, doubtful, outputs, results, tolerance, rtol, len(names_of(layout)))
     return results
+
+
+def _repeat(
+    program: Compiled,
+    leaves: list[np.ndarray],
+    lanes: np.ndarray,
+    outputs: list[np.ndarray],
+    results: Results,
+    tolerance: np.ndarray,
+    rtol: float,
+    ends: int,
+) -> None:
+    """Integrate doubtful lanes again, each with its own tolerance, until two integrations agree.
+
+    The error is in proportion to the tolerance, so that of the last integration is what it changed, times
+    the ratio of both tolerances. One that fails, for rounding, leaves what was known before.
+    """
+    used, following = np.full(lanes.size, rtol), tolerance[lanes]
+    whole = np.array(tolerance)
+    for _ in range(_REPEATED):
+        if not lanes.size:
+            return
+        before = [output[lanes] for output in outputs]
+        old = np.array(results.outcome[lanes]), results.time.value[lanes], results.volume.value[lanes]
+        whole[lanes] = following
+        _walk(program, [*leaves, whole], lanes, outputs)
+        outcome, time, volume = results.outcome[lanes], results.time.value[lanes], results.volume.value[lanes]
+        lost = (outcome >= ends - 2) & (old[0] < ends - 2)
+        for output, was in zip(outputs, before, strict=True):
+            output[lanes[lost]] = was[lost]
+        with np.errstate(all="ignore"):
+            change = np.maximum(np.abs(time - old[1]) / np.abs(time), np.abs(volume - old[2]) / np.abs(volume))
+            change = np.where(outcome == old[0], np.nan_to_num(change, posinf=0.0), 1.0)
+            wanted = np.maximum(following * rtol / (change * following / used), TIGHTEST)
+            wanted = np.where(lost, np.sqrt(used * following), wanted)
+        more = lost | (wanted < following / 2)
+        used, following, lanes = np.where(lost, used, following)[more], wanted[more], lanes[more]
 
 
 def integrate_along(
@@ -100,9 +138,7 @@ def integrate_along(
     return jax.tree.map(lambda part: part.reshape(lanes, count), each)
 
 
-def _walk(
-    program: Compiled, leaves: list[np.ndarray], lanes: np.ndarray, outputs: list[np.ndarray], layout: Layout
-) -> None:
+def _walk(program: Compiled, leaves: list[np.ndarray], lanes: np.ndarray, outputs: list[np.ndarray]) -> None:
     """Integrate some lanes, and write their results."""
     count = threads()
     if lanes.size <= _FEW or count == 1:

@@ -1,16 +1,19 @@
 """Where in a step an event function may fall through zero, from the cubic through its ends."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
+_ENDS = 0.02  # of a step: this far beyond its ends a lowest point may be by the cubic, and yet at an end
 _LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known
 _STRAIGHT = 0.5  # of its slope at a step's end an event function keeps at least as much up to a zero foreseen
 _STEEP = 0.02  # of its slopes in a step: where it is flatter, it may turn before zero
 _FOUND = 1e-3  # of a step: the zero of the cubic is found when Newton's method would move by less
 _NONE = 1e-200  # instead of no slope
-_LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)²
+_LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)²; `is_crooked` says where not
+_LOOKS = (0.25, 0.5, 0.75)  # of a step: where the cubic of a crooked function is asked
 
 
 class Ends(NamedTuple):
@@ -20,28 +23,71 @@ class Ends(NamedTuple):
     rate: Any
 
 
-# JAX traces both once, for all events and programs.
+# JAX traces these once, for all events and programs.
 @jax.jit
-def dip_in_step(start: Ends, end: Ends, length: Any) -> tuple[Any, Any]:
+def cubic_error(start: Ends, end: Ends, length: Any, looks: Sequence[tuple[Any, Any]]) -> Any:
+    """By how many times θ²(1-θ)² the cubic through both ends errs, from the function's values within the step.
+
+    Args:
+        start: the event function where the step begins.
+        end: where it ends.
+        length: of the step.
+        looks: where in the step, from 0 to 1, and the value there.
+    """
+    worst: Any = 0.0
+    for theta, value in looks:
+        off = jnp.abs(value - _cubic(start, end, length, theta))
+        worst = jnp.maximum(worst, off / (theta * (1 - theta)) ** 2)
+    return worst
+
+
+@jax.jit
+def is_crooked(start: Ends, end: Ends, length: Any, error: Any) -> Any:
+    """Whether the cubic errs by more than a search for dips may take for granted; see `cubic_error`."""
+    return 2 * error > _LOW * length * (jnp.abs(start.rate) + jnp.abs(end.rate))
+
+
+@jax.jit
+def may_hide_a_fall(start: Ends, end: Ends, length: Any, error: Any) -> Any:
+    """Whether an event function may have fallen to zero within the step, for all that its cubic says."""
+    low: Any = end.value <= 0
+    for theta in _LOOKS:
+        low = low | (_cubic(start, end, length, theta) <= 2 * error * (theta * (1 - theta)) ** 2)
+    return low
+
+
+def _cubic(start: Ends, end: Ends, length: Any, theta: Any) -> Any:
+    """The cubic through both ends (Hermite), at a share of the step."""
+    rest = 1 - theta
+    values = rest**2 * (1 + 2 * theta) * start.value + theta**2 * (3 - 2 * theta) * end.value
+    return values + length * theta * rest * (rest * start.rate - theta * end.rate)
+
+
+@jax.jit
+def dip_in_step(start: Ends, end: Ends, length: Any, error: Any) -> tuple[Any, Any]:
     """Where in the step (0 to 1) an event function may dip to zero and return; 2 if it does not.
 
     And its least value in between, by the cubic; infinity where it only rises or falls.
 
     The cubic through both ends has its minimum at θ. It errs by less than a small multiple
     of θ²(1-θ)², so that a minimum above that is harmless, and one below is to be looked at.
+    For `error` see `cubic_error`.
     """
     from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
     a, b = 3 * (from_ + to - 2 * rise), 2 * (3 * rise - 2 * from_ - to)
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * from_, 0.0))
     # Of the two roots of the cubic's derivative, the one with positive curvature √….
     upper = jnp.where(b >= 0, -2 * from_ / (b + root), (root - b) / (2 * a))
-    inside = (b * b > 4 * a * from_) & (upper > 0) & (upper < 1) & (end.value > 0)
-    theta = jnp.where(inside, upper, 0.5)
+    turns = (b * b > 4 * a * from_) & (end.value > 0)
+    inside = turns & (upper > 0) & (upper < 1)
+    # A step that landed on a lowest point, and the next one, have it at their ends.
+    within = turns & (upper > -_ENDS) & (upper < 1 + _ENDS)
+    theta = jnp.where(within, jnp.clip(upper, 0.0, 1.0), 0.5)
     lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
     width = theta * (1 - theta)
-    harmless = lowest > _LOW * (jnp.abs(from_) + jnp.abs(to)) * width**2
+    harmless = lowest > jnp.maximum(_LOW * (jnp.abs(from_) + jnp.abs(to)), 2 * error) * width**2
     where = jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
-    return where, jnp.where(inside, lowest, jnp.inf)
+    return where, jnp.where(within, lowest, jnp.inf)
 
 
 @jax.jit

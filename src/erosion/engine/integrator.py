@@ -25,9 +25,11 @@ _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs
 _TINY = 1e-200  # keeps 0/0 away
 _CHECK = 0.1  # of the second estimate, brought to the first one's order; docs/performance.md
 _FIRST_STEP = 0.17  # of the model's time scale
+_LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: no cubic errs at both by much less than in between
 _DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
 _GRAZE = 1e4  # likewise larger, over many turns of a fast spin
-_TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
+TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
+_MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of so many add up, and may grow from one to the next
 
 Rows = list[Any]
 """The state with its derivatives as plain numbers, one member after the other."""
@@ -100,6 +102,11 @@ class Problem:
             values, rates = jax.jvp(here.events, (state[0],), (flow[0],))
             return jax.tree.leaves(flow), [Ends(*each) for each in zip(values, rates, strict=True)]
 
+        @jax.jit
+        def events(numbers: Sequence[Any], rows: Rows) -> list[Any]:
+            return motion(*layout.joined(numbers)).events(self.members(rows)[0])
+
+        self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, given)
         self.rate_and_events = functools.partial(rate_and_events, self.numbers, given)
 
@@ -154,14 +161,14 @@ def solve(
 def _try_step(problem: Problem, scale: Any, rtol: Any, until: Any, lane: Lane) -> Lane:
     """Try one step, and act on what it was."""
     h = lane.control.trial
-    state, stages = _step(problem, lane.state, lane.slope, h)
+    state, stages, within = _step(problem, lane.state, lane.slope, h)
     slope, events = problem.rate_and_events(state)
     stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
     error = _error(problem, lane, state, stages, h) / (_SLACK * rtol)
     for event in events:
         # Events that are not numbers, of a motion that is, are an error too: 0·NaN is NaN.
         error = error + 0.0 * event.value + 0.0 * event.rate
-    trial = step_control.look(lane.control, lane.events, events, error)
+    trial = step_control.look(lane.control, lane.events, events, within, error)
     control, moved = lax.cond(
         step_control.is_near_an_end(lane.control, trial),
         lambda: step_control.decide(lane.control, trial, scale),
@@ -176,14 +183,16 @@ def _within(control: Control, until: Any) -> Control:
     return control if until is None else step_control.stop_at(control, until)
 
 
-def _step(problem: Problem, state: Rows, slope: Rows, h: Any) -> tuple[Rows, list[Rows]]:
-    """The state after a step of 8th order, and for each row its slopes at the stages."""
-    stages = [[k] for k in slope]
-    for weights in A[:-1]:
+def _step(problem: Problem, state: Rows, slope: Rows, h: Any) -> tuple[Rows, list[Rows], list[tuple[float, list[Any]]]]:
+    """The state after a step of 8th order, each row's slopes at the stages, and the events at two of these."""
+    stages, within = [[k] for k in slope], []
+    for i, weights in enumerate(A[:-1]):
         at = [_moved_by(weights, u, h, ks) for u, ks in zip(state, stages, strict=True)]
+        if i in _LOOKS:
+            within.append((float(weights.sum()), problem.events(at)))
         for ks, k in zip(stages, problem.rate(at), strict=True):
             ks.append(k)
-    return [_moved_by(B, u, h, ks) for u, ks in zip(state, stages, strict=True)], stages
+    return [_moved_by(B, u, h, ks) for u, ks in zip(state, stages, strict=True)], stages, within
 
 
 def _moved_by(weights: np.ndarray, u: Any, h: Any, slopes: Sequence[Any]) -> Any:
@@ -266,10 +275,11 @@ def _finish(problem: Problem, lane: Lane, rtol: Any) -> Solution:
     amplified = cut & (end.amplification > _DOUBT)
     factor = jnp.where(amplified, _DOUBT / end.amplification, 1.0)
     factor = jnp.where(control.margin < _GRAZE * rtol, jnp.minimum(factor, 1 / _GRAZE), factor)
+    factor = jnp.where(control.trials > _MANY_STEPS, jnp.minimum(factor, _MANY_FACTOR), factor)
     own = getattr(equations.at(problem.numbers), "state", None)
     return Solution(
         outcome=outcome.astype(np.int8),
-        tolerance=jnp.maximum(factor * rtol, jnp.minimum(_TIGHTEST, rtol)),
+        tolerance=jnp.where(finite, jnp.maximum(factor * rtol, jnp.minimum(TIGHTEST, rtol)), rtol),
         time=time,
         volume=volume,
         state=None if own is None else own(members[0]),

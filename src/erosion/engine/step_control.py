@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from erosion.engine.crossings import Ends, dip_in_step, expected_fall
+from erosion.engine.crossings import Ends, cubic_error, dip_in_step, expected_fall, is_crooked, may_hide_a_fall
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 
@@ -23,12 +23,14 @@ _SAFETY = 0.8  # of the step that would just do
 _LONGEST_CUT = 1e4  # of the model's time scale; later is "unfinished"
 _MAX_TRIALS = 20_000
 _REJECTED = 64  # trials, and one more for each eight accepted: then the error must be rounding
+_STUCK = 512  # trials within a thousandth of the time scale: likewise
 _NEAR = 1e-2  # of the time scale, the cut and a good step: this near a steep fall, a short step and Newton do the rest
 _NEAR_FLAT = 1e-3  # likewise, a flat one
 _SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _SOON = 2.0  # trials, at the rate of now: an event that near is worth to be looked for
 _SHORTEST = 1e-14  # of the time scale
+_TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
 
 
 class Control(NamedTuple):
@@ -57,6 +59,7 @@ class Trial(NamedTuple):
     past: Any  # whether its end is past an event
     low: Any  # a length before the event
     high: Any  # and one past it, or as far as to look ahead
+    off: Sequence[Any]  # by how much the cubic of each event function errs; see `cubic_error`
 
 
 def begin(scale: Any, begins: Any, finite: Any, first: float) -> Control:
@@ -82,20 +85,31 @@ def goes_on(control: Control) -> Any:
     return control.mode <= LOCATING
 
 
-def look(control: Control, start: Sequence[Ends], end: Sequence[Ends], error: Any) -> Trial:
-    """What a trial says about events."""
-    dips, lows = zip(*(dip_in_step(*each, control.trial) for each in zip(start, end, strict=True)), strict=True)
+def look(
+    control: Control,
+    start: Sequence[Ends],
+    end: Sequence[Ends],
+    within: Sequence[tuple[float, Sequence[Any]]],
+    error: Any,
+) -> Trial:
+    """What a trial says about events; `within`: their values at some shares of the step."""
+    off = [
+        cubic_error(*each, control.trial, [(theta, values[i]) for theta, values in within])
+        for i, each in enumerate(zip(start, end, strict=True))
+    ]
+    dips = [dip_in_step(*each, control.trial, error) for *each, error in zip(start, end, off, strict=True)]
     past = _any(event.value <= 0 for event in end)
     ahead = jnp.where(control.mode == LOCATING, control.high, _AHEAD * control.trial)
     return Trial(
         error=error,
         start=start,
         end=end,
-        dip=functools.reduce(jnp.minimum, dips),
-        lowest=functools.reduce(jnp.minimum, lows),
+        dip=functools.reduce(jnp.minimum, [dip for dip, _ in dips]),
+        lowest=functools.reduce(jnp.minimum, [lowest for _, lowest in dips]),
         past=past,
         low=jnp.where(past, 0.0, control.trial),
         high=jnp.where(_good(control, error) & past, control.trial, ahead),
+        off=off,
     )
 
 
@@ -103,7 +117,8 @@ def is_near_an_end(control: Control, trial: Trial) -> Any:
     """Whether more must be known about events than that none is near."""
     soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
     advancing = control.mode == ADVANCING
-    return (control.mode == LOCATING) | (advancing & (trial.past | soon | (trial.dip < 1)))
+    crooked = _any(is_crooked(*each, control.trial, off) for *each, off in _events(trial))
+    return (control.mode == LOCATING) | (advancing & (trial.past | soon | crooked | (trial.dip < 1)))
 
 
 def go_on(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
@@ -118,8 +133,15 @@ def go_on(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
 def decide(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
     """After a trial near an event; and whether the impact moves to the trial's end.
 
-    A dip that may reach below zero is landed on before anything else is decided.
+    A dip that may reach below zero is landed on before anything else is decided. Of a body that turns
+    by radians within a step the cubic says little: such a step is too long, if any event may be in it.
     """
+    hidden = _any(
+        is_crooked(*each, control.trial, off) & may_hide_a_fall(*each, control.trial, off)
+        for *each, off in _events(trial)
+    )
+    too_long = (control.mode == ADVANCING) & hidden
+    trial = trial._replace(error=jnp.where(too_long, jnp.maximum(trial.error, _TOO_LONG), trial.error))
     locating, past = control.mode == LOCATING, trial.past
     good = _good(control, trial.error)
     lands, fits = good & (trial.dip < 1), good & (trial.dip >= 1)
@@ -135,7 +157,7 @@ def decide(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
     step = jnp.where(locating, control.step, _next_step(control, trial.error, good))
     aim = jnp.where(past, expected, left)
     length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
-    after = _counted(control, trial, good, accepted | ended)._replace(
+    after = _counted(control, trial, good | too_long, accepted | ended)._replace(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),
         step=step,
         trial=length,
@@ -180,6 +202,10 @@ def first_fall(control: Control, events: Sequence[Ends]) -> tuple[Any, Any]:
 def eighth_root(value: Any) -> Any:
     """The root of the step control's order."""
     return jnp.sqrt(jnp.sqrt(jnp.sqrt(value)))
+
+
+def _events(trial: Trial) -> list[tuple[Ends, Ends, Any]]:
+    return list(zip(trial.start, trial.end, trial.off, strict=True))
 
 
 def _any(conditions: Any) -> Any:
@@ -233,6 +259,7 @@ def _counted(control: Control, trial: Trial, good: Any, moved: Any) -> Control:
 def _given_up(control: Control, scale: Any) -> Control:
     """Unless it takes too long, or the error must be rounding."""
     late = (control.time > _LONGEST_CUT * scale) | (control.trials > _MAX_TRIALS)
-    hopeless = 8 * (control.rejected - _REJECTED) > control.trials - control.rejected
+    stuck = (control.trials > _STUCK) & (control.time < 1e-3 * scale)
+    hopeless = stuck | (8 * (control.rejected - _REJECTED) > control.trials - control.rejected)
     mode = jnp.where(late, UNFINISHED, control.mode)
     return control._replace(mode=jnp.where(~(control.trial > _SHORTEST * scale) | hopeless, FAILED, mode))

@@ -43,6 +43,7 @@ class Answer:
 
     def __call__(self, model: str, case: Case) -> Any:
         """The answer, computed where it is not remembered."""
+        case = case.of_model(model)
         said = self.known(model, case)
         if said is None:
             said = self._ask(model, case)
@@ -54,7 +55,7 @@ class Answer:
 
     def known(self, model: str, case: Case) -> Any:
         """The answer if it is remembered, else None."""
-        return self._said.get((model, case))
+        return self._said.get((model, case.of_model(model)))
 
 
 class Answers:
@@ -74,33 +75,37 @@ class Answers:
         self.sensitivities = Answer(self._sensitivities)
         self.spins = Answer(self._spins)
 
+    def model(self, name: str, case: Case) -> CuttingModel:
+        """A model with its own parameters as the case has them."""
+        return self.models[name].replace(**case.own_values(name))
+
     def _cut(self, model: str, case: Case) -> Trajectory:
         """One impact, dense in time."""
-        return simulate(self.models[model], case.parameters())
+        return simulate(self.model(model, case), case.parameters())
 
     def _point(self, model: str, case: Case) -> Impact:
         """The same impact's end, volume and derivative."""
-        return impact(self.models[model], case.parameters(), derivatives=2)
+        return impact(self.model(model, case), case.parameters(), derivatives=2)
 
     def _curve(self, model: str, case: Case) -> Impact:
         """Impacts at all `ANGLES`."""
         # To second order, for that program is the one of `alpha_max`.
-        return impact(self.models[model], case.parameters().replace(alpha=ANGLES), derivatives=2)
+        return impact(self.model(model, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
 
     def _best(self, model: str, case: Case) -> Optimum:
         """The angle of greatest removal."""
-        return alpha_max(self.models[model], case.parameters())
+        return alpha_max(self.model(model, case), case.parameters())
 
     def _ends(self, model: str, case: Case) -> dict[str, np.ndarray]:
         """When each event alone would end the cut, at all `ANGLES`."""
-        return end_times(self.models[model], case.parameters().replace(alpha=ANGLES))
+        return end_times(self.model(model, case), case.parameters().replace(alpha=ANGLES))
 
     def _sensitivities(self, model: str, case: Case) -> Mapping[str, Any]:
-        """dα_max/dq for every parameter q."""
+        """dα_max/dq for every parameter q, the model's own too."""
         return self.best(model, case).sensitivities
 
     def _spins(self, model: str, case: Case) -> Spins:
         """The angle of greatest removal at all `SPINS`."""
         p = case.parameters()
-        found = alpha_max(self.models[model], p.replace(phidot0=SPINS * float(p.v0 / p.r)))
-        return Spins(found.alpha, found.volume, found.kind)
+        best = alpha_max(self.model(model, case), p.replace(phidot0=SPINS * float(p.v0 / p.r)))
+        return Spins(best.alpha, best.volume, best.kind)

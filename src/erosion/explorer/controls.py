@@ -1,6 +1,7 @@
 """The parameters and models of a tab, as elements to work with."""
 
 import dataclasses
+import html
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,7 +18,7 @@ _ORDER = ("alpha", *(name for name in QUANTITIES if name != "alpha"))
 
 
 class Controls:
-    """Presets, parameters and models.
+    """Presets, parameters of the case and of the models that are checked, and models.
 
     Args:
         start: whose case and models reset goes back to; sliders reach about its case.
@@ -41,6 +42,7 @@ class Controls:
             self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
             self._units.props('dense no-caps unelevated aria-label="Units"')
         self._fields = {name: self._field(name) for name in _ORDER}
+        self._groups = {model: self._group(model) for model in dict.fromkeys(one.model for one in start.case.own)}
         with ui.element("div").classes("models").props('role=group aria-label="Models"'):
             ui.html("Models", tag="h2", sanitize=False)
             self._shown = ui.select(list(start.models), label="cut drawn of", value=start.shown)
@@ -56,6 +58,8 @@ class Controls:
             if self._shown_fields.get(name) != shown:
                 field.show(*shown)
                 self._shown_fields[name] = shown
+        for model, group in self._groups.items():
+            group.set_visibility(model in state.models)
         self._units.set_value(state.case.units)
         for name, box in self._boxes.items():
             box.set_value(name in state.models)
@@ -65,8 +69,15 @@ class Controls:
         self._shown.set_value(state.shown)
         self._showing = False
 
+    def _group(self, model: str) -> ui.element:
+        """The own parameters of a model."""
+        with ui.element("div").props(f'role=group aria-label="Parameters of {html.escape(model)}"') as group:
+            ui.html(html.escape(model), tag="h2", sanitize=False)
+            self._fields |= {one.key: self._field(one.key) for one in self._start.case.own if one.model == model}
+        return group
+
     def _field(self, name: str) -> Field:
-        quantity = QUANTITIES[name]
+        quantity = self._start.case.quantities()[name]
 
         def slide(at: float) -> None:
             first = self._start.case.to(self._state.case.units)
@@ -116,11 +127,12 @@ class Controls:
         self._go(dataclasses.replace(self._start, instant=self._state.instant, dark=self._state.dark))
 
     def _table_1(self) -> None:
-        self._go(dataclasses.replace(self._state, case=Case.of(TABLE_1).to(self._state.case.units)))
+        case = self._state.case
+        self._go(dataclasses.replace(self._state, case=case.with_parameters(TABLE_1.to(case.units))))
 
     def _metal(self, material: str) -> None:
-        case = Case.of(self._state.case.parameters().with_material(material))
-        self._go(dataclasses.replace(self._state, case=case))
+        case = self._state.case
+        self._go(dataclasses.replace(self._state, case=case.with_parameters(case.parameters().with_material(material))))
 
     def _with(self, change: Callable[[float, Case], Case], number: float) -> None:
         self._go(dataclasses.replace(self._state, case=change(number, self._state.case)))

@@ -12,6 +12,7 @@ from erosion.cases import dump_case
 from erosion.explorer.answers import ANGLES, SPINS, Answers
 from erosion.explorer.state import State
 from erosion.model import State as Body
+from erosion.parameters import QUANTITIES
 from erosion.plotting.angles import plot_optimum
 from erosion.plotting.families import BestAngles, plot_best_angles
 from erosion.plotting.motion import plot_end_times, plot_trajectory
@@ -28,7 +29,8 @@ def _cut(answers: Answers, state: State) -> Figure:
 
 
 def _volumes(answers: Answers, state: State) -> Figure:
-    return plot_comparison(compare([answers.models[name] for name in state.models], state.case.parameters()))
+    models = [answers.model(name, state.case) for name in state.models]
+    return plot_comparison(compare(models, state.case.parameters()))
 
 
 def _optimum(answers: Answers, state: State) -> Figure:
@@ -100,6 +102,7 @@ def results_json(answers: Answers, state: State) -> bytes:
         point, best = answers.point(name, state.case), answers.best(name, over_angles)
         curve = answers.curve(name, over_angles)
         models[name] = {
+            "own_parameters": state.case.own_values(name),
             "t_c": point.t_c, "ended_by": str(point.ended_by), "volume": point.volume, "dvolume": point.dvolume,
             "alpha_max": best.alpha, "volume_max": best.volume, "kind": str(best.kind), "side": str(best.side),
             "attained": bool(best.attained), "certified": bool(best.certified),
@@ -114,7 +117,8 @@ def results_json(answers: Answers, state: State) -> bytes:
         "turn": answers.cut(state.shown, state.case).turn,
         "warnings": list(answers.cut(state.shown, state.case).warnings),
     }
-    content = {"parameters": {"units": state.case.units, **state.case.numbers()}, "models": models, "shown": shown}
+    parameters = {name: float(getattr(state.case.parameters(), name)) for name in QUANTITIES}
+    content = {"parameters": {"units": state.case.units, **parameters}, "models": models, "shown": shown}
     return to_json(content).encode()
 
 
@@ -130,19 +134,29 @@ def python_lines(state: State, sources: Mapping[str, str]) -> str:
         state: of the tab.
         sources: by the page's names of models, what `erosion.load_model` takes.
     """
-    names = ", ".join(repr(sources[name]) for name in state.models)
+    models = {name: _python_model(sources[name], state.case.own_values(name)) for name in state.models}
     return f"""import numpy as np
 import erosion
 
 p = erosion.{state.case.parameters()!r}
-for model in ({names},):
+for model in ({", ".join(models.values())},):
     hit = erosion.impact(model, p, derivatives=2)
     best = erosion.alpha_max(model, p)
     print(model, hit.volume, hit.dvolume, hit.t_c, hit.ended_by, np.rad2deg(best.alpha), best.kind)
 
-cut = erosion.simulate({sources[state.shown]!r}, p)
+cut = erosion.simulate({models[state.shown]}, p)
 print(cut)
 """
+
+
+def _python_model(source: str, own: Mapping[str, float]) -> str:
+    """What makes the model in Python; a name alone where it has no parameters of its own."""
+    if not own:
+        return repr(source)
+    said = ", ".join(f"{name}={value!r}" for name, value in own.items())
+    if not all(name.isidentifier() for name in own):  # "force.rate" is no keyword of Python's
+        said = f"**{dict(own)!r}"
+    return f"erosion.load_model({source!r}).replace({said})"
 
 
 def _heading(name: str, dimension: Dimension, state: State) -> str:

@@ -15,7 +15,7 @@ from nicegui import app, background_tasks, ui
 from erosion.explorer.answers import Answers
 from erosion.explorer.found import all_ready
 from erosion.explorer.preparation import Preparation
-from erosion.explorer.state import Case, State
+from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab
 from erosion.models import available_models, load_model
 from erosion.parameters import Parameters
@@ -100,8 +100,9 @@ def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
         info = next(iter(available_models(path).values()))
         plugged.append(path if Path(path).stem in offered else Path(path).stem)
         offered[plugged[-1]] = (path, info.summary)
-    answers = Answers({name: load_model(source) for name, (source, _) in offered.items()})
-    case = Case.of(p)
+    models = {name: load_model(source) for name, (source, _) in offered.items()}
+    answers = Answers(models)
+    case = Case.of(p, own_numbers(models))
     start = State(case, tuple(name for name in offered if name in (*_CHECKED, *plugged)), next(iter(plugged), _SHOWN))
     return Service(
         answers=answers,

@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from erosion.explorer.state import Case
-from erosion.parameters import QUANTITIES
 from erosion.units import unit_name
 
-_FACTOR = 20.0  # either way of the case's value
+_FACTOR = 20.0  # either way of the first value, where that is positive
 _DIGITS = 4  # of what a slider sets
 
 
@@ -23,7 +22,8 @@ class Range(NamedTuple):
 
 ANGLES = Range(0.25, 90.0, 0.25)  # degrees
 SPINS = Range(-1.0, 1.0, 0.01)  # s = r φ̇₀/v₀
-FACTORS = Range(-1.0, 1.0, 0.005)  # powers of `_FACTOR` times the first value
+# Powers of `_FACTOR` times the first value; about an own parameter's that is not positive, shares of its size.
+FACTORS = Range(-1.0, 1.0, 0.005)
 SPIN_PRESETS = (-0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5)
 
 
@@ -40,14 +40,16 @@ def position(name: str, case: Case, first: Case) -> float:
         case: what is shown.
         first: the case about which the sliders reach, in the same units.
     """
-    numbers = case.numbers()
+    numbers, ends = case.numbers(), range_of(name)
+    middle = first.numbers()[name]
     if name == "alpha":
         at = np.rad2deg(numbers["alpha"])
     elif name == "phidot0":
         at = numbers["phidot0"] * numbers["r"] / numbers["v0"]
+    elif middle <= 0:
+        at = (numbers[name] - middle) / _size(middle)
     else:
-        at = np.log(numbers[name] / first.numbers()[name]) / np.log(_FACTOR)
-    ends = range_of(name)
+        at = np.log(numbers[name] / middle) / np.log(_FACTOR) if numbers[name] > 0 else ends.low
     return float(np.clip(at, ends.low, ends.high))
 
 
@@ -58,7 +60,8 @@ def at_position(name: str, at: float, case: Case, first: Case) -> Case:
     if name == "phidot0":
         return with_spin(at, case)
     middle = first.numbers()[name]
-    return case.replace(**{name: middle if at == 0 else _rounded(middle * _FACTOR**at)})
+    moved = middle * _FACTOR**at if middle > 0 else middle + at * _size(middle)
+    return case.replace(**{name: middle if at == 0 else _rounded(moved)})
 
 
 def with_spin(s: float, case: Case) -> Case:
@@ -76,7 +79,11 @@ def text_of(name: str, case: Case) -> str:
 
 def unit_of(name: str, case: Case) -> str:
     """The unit of that number."""
-    return "°" if name == "alpha" else unit_name(QUANTITIES[name].dimension, case.units)
+    return "°" if name == "alpha" else unit_name(case.quantities()[name].dimension, case.units)
+
+
+def _size(middle: float) -> float:
+    return abs(middle) or 1.0
 
 
 def _rounded(number: float) -> float:

@@ -1,19 +1,19 @@
 """Elementary functions as plain arithmetic, for the compiler of lanes.
 
-The vector code calls no mathematical library: each function is sums, products, selects and
-operations on the bits of a float64, so its bits are the same on every machine. There are no
-branches; every case is computed and one is selected.
+The vector code calls no library of functions. Each function here is sums, products, selects and
+operations on the bits of a float64, so its bits do not depend on the machine's library. There are
+no branches: every case is computed, and one is selected.
 
-The compiler may round a product and the sum that reads it once (fma) or twice. Where a rounding
-error must be known, the product is therefore exact: its factors have at most 53 bits together.
+The compiler may round a product and its sum once (fma) or twice. Where a rounding error must be
+known, the product is exact instead: its two factors have at most 53 bits together.
 
-Polynomials minimize the largest relative error of the function on the stated interval (Remez's
-exchange in 60 digits). Their first coefficients were rounded to float64 one after the other, and
-the rest was fitted again each time. The quoted errors are of the function, before rounding.
+Each polynomial minimizes the largest relative error of its function on the stated interval (Remez's
+exchange and Lawson's weights, in 45 digits). The first coefficients were rounded to float64 one
+after another, and the rest fitted again each time. The stated error is that of the function.
 
-Errors are in units in the last place (ulp) of the exact result, the largest of some 10⁷ random
-points. Special values are those of C99, annex F, as in NumPy. A subnormal result may be wrong by
-one more unit of 2⁻¹⁰⁷⁴.
+Errors in the docstrings are the largest of some 10⁷ random points against 113-bit results, with and
+without fma, in units in the last place (ulp) of the exact result. Where the result is subnormal,
+the unit is 2⁻¹⁰⁷⁴. Special values are those of C99, annex F, and of NumPy.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,12 +29,11 @@ _MANTISSA = 2**52 - 1
 _SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 _ONE_BITS = 0x3FF0000000000000
 
-# Adding 1.5·2⁵² leaves an integer in the low bits of the sum. Few machines convert a vector of
-# float64 to int64 otherwise.
+# Adding 1.5·2⁵² leaves a whole number in the low bits of the sum. AVX2 cannot convert float64 to int64.
 _TO_INTEGER = 1.5 * 2.0**52
 _TWO_52_BITS = 0x4330000000000000
 
-# ln 2 and π/2 in two parts. The first part of ln 2 has 32 bits, so its product with an exponent is exact.
+# The first part of ln 2 has 32 bits, so its product with an exponent is exact.
 _LN2_HIGH = float.fromhex("0x1.62e42feep-1")
 _LN2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
 _LN2 = float.fromhex("0x1.62e42fefa39efp-1")
@@ -43,19 +42,18 @@ _PI_2 = float.fromhex("0x1.921fb54442d18p+0")
 _PI_2_LOW = float.fromhex("0x1.1a62633145c07p-54")
 _2_PI = float.fromhex("0x1.45f306dc9c883p-1")
 
-# π/2 in five parts; four have 23 bits, so that their products with up to 2³⁰ quarter turns are exact.
+# π/2 in four parts; three have 23 bits, so that their products with up to 2³⁰ quarter turns are exact.
 _PI_2_PARTS = [
-    float.fromhex(part)
-    for part in ("0x1.921fb4p+0", "0x1.4442dp-24", "0x1.846988p-48", "0x1.8cc514p-72", "0x1.80dc1cd129025p-95")
+    float.fromhex(part) for part in ("0x1.921fb4p+0", "0x1.4442dp-24", "0x1.846988p-48", "0x1.8cc51701b839ap-72")
 ]
 _LARGEST_ANGLE = 2.0**30
 
-# (e^r - 1 - r) / r² for |r| ≤ ln 2 / 2; error 2⁻⁵⁷.
+# (e^r - 1 - r - r²/2) / r³ for r between ln 3/4 and ln 3/2, halfway 0.085 ln 2; error 2⁻⁵⁷.
 _EXP = [
-    0.5, 0.16666666666666433, 0.04166666666660396, 0.008333333333500469, 0.0013888888926793306,
-    0.00019841269465335404, 2.480150868971011e-05, 2.755764164409289e-06, 2.7625182805316843e-07,
-    2.497813035255474e-08,
+    0.16666666666667698, 0.041666666666677406, 0.008333333332444999, 0.001388888888704153, 0.00019841272430440267,
+    2.4801574708866646e-05, 2.7554161412563765e-06, 2.7590658685875693e-07, 2.6451837094680418e-08,
 ]  # fmt: skip
+_EXP_CENTER = 0.085
 
 # (sinh r - r) / r³ and (cosh r - 1) / r² in r², for |r| ≤ ln 2 / 2; errors 2⁻⁶¹ and 2⁻⁵⁷.
 _SINH = [
@@ -84,7 +82,7 @@ _ARTANH = [
     0.05853068596754802, 0.05862066184366374,
 ]  # fmt: skip
 _THIRD = 1 / 3
-_THIRD_LOW = 1 / 3 / 2**54  # 1/3 in binary is 0.010101…, so the rest of 54 bits is 2⁻⁵⁴/3.
+_THIRD_LOW = 1 / 3 / 2**54  # 1/3 is 0.010101… in binary, so its rest after 54 digits is 2⁻⁵⁴/3.
 
 # (sin r - r) / r³ and (cos r - 1 + r²/2) / r⁴ in r², for |r| ≤ π/4; errors 2⁻⁵⁷ and 2⁻⁶³.
 _SIN = [
@@ -141,33 +139,36 @@ _ERFC = [
 
 
 def exp(x: Any) -> Any:
-    """e^x."""
+    """Exponential. Error 0.9 ulp."""
     n, head, low = _reduced(_between(x, -746.0, 710.0))
     return _scaled(1.0 + (head + _exp_tail(head, low)), n)
 
 
 def exp2(x: Any) -> Any:
-    """2^x."""
+    """Power of two. Error 0.8 ulp."""
     x = _between(x, -1076.0, 1025.0)
-    n = _round(x)
+    n = _round(x - _EXP_CENTER)
     rest = x - n
+    error = x - (rest + n)  # for x just above -1/2
     first = _leading(rest, 21)
     head = first * _LN2_HIGH
-    return _scaled(1.0 + (head + _exp_tail(head, first * _LN2_LOW + (rest - first) * _LN2)), n)
+    low = first * _LN2_LOW + ((rest - first) + error) * _LN2
+    return _scaled(1.0 + (head + _exp_tail(head, low)), n)
 
 
 def expm1(x: Any) -> Any:
-    """e^x - 1."""
+    """Exponential less 1. Error 1 ulp."""
     n, head, low = _reduced(_between(x, -40.0, 710.0))
     r = head + low
     tail = _exp_tail(head, low) + r * ((head - r) + low)  # e^r - 1 is about r
     half = _power_of_two(n - 1.0)  # half of 2ⁿ, which may overflow
-    value, error = _sum(half - 0.5, half * head)
-    return jnp.where(abs(x) < 2.0**-54, x, 2.0 * (value + (error + half * tail)))
+    value, error = _sum(half, -0.5)
+    value, error_2 = _sum(value, half * head)
+    return jnp.where(abs(x) < 2.0**-54, x, 2.0 * (value + ((error + error_2) + half * tail)))
 
 
 def log(x: Any) -> Any:
-    """Ln x."""
+    """Natural logarithm. Error 1 ulp."""
     k, m = _split_any(x)
     value = _log(k, m - 1.0, k * _LN2_LOW)
     special = jnp.where(x == 0.0, -_INFINITY, jnp.where(x > 0.0, x, _NAN))
@@ -175,47 +176,46 @@ def log(x: Any) -> Any:
 
 
 def log1p(x: Any) -> Any:
-    """ln(1 + x)."""
+    """Natural logarithm of 1 + x. Error 1 ulp."""
     return _log1p(x, 0.0)
 
 
 def sin(x: Any) -> Any:
-    """Sin x."""
+    """Sine of |x| ≤ 2³⁰, else NaN. Error 1.6 ulp."""
     sine, cosine, quarter = _turned(x)
     value = jnp.where((quarter & 1) == 1, cosine, sine)
-    return _flipped(value, (quarter << 62 & _SIGN) + (_bits(x) & _SIGN))
+    return _flipped(value, ((quarter << 62) & _SIGN) + _sign(x))
 
 
 def cos(x: Any) -> Any:
-    """Cos x."""
+    """Cosine of |x| ≤ 2³⁰, else NaN. Error 1.6 ulp."""
     sine, cosine, quarter = _turned(x)
     value = jnp.where((quarter & 1) == 1, sine, cosine)
-    return _flipped(value, (quarter + 1) << 62 & _SIGN)
+    return _flipped(value, ((quarter + 1) << 62) & _SIGN)
 
 
 def tan(x: Any) -> Any:
-    """The tangent, 2t / (1 - t²) with t = tan(x / 2)."""
+    """Tangent 2t / (1 - t²) with t the tangent of x / 2 of |x| ≤ 2³⁰, else NaN. Error 2 ulp."""
     head, low, quarter = _quarter_turns(x)
     r = head + low
-    half = 0.5 * r
-    z = half * half
-    t, error = _sum(half, half * z * _polynomial(_TAN, z) + 0.5 * ((head - r) + low))
+    low = _sum_error(low, head, r)
+    z = 0.25 * r * r
+    double, error = _sum(r, r * z * _polynomial(_TAN, z) + low)
+    rest = 1.0 - (0.25 * double * double + 0.5 * double * error)
     odd = (quarter & 1) == 1
-    double = 2.0 * t
-    rest = 1.0 - (t * t + double * error)
     value = jnp.where(odd, rest, double) / jnp.where(odd, double, rest)
-    return _flipped(value, (quarter << 63) + (_bits(x) & _SIGN))
+    return _flipped(value, (quarter << 63) + _sign(x))
 
 
 def asin(x: Any) -> Any:
-    """Asin x."""
+    """Arc sine, of x > 1/2 as π/2 - 2 asin √((1 - x) / 2). Error 1.8 ulp."""
     large, root, tail = _asin_parts(abs(x))
     value = jnp.where(large, _PI_2 - (2.0 * root + (2.0 * tail - _PI_2_LOW)), root + tail)
-    return _flipped(value, _bits(x) & _SIGN)
+    return _flipped(value, _sign(x))
 
 
 def acos(x: Any) -> Any:
-    """Acos x = π/2 - asin x, and 2 asin √((1 - x) / 2) for x > 1/2."""
+    """Arc cosine, of x > 1/2 as 2 asin √((1 - x) / 2), else π/2 - asin x. Error 1.2 ulp."""
     large, root, tail = _asin_parts(abs(x))
     negative = x < 0.0
     added = negative & ~large
@@ -225,61 +225,61 @@ def acos(x: Any) -> Any:
 
 
 def atan(x: Any) -> Any:
-    """Atan x."""
+    """Arc tangent, of x > 1 as π/2 - atan 1/x. Error 1.3 ulp."""
     size = abs(x)
     large = size > 1.0
-    t, tail = _atan(jnp.where(large, 1.0 / size, size))
-    head, error = _sum(jnp.where(large, _PI_2, 0.0), jnp.where(large, -t, t))
-    value = head + jnp.where(large, error - (tail - _PI_2_LOW), tail)
-    return _flipped(value, _bits(x) & _SIGN)
+    t = jnp.where(large, 1.0 / size, size)
+    tail = _atan_tail(t)
+    head, error = _sum(_PI_2, -t)
+    value = jnp.where(large, head + (error - (tail - _PI_2_LOW)), t + tail)
+    return _flipped(value, _sign(x))
 
 
 def atan2(y: Any, x: Any) -> Any:
-    """Angle of the point (x, y)."""
+    """Angle of the point (x, y). Error 1.7 ulp."""
     along, across = abs(x), abs(y)
     steep = across > along
     behind = _bits(x) < 0
     shorter, longer = jnp.where(steep, along, across), jnp.where(steep, across, along)
-    ratio = jnp.where(longer == 0.0, 0.0, jnp.where(shorter == longer, 1.0, shorter / longer))
-    angle = sum(_atan(ratio))
+    ratio = jnp.where(shorter == longer, jnp.where(longer == 0.0, 0.0, 1.0), shorter / longer)
+    angle = ratio + _atan_tail(ratio)
     quarters = jnp.where(steep, 1.0, jnp.where(behind, 2.0, 0.0))
     angle = jnp.where(steep == behind, angle, -angle)
-    return _flipped(quarters * _PI_2 + (angle + quarters * _PI_2_LOW), _bits(y) & _SIGN)
+    return _flipped(quarters * _PI_2 + (angle + quarters * _PI_2_LOW), _sign(y))
 
 
 def sinh(x: Any) -> Any:
-    """Sinh x."""
+    """Hyperbolic sine. Error 1.2 ulp."""
     sine, _, n = _hyperbolic(abs(x))
-    return _flipped(_scaled(sine, n - 1.0), _bits(x) & _SIGN)
+    return _flipped(_scaled(sine, n - 1.0), _sign(x))
 
 
 def cosh(x: Any) -> Any:
-    """Cosh x."""
+    """Hyperbolic cosine. Error 1.6 ulp."""
     _, cosine, n = _hyperbolic(abs(x))
     return _scaled(cosine, n - 1.0)
 
 
 def tanh(x: Any) -> Any:
-    """Tanh x = 1 - 2 / (1 + e^2x) for x > 9/16."""
+    """Hyperbolic tangent, of x > 9/16 as 1 - 2 / (1 + e^2x). Error 1.5 ulp."""
     size = abs(x)
     z = x * x
     n, head, low = _reduced(jnp.where(size > 22.0, 44.0, 2.0 * size))
-    power_of_e = (1.0 + (head + _exp_tail(head, low))) * _power_of_two(n)
-    large = _flipped(1.0 - 2.0 / (1.0 + power_of_e), _bits(x) & _SIGN)
-    return jnp.where(size > 0.5625, large, x + x * z * _polynomial(_TANH, z))
+    large = 1.0 - 2.0 / (1.0 + (1.0 + (head + _exp_tail(head, low))) * _power_of_two(n))
+    return _flipped(jnp.where(size > 0.5625, large, size + size * z * _polynomial(_TANH, z)), _sign(x))
 
 
 def asinh(x: Any) -> Any:
-    """Asinh x = ln(1 + (x + x² / (1 + √(1 + x²)))) for x ≥ 0, and ln 2x where x² would overflow."""
+    """Inverse of sinh, ln(1 + x + x² / (1 + √(1 + x²))), and ln 2x where x² would overflow. Error 1.8 ulp."""
     size = abs(x)
     large = size > 2.0**500
     square = size * size
     value = log1p(jnp.where(large, size, size + square / (1.0 + jnp.sqrt(1.0 + square))))
-    return _flipped(value + jnp.where(large, _LN2, 0.0), _bits(x) & _SIGN)
+    return _flipped(value + jnp.where(large, _LN2, 0.0), _sign(x))
 
 
 def acosh(x: Any) -> Any:
-    """Acosh x = ln(1 + (d + √(d (d + 2)))) with d = x - 1, and ln 2x where d² would overflow."""
+    """Inverse of cosh, ln(1 + d + √(2d + d²)) with d = x - 1, and ln 2x where d² would overflow. Error 2 ulp."""
     rest = x - 1.0
     large = x > 2.0**500
     total, low = _sum(jnp.sqrt(2.0 * rest + rest * rest), rest)
@@ -288,13 +288,13 @@ def acosh(x: Any) -> Any:
 
 
 def atanh(x: Any) -> Any:
-    """Atanh x = ln(1 + 2x / (1 - x)) / 2 for x ≥ 0."""
+    """Inverse of tanh, ln(1 + 2x / (1 - x)) / 2. Error 1.9 ulp."""
     size = abs(x)
-    return _flipped(0.5 * log1p(2.0 * size / (1.0 - size)), _bits(x) & _SIGN)
+    return _flipped(0.5 * log1p(2.0 * size / (1.0 - size)), _sign(x))
 
 
 def power(x: Any, y: Any) -> Any:
-    """x^y."""
+    """Power e^(y ln x), with ln x and its product with y as sums of two numbers. Error 0.9 ulp."""
     size = abs(x)
     infinite, zero = size == _INFINITY, size == 0.0
     log_first, log_rest = _log_twice(size)
@@ -309,13 +309,13 @@ def power(x: Any, y: Any) -> Any:
     half = 0.5 * y
     whole = jnp.floor(y) == y
     odd = whole & (jnp.floor(half) != half)
-    value = jnp.where(odd, _flipped(value, _bits(x) & _SIGN), value)
+    value = jnp.where(odd, _flipped(value, _sign(x)), value)
     value = jnp.where((x != x) | ((x < 0.0) & ~infinite & ~whole), _NAN, value)
     return jnp.where((y == 0.0) | (x == 1.0), 1.0, value)
 
 
 def cbrt(x: Any) -> Any:
-    """∛x."""
+    """Cube root. Error 0.6 ulp."""
     size = abs(x)
     k, m = _split_any(size)
     third = jnp.floor((k + 0.5) * _THIRD)
@@ -331,23 +331,25 @@ def cbrt(x: Any) -> Any:
     first = _leading(square, 26)
     error = ((m - first * root) - (square - first) * root) * inverse * inverse * _THIRD
     value = (root + (error + error * error * inverse)) * _power_of_two(third)
-    return jnp.where((size > 0.0) & (size < _INFINITY), _flipped(value, _bits(x) & _SIGN), x)
+    return jnp.where((size > 0.0) & (size < _INFINITY), _flipped(value, _sign(x)), x)
 
 
 def rsqrt(x: Any) -> Any:
-    """1/√x."""
-    value = 1.0 / jnp.sqrt(x)
-    first = _leading(value, 26)
-    x_first = _leading(x, 26)
+    """Inverse square root. Error 0.6 ulp."""
+    small = x < 2.0**-900
+    scaled = jnp.where(small, x * 2.0**200, x)  # whose last bits are no subnormal number
+    value = 1.0 / jnp.sqrt(scaled)
+    first, scaled_first = _leading(value, 26), _leading(scaled, 26)
     # e = 1 - x first², and 1/√x = first (1 - e)^(-1/2) = first (1 + e/2 + 3e²/8 + …)
-    root = x_first * first
+    root = scaled_first * first
     root_first = _leading(root, 26)
-    e = (1.0 - root_first * first) - ((root - root_first) + (x - x_first) * first) * first
-    return jnp.where((x > 0.0) & (x < _INFINITY), first + first * (e * (0.5 + 0.375 * e)), value)
+    e = (1.0 - root_first * first) - ((root - root_first) + (scaled - scaled_first) * first) * first
+    value = jnp.where((x > 0.0) & (x < _INFINITY), first + first * (e * (0.5 + 0.375 * e)), value)
+    return jnp.where(small, value * 2.0**100, value)
 
 
 def logistic(x: Any) -> Any:
-    """1 / (1 + e^-x) = e^x / (1 + e^x)."""
+    """Logistic function 1 / (1 + e^-x), of x < 0 as e^x / (1 + e^x). Error 1.9 ulp."""
     small = exp(-abs(x))
     total, error = _sum(1.0, small)
     value = jnp.where(x < 0.0, small, 1.0) / total
@@ -355,46 +357,27 @@ def logistic(x: Any) -> Any:
 
 
 def erf(x: Any) -> Any:
-    """Erf x."""
+    """Error function. Error 1.1 ulp."""
     size = abs(x)
-    far = _flipped(1.0 - _erfc(size), _bits(x) & _SIGN)
+    far = _flipped(1.0 - _erfc(size), _sign(x))
     return jnp.where(size < 0.75, x + x * _polynomial(_ERF, x * x), far)
 
 
 def erfc(x: Any) -> Any:
-    """1 - erf x."""
+    """Complement 1 - erf x of the error function. Error 2 ulp."""
     size = abs(x)
     far = _erfc(size)
     near = (1.0 - x) - x * _polynomial(_ERF, x * x)
     return jnp.where(size < 0.75, near, jnp.where(x < 0.0, 2.0 - far, far))
 
 
-FUNCTIONS: Mapping[str, Callable[..., Any]] = {
-    "exp": exp,
-    "exp2": exp2,
-    "expm1": expm1,
-    "log": log,
-    "log1p": log1p,
-    "sin": sin,
-    "cos": cos,
-    "tan": tan,
-    "asin": asin,
-    "acos": acos,
-    "atan": atan,
-    "atan2": atan2,
-    "sinh": sinh,
-    "cosh": cosh,
-    "tanh": tanh,
-    "asinh": asinh,
-    "acosh": acosh,
-    "atanh": atanh,
-    "pow": power,
-    "cbrt": cbrt,
-    "rsqrt": rsqrt,
-    "logistic": logistic,
-    "erf": erf,
-    "erfc": erfc,
-}
+FUNCTIONS: Mapping[str, Callable[..., Any]] = {"pow": power} | {
+    function.__name__: function
+    for function in (
+        exp, exp2, expm1, log, log1p, sin, cos, tan, asin, acos, atan, atan2, sinh, cosh, tanh, asinh, acosh, atanh,
+        cbrt, rsqrt, logistic, erf, erfc,
+    )
+}  # fmt: skip
 
 
 def _polynomial(coefficients: Sequence[float], x: Any) -> Any:
@@ -409,6 +392,10 @@ def _bits(x: Any) -> Any:
     return lax.bitcast_convert_type(x, jnp.int64)
 
 
+def _sign(x: Any) -> Any:
+    return _bits(x) & _SIGN
+
+
 def _number(bits: Any) -> Any:
     return lax.bitcast_convert_type(bits, jnp.float64)
 
@@ -418,86 +405,93 @@ def _round(x: Any) -> Any:
 
 
 def _flipped(x: Any, sign: Any) -> Any:
-    """The number with its sign changed where the bit `sign` is set; the carry of the sum is lost."""
+    """The number, its sign changed where `sign` is -2⁶³ instead of 0; the carry of the sum is lost."""
     return _number(_bits(x) + sign)
 
 
 def _leading(x: Any, count: int) -> Any:
-    """The first `count` bits of the mantissa."""
+    """The number cut to its first `count` bits."""
     return _number(_bits(x) & -(1 << (53 - count)))
 
 
 def _between(x: Any, low: float, high: float) -> Any:
-    """The nearest number in [low, high]; NaN stays."""
+    """The nearest number from low to high; NaN stays."""
     return jnp.where(x < low, low, jnp.where(x > high, high, x))
 
 
 def _sum(a: Any, b: Any) -> tuple[Any, Any]:
-    """A + b and its rounding error, for |a| ≥ |b| or a = 0 (Dekker 1971)."""
+    """Sum and its rounding error, for |a| ≥ |b| or a = 0 (Dekker 1971)."""
     total = a + b
     return total, (a - total) + b
 
 
+def _sum_error(a: Any, b: Any, total: Any) -> Any:
+    """Rounding error of a + b (Knuth, The Art of Computer Programming 2, section 4.2.2)."""
+    moved = total - b
+    return (a - moved) + (b - (total - moved))
+
+
 def _power_of_two(n: Any) -> Any:
-    """2ⁿ for a whole number n in [-1022, 1023]."""
+    """Power 2ⁿ of a whole number n from -1022 to 1023."""
     return _number((_bits(n + _TO_INTEGER) << 52) + _ONE_BITS)
 
 
 def _scaled(x: Any, n: Any) -> Any:
-    """X 2ⁿ in two steps, since 2ⁿ alone may overflow."""
+    """Product x 2ⁿ in two steps, since 2ⁿ alone may overflow."""
     whole = _bits(n + _TO_INTEGER)
     half = lax.shift_right_logical(whole, 1)
     return x * _number((half << 52) + _ONE_BITS) * _number((whole - half << 52) + _ONE_BITS)
 
 
 def _split(x: Any) -> tuple[Any, Any]:
-    """Exponent k and mantissa m in [√½, √2) of x = 2^k m, for normal x > 0."""
+    """Exponent k and mantissa m from √½ to √2 with x = m 2^k, of normal x > 0."""
     shifted = _bits(x) + (_ONE_BITS - _SQRT_HALF_BITS)
     k = _number(lax.shift_right_logical(shifted, 52) + _TWO_52_BITS) - (2.0**52 + 1023)
     return k, _number((shifted & _MANTISSA) + _SQRT_HALF_BITS)
 
 
 def _split_any(x: Any) -> tuple[Any, Any]:
-    """_split for x that may be subnormal."""
+    """Exponent and mantissa of x > 0 that may be subnormal."""
     subnormal = x < 2.0**-1022
     k, m = _split(jnp.where(subnormal, x * 2.0**54, x))
     return jnp.where(subnormal, k - 54.0, k), m
 
 
-def _reduced(x: Any) -> tuple[Any, Any, Any]:
-    """n, head and low with x = n ln 2 + head + low, |head| ≤ ln 2 / 2 and |low| < 2⁻²²."""
-    n = _round(x * _LOG2_E)
+def _reduced(x: Any, center: float = _EXP_CENTER) -> tuple[Any, Any, Any]:
+    """Whole n, exact head and low of x = n ln 2 + head + low, with |head - center ln 2| ≤ ln 2 / 2."""
+    n = _round(x * _LOG2_E - center)
     return n, x - n * _LN2_HIGH, -n * _LN2_LOW
 
 
 def _exp_tail(head: Any, low: Any) -> Any:
-    """e^(head + low) - 1 - head."""
+    """e^(head + low) - 1 - head, where low is small."""
     r = head + low
-    return r * r * _polynomial(_EXP, r) + low
+    z = r * r
+    return 0.5 * z + (r * z * _polynomial(_EXP, r) + low)
 
 
 def _log(k: Any, f: Any, low: Any) -> Any:
-    """ln(2^k (1 + f)) with the last digits of k ln 2 in low."""
+    """ln((1 + f) 2^k), with all that is to be added last in low."""
     head, error = _sum(k * _LN2_HIGH, f)
     return head + (error + (low + f * f * _polynomial(_LOG, f)))
 
 
 def _log1p(x: Any, low: Any) -> Any:
-    """ln(1 + x + low)."""
+    """ln(1 + x + low), where low is smaller than the last digit of x."""
     total = 1.0 + x
-    error = jnp.where(abs(x) < 1.0, x - (total - 1.0), 1.0 - (total - x)) + low
+    error = _sum_error(1.0, x, total) + low
     k, m = _split(total)
     within = k == 0.0
     f = jnp.where(within, x, m - 1.0)
     low = jnp.where(within, low, jnp.where(k > 60.0, 0.0, error * _power_of_two(-k)))
-    # d ln(1 + f) = df / (1 + f), whose series may be as short as low is small.
+    # d ln(1 + f) = df / (1 + f) = df (1 - f + f² - …)
     value = _log(k, f, k * _LN2_LOW + low * (1.0 - f * (1.0 - f)))
     value = jnp.where(x > -1.0, value, jnp.where(x == -1.0, -_INFINITY, _NAN))
     return jnp.where((x == 0.0) | ~(x < _INFINITY), x, value)
 
 
 def _log_twice(x: Any) -> tuple[Any, Any]:
-    """Ln x as a number of 26 bits and the rest, together to 2⁻⁶⁵ of it."""
+    """Logarithm of x as a number of 26 bits and the rest, together to 2⁻⁶⁵ of it."""
     k, m = _split_any(x)
     # ln m = 2 artanh s = 2 (s + s³ (1/3 + s² …)), s = f / d
     f, d = m - 1.0, m + 1.0
@@ -530,17 +524,22 @@ def _log_twice(x: Any) -> tuple[Any, Any]:
 
 
 def _quarter_turns(x: Any) -> tuple[Any, Any, Any]:
-    """|x| less its nearest quarter turns as head + low, and their number as an integer."""
-    first, second, third, fourth, fifth = _PI_2_PARTS
+    """Rest of |x| after its nearest quarter turns, as head + low, and their number as an integer.
+
+    The rest is good to 0.7 ulp for every |x| up to 2²⁰ (the numbers nearest to each multiple of π/2
+    were tried). Up to 2³⁰ it is so too but for 260 numbers, each within 2⁻⁴⁴ of a multiple, where
+    its error is below 2⁻⁹⁷. Beyond, it is NaN.
+    """
+    first, second, third, fourth = _PI_2_PARTS
     size = abs(x)
     size = jnp.where(size <= _LARGEST_ANGLE, size, _NAN)
     turns = _round(size * _2_PI)
     head, error = _sum((size - turns * first) - turns * second, -(turns * third))
-    return head, (error - turns * fourth) - turns * fifth, _bits(turns + _TO_INTEGER)
+    return head, error - turns * fourth, _bits(turns + _TO_INTEGER)
 
 
 def _turned(x: Any) -> tuple[Any, Any, Any]:
-    """Sine and cosine of |x| less its nearest quarter turns, and their number as an integer."""
+    """Sine and cosine of the rest of |x| after its nearest quarter turns, and their number as an integer."""
     head, low, quarter = _quarter_turns(x)
     r = head + low
     z = r * r
@@ -550,8 +549,8 @@ def _turned(x: Any) -> tuple[Any, Any, Any]:
 
 
 def _hyperbolic(x: Any) -> tuple[Any, Any, Any]:
-    """2^(1-n) sinh x, 2^(1-n) cosh x and n, for x ≥ 0."""
-    n, head, low = _reduced(jnp.where(x > 711.0, 711.0, x))
+    """2^(1-n) sinh x, 2^(1-n) cosh x and n, of x ≥ 0."""
+    n, head, low = _reduced(jnp.where(x > 711.0, 711.0, x), 0.0)
     r = head + low
     z = r * r
     s = low + r * z * _polynomial(_SINH, z)  # sinh r - head
@@ -564,28 +563,28 @@ def _hyperbolic(x: Any) -> tuple[Any, Any, Any]:
 
 
 def _asin_parts(x: Any) -> tuple[Any, Any, Any]:
-    """Whether x > 1/2, s and asin s - s for s = x or √((1 - x) / 2)."""
+    """Whether x > 1/2, then s and asin s - s of s = √((1 - x) / 2) or s = x."""
     large = x > 0.5
     square = jnp.where(large, 0.5 - 0.5 * x, x * x)
     root = jnp.where(large, jnp.sqrt(square), x)
     return large, root, root * square * _polynomial(_ASIN, square)
 
 
-def _atan(t: Any) -> Any:
-    """T and atan t - t for t in [0, 1]."""
+def _atan_tail(t: Any) -> Any:
+    """Arc tangent of t less t, of t from 0 to 1."""
     z = t * t
-    return t, t * z * _polynomial(_ATAN, z)
+    return t * z * _polynomial(_ATAN, z)
 
 
 def _erfc(x: Any) -> Any:
-    """Erfc x = e^(-x²) q H(9/16 - 4q) with q = 1 / (x + 2), for x ≥ 3/4."""
+    """1 - erf x = e^(-x²) q H(9/16 - 4q) with q = 1 / (x + 2), of x ≥ 3/4."""
     x = _between(x, 0.75, 28.0)
     total = x + 2.0
     q = 1.0 / total
     u = 0.5625 - 4.0 * q
     constant, *higher = _ERFC
     rest = u * _polynomial(higher, u)
-    # q (1 + error) = 1 / (x + 2), and q H changes by about 1 + 2.6 q times as much as q.
+    # 1 / (x + 2) = q (1 + error), and q H changes by about (1 + 2.6 q) error.
     total_first, q_first = _leading(total, 26), _leading(q, 26)
     total_rest, q_rest = x - (total_first - 2.0), q - q_first
     error = ((1.0 - q_first * total_first) - q_first * total_rest) - q_rest * total

@@ -23,10 +23,15 @@ def flaw(model: CuttingModel) -> str | None:
     for leaf in leaves:
         if not isinstance(leaf, (int, float, np.ndarray, np.generic, jax.Array)):
             return f"its own parameters must be numbers or arrays, but one is {leaf!r}"
-    for name in own_parameters(model):
+    own = own_parameters(model)
+    for name in own:
         if name in QUANTITIES:
             return f"its own parameters must have other names than those of a case, but one is `{name}`"
-    return _flaw(structure, tuple((np.shape(leaf), str(jnp.result_type(leaf))) for leaf in leaves))
+    # An array of an own parameter holds one number for each of many impacts.
+    scalars = {one.leaf for one in own.values()}
+    shapes = [() if i in scalars else np.shape(leaf) for i, leaf in enumerate(leaves)]
+    types = [str(jnp.result_type(leaf)) for leaf in leaves]
+    return _flaw(structure, tuple(zip(shapes, types, strict=True)))
 
 
 @functools.lru_cache(maxsize=1024)

@@ -97,8 +97,8 @@ class Subject:
         """The cases as trajectories."""
         return [simulate(self.model, p, points=3) for p in self.cases]
 
-    def _impact(self, many: Sequence[Parameters]) -> Impact:
-        return impact(self.model, _stacked(many), derivatives=2, rtol=_RTOL)
+    def _impact(self, many: Sequence[Parameters], model: CuttingModel | None = None) -> Impact:
+        return impact(model or self.model, _stacked(many), derivatives=2, rtol=_RTOL)
 
     def _closed_form(self) -> Iterator[list[Any]]:
         exact, hits = self.model.closed_form(), self.hits
@@ -135,8 +135,10 @@ class Subject:
         return self._beside(similar, similar.p.volume_scale / self.hits.p.volume_scale)
 
     def _units(self) -> list[list[Any]]:
-        converted = [p.to("si") for p in self.cases]
-        return self._beside(self._impact(converted), conversion_factor("volume", self.cases[0].units, "si"))
+        converted = [self.model.to("si", p) for p in self.cases]
+        # The same model for all, as all cases are in one unit system.
+        other = self._impact([p for _, p in converted], converted[0][0])
+        return self._beside(other, conversion_factor("volume", self.cases[0].units, "si"))
 
     def _beside(self, other: Impact, factor: Any) -> list[list[Any]]:
         """Other impacts against the cases, whose volumes differ by a factor."""

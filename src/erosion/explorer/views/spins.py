@@ -44,18 +44,23 @@ def spins(found: Found, models: Collection[str]) -> tuple[Option, list[Option], 
 
 
 def sensitivities(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
-    """How far α_max moves when each parameter grows by 1 % (the spin: s by 0.01), in degrees."""
+    """How far α_max moves when each parameter grows by 1 % of its size (the spin: s by 0.01), in degrees."""
     if found.sensitivities is None:
         return {"series": []}, [], "not computed yet"
-    numbers = found.state.case.numbers()
+    model, case = found.state.shown, found.state.case
+    own = {one.name: one for one in case.own if one.model == model}
+    numbers = case.numbers()
     sizes = numbers | {"phidot0": numbers["v0"] / numbers["r"]}
-    names = [name for name in reversed(list(QUANTITIES)) if name != "alpha"]
+    sizes |= {name: abs(one.value) or 1.0 for name, one in own.items()}
+    symbols = {name: quantity.symbol for name, quantity in QUANTITIES.items() if name != "alpha"}
+    symbols |= {name: one.quantity.symbol for name, one in own.items()}
+    names = list(reversed(symbols))
     moves = [float(np.rad2deg(0.01 * sizes[name] * found.sensitivities[name])) for name in names]
     bars = [round(move, 6) if np.isfinite(move) else None for move in moves]
     widest = max([abs(bar) for bar in bars if bar is not None], default=0.0)
     x_axis = axis("move of α_max for + 1 %  (spin: s + 0.01)", axisLabel={"formatter": "{value}°"}, splitNumber=3,
                   **({} if widest else {"min": -1, "max": 1}))  # fmt: skip
-    labels = [QUANTITIES[name].symbol for name in names]
+    labels = [symbols[name] for name in names]
     y_axis = {"type": "category", "data": labels, "axisTick": {"show": False}, "axisLabel": {"interval": 0}}
     series = [{"type": "bar", "name": "α_max", "data": bars, "itemStyle": {"color": PALETTE["green"]},
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip

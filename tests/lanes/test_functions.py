@@ -1,0 +1,226 @@
+"""Elementary functions against 80-bit references, and at the special values against NumPy.
+
+Each is evaluated twice: by NumPy, which rounds every product, and by XLA, which may round a product
+and its sum once (fma). XLA replaces subnormal numbers by zero, so they are left to NumPy.
+"""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+from jax.extend.core import Var
+
+from erosion.lanes.functions import FUNCTIONS
+
+_RANDOM = np.random.default_rng(754)
+_COUNT = 10_000
+_SMALLEST_NORMAL = 2.0**-1022
+
+_NUMPY = {
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "floor": np.floor,
+    "round": np.rint,
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "and": np.bitwise_and,
+    "or": np.bitwise_or,
+    "not": np.invert,
+    "select_n": lambda which, no, yes: np.where(which, yes, no),
+    "shift_left": np.left_shift,
+    "shift_right_logical": lambda x, n: (x.view(np.uint64) >> np.uint64(n)).view(np.int64),
+    "convert_element_type": lambda x, new_dtype: np.asarray(x).astype(new_dtype),
+    "bitcast_convert_type": lambda x, new_dtype: x.view(new_dtype),
+}
+
+
+def _interpreted(jaxpr, constants, inputs):
+    values = dict(zip(jaxpr.constvars + jaxpr.invars, [*constants, *inputs], strict=True))
+    for equation in jaxpr.eqns:
+        given = [values[v] if isinstance(v, Var) else v.val for v in equation.invars]
+        inner = equation.params.get("jaxpr")
+        if inner is not None:
+            results = _interpreted(inner.jaxpr, inner.consts, given)
+        else:
+            params = {key: value for key, value in equation.params.items() if key == "new_dtype"}
+            results = [_NUMPY[equation.primitive.name](*given, **params)]
+        values.update(zip(equation.outvars, results, strict=True))
+    return [values[v] for v in jaxpr.outvars]
+
+
+def _by_numpy(name, *points):
+    closed = jax.make_jaxpr(FUNCTIONS[name])(*[0.5] * len(points))
+    with np.errstate(all="ignore"):
+        return _interpreted(closed.jaxpr, closed.consts, points)[0]
+
+
+def _by_xla(name, *points):
+    return np.asarray(jax.jit(FUNCTIONS[name])(*points))
+
+
+_ENGINES = {"numpy": _by_numpy, "xla": _by_xla}
+
+
+def _uniform(low, high):
+    return _RANDOM.uniform(low, high, _COUNT)
+
+
+def _positive(low, high):
+    """Between 2^low and 2^high, at all scales."""
+    return np.exp2(_uniform(low, high))
+
+
+def _scales(low, high):
+    return _positive(low, high) * _RANDOM.choice([-1, 1], _COUNT)
+
+
+def _quarter_turns(turns):
+    """Numbers nearest to multiples of π/2, where the reduced angle has few digits left."""
+    return np.rint(_uniform(-turns, turns)) * (np.pi / 2)
+
+
+def _powers(x):
+    """With exponents that reach from the smallest number to the largest."""
+    return x, _uniform(-744, 709) / np.log(x)
+
+
+_ANGLES = [_uniform(-4, 4), _scales(-1000, 20), _uniform(-(2**30), 2**30), _quarter_turns(10), _quarter_turns(2**29)]
+_UNIT = [_uniform(-1, 1), _scales(-1074, 0)]
+_ANY = [_uniform(-8, 8), _scales(-1074, 1023.9)]
+_ANY_POSITIVE = [_uniform(0.5, 4), _positive(-1074, 1023.9)]
+
+# The largest error [ulp] and the points of each.
+_CASES = {
+    "exp": (0.9, [_uniform(-1, 1), _uniform(-745, 709.7), _scales(-60, 9)]),
+    "exp2": (0.8, [_uniform(-1, 1), _uniform(-1074, 1023.9), _scales(-60, 9)]),
+    "expm1": (1.0, [_uniform(-2, 2), _uniform(-40, 709.7), _scales(-1074, 5)]),
+    "log": (1.0, _ANY_POSITIVE),
+    "log1p": (1.0, [_uniform(-1, 2), _scales(-1074, -0.01), _positive(0, 1023.9)]),
+    "sin": (1.6, _ANGLES),
+    "cos": (1.6, _ANGLES),
+    "tan": (2.0, _ANGLES),
+    "asin": (1.8, _UNIT),
+    "acos": (1.2, _UNIT),
+    "atan": (1.3, _ANY),
+    "atan2": (1.7, [(_uniform(-1, 1), _uniform(-1, 1)), (_scales(-1074, 1023.9), _scales(-1074, 1023.9))]),
+    "sinh": (1.2, [_uniform(-2, 2), _uniform(-710.4, 710.4), _scales(-1074, 9)]),
+    "cosh": (1.6, [_uniform(-2, 2), _uniform(-710.4, 710.4)]),
+    "tanh": (1.5, [_uniform(-2, 2), _uniform(-22, 22), _scales(-1074, 9)]),
+    "asinh": (1.8, _ANY),
+    "acosh": (2.0, [1 + _positive(-50, 1), _positive(0, 1023.9)]),
+    "atanh": (1.9, _UNIT),
+    "pow": (0.9, [*map(_powers, _ANY_POSITIVE), (_uniform(0.5, 2), _uniform(-50, 50))]),
+    "cbrt": (0.6, _ANY),
+    "rsqrt": (0.6, _ANY_POSITIVE),
+    "logistic": (1.9, [_uniform(-2, 2), _uniform(-745, 50), _scales(-60, 9)]),
+    "erf": (1.1, [_uniform(-1, 1), _uniform(-6, 6), _scales(-1074, 2)]),
+    "erfc": (2.0, [_uniform(-1, 1), _uniform(-6, 27.2), _uniform(1, 2)]),
+}
+
+
+def _exp_of_minus_square(x):
+    first = x.astype(np.float32).astype(np.longdouble)  # whose square is exact
+    return np.exp(-first * first) * np.exp(-(x - first) * (x + first))
+
+
+def _erf_series(x):
+    """erf x = 2 e^(-x²) / √π Σ 2ⁿ x^(2n+1) / (1·3·…·(2n+1)), for |x| ≤ 1."""
+    term = total = x
+    for n in range(1, 40):
+        term = term * x * x * 2 / (2 * n + 1)
+        total = total + term
+    return 2 * _exp_of_minus_square(x) / np.sqrt(np.arccos(np.longdouble(-1))) * total
+
+
+def _erfc_fraction(x):
+    """erfc x = e^(-x²) / √π / (x + (1/2) / (x + (2/2) / (x + (3/2) / …))), for x ≥ 1."""
+    rest = x
+    for n in range(300, 0, -1):
+        rest = x + n / rest / 2
+    return _exp_of_minus_square(x) / np.sqrt(np.arccos(np.longdouble(-1))) / rest
+
+
+def _erfc(x):
+    far = _erfc_fraction(np.maximum(np.abs(x), 1))
+    return np.where(np.abs(x) < 1, 1 - _erf_series(np.clip(x, -1, 1)), np.where(x < 0, 2 - far, far))
+
+
+def _erf(x):
+    far = np.copysign(1 - _erfc_fraction(np.maximum(np.abs(x), 1)), x)
+    return np.where(np.abs(x) < 1, _erf_series(np.clip(x, -1, 1)), far)
+
+
+_REFERENCES = {
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "asinh": np.arcsinh,
+    "acosh": np.arccosh,
+    "atanh": np.arctanh,
+    "pow": np.power,
+    "rsqrt": lambda x: 1 / np.sqrt(x),
+    "logistic": lambda x: 1 / (1 + np.exp(-x)),
+    "erf": _erf,
+    "erfc": _erfc,
+}
+
+
+def _reference(name):
+    return _REFERENCES.get(name) or getattr(np, name)
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).nmant < 63, reason="no 80-bit reference")
+@pytest.mark.parametrize("engine", _ENGINES)
+@pytest.mark.parametrize("name", _CASES)
+def test_error_in_ulp(name, engine):
+    bound, cases = _CASES[name]
+    points = [np.concatenate(parts) for parts in zip(*(np.atleast_2d(case) for case in cases), strict=True)]
+    with np.errstate(under="ignore"):
+        exact = _reference(name)(*(x.astype(np.longdouble) for x in points))
+    ulp = np.ldexp(np.longdouble(1), np.maximum(np.frexp(exact)[1] - 53, -1074))
+    error = np.abs(_ENGINES[engine](name, *points) - exact) / ulp
+    if engine == "xla":
+        error[np.any([np.abs(x) < _SMALLEST_NORMAL for x in (*points, exact)], axis=0)] = 0
+    assert set(_CASES) == set(FUNCTIONS)
+    assert np.max(error) <= bound, [x[np.argmax(error)] for x in points]
+
+
+_SIZES = [0.0, 0.5, 1.0, 2.0, 3.0, 4.5, 2.0**53 - 1, 1e15, 1e300, 2.0**-1022, np.inf]
+_SPECIAL = [*_SIZES, *(-x for x in _SIZES), np.nan]
+_SUBNORMAL = [5e-324, -5e-324, 2.0**-1030]
+
+
+@pytest.mark.parametrize("engine", _ENGINES)
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_special_values_are_numpys(name, engine):
+    special = _SPECIAL if engine == "xla" else [*_SPECIAL, *_SUBNORMAL]
+    if name in ("sin", "cos", "tan"):
+        special = [x for x in special if not 2.0**30 < abs(x) < np.inf]
+    points = [np.ravel(x) for x in np.meshgrid(*[special] * (2 if name in ("pow", "atan2") else 1))]
+    with np.errstate(all="ignore"):
+        exact = np.vectorize(getattr(math, name))(*points) if name in ("erf", "erfc") else _reference(name)(*points)
+    if engine == "xla":
+        points, exact = [x[~_is_subnormal(exact)] for x in points], exact[~_is_subnormal(exact)]
+    result = _ENGINES[engine](name, *points)
+    assert np.allclose(result, exact, rtol=1e-15, atol=1e-323, equal_nan=True)
+    assert np.array_equal(np.signbit(result)[exact == exact], np.signbit(exact)[exact == exact])
+
+
+def _is_subnormal(x):
+    return (x != 0) & (np.abs(x) < _SMALLEST_NORMAL)
+
+
+@pytest.mark.parametrize("name", ["sin", "cos", "tan"])
+def test_angles_too_large_to_reduce_have_no_result(name):
+    assert np.all(np.isnan(_by_numpy(name, np.array([2.0**30 + 1, -1e300]))))
