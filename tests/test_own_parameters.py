@@ -220,9 +220,7 @@ def test_an_array_must_fit_and_may_have_gaps():
 
 
 def test_one_impact_takes_one_number():
-    sentence = (
-        r"Argument `friction` must be a scalar here, but has shape \(3,\); for many impacts use `erosion.impact`\."
-    )
+    sentence = r"`friction` must be a scalar here, but has shape \(3,\); for many impacts use `erosion.impact`\."
     with pytest.raises(ValueError, match=sentence):
         erosion.simulate(MODEL.replace(friction=FRICTIONS), P)
 

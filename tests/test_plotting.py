@@ -17,7 +17,8 @@ from erosion.plotting.motion import (
     plot_volume,
 )
 from erosion.plotting.style import new_axes, new_figure, readable_scale, save_figure, save_plot
-from erosion.trajectory import Trajectory, simulate
+from erosion.trajectory.simulate import simulate
+from erosion.trajectory.trajectory import Trajectory
 
 CLOSED = LinearizedCut()
 

@@ -17,7 +17,7 @@ from erosion.report.case import Case, question
 from erosion.report.newton import Jet, greatest
 from erosion.report.questions import QUESTIONS, a1
 from erosion.report.text import degrees, formula, math, number, number_tex, quantity, quantity_tex
-from erosion.trajectory import SimulationError
+from erosion.trajectory.trajectory import SimulationError
 
 CLOSED = LinearizedCut()
 CASES = {

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.events import Fall, find_root
-from erosion.trajectory import SimulationError, TurnWarning
+from erosion.trajectory.events import Fall, find_root
+from erosion.trajectory.trajectory import SimulationError, TurnWarning
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
 
 P = erosion.TABLE_1

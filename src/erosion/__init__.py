@@ -57,10 +57,10 @@ if TYPE_CHECKING:
     from erosion.studies import regimes as regimes
     from erosion.sweeps import SweepInterrupted as SweepInterrupted
     from erosion.sweeps import sweep as sweep
-    from erosion.trajectory import SimulationError as SimulationError
-    from erosion.trajectory import Trajectory as Trajectory
-    from erosion.trajectory import TurnWarning as TurnWarning
-    from erosion.trajectory import simulate as simulate
+    from erosion.trajectory.simulate import simulate as simulate
+    from erosion.trajectory.trajectory import SimulationError as SimulationError
+    from erosion.trajectory.trajectory import Trajectory as Trajectory
+    from erosion.trajectory.trajectory import TurnWarning as TurnWarning
     from erosion.trigonometry import sincos as sincos
     from erosion.verification import Verification as Verification
     from erosion.verification import verify as verify
@@ -92,7 +92,8 @@ _HOMES = {
     "streams": ("StreamInterrupted", "stream"),
     "studies": ("compare", "regimes"),
     "sweeps": ("SweepInterrupted", "sweep"),
-    "trajectory": ("SimulationError", "Trajectory", "TurnWarning", "simulate"),
+    "trajectory.simulate": ("simulate",),
+    "trajectory.trajectory": ("SimulationError", "Trajectory", "TurnWarning"),
     "trigonometry": ("sincos",),
     "verification": ("Verification", "verify"),
 }

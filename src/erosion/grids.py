@@ -132,15 +132,17 @@ class Grid:
     def variables(self) -> dict[str, "Variable"]:
         """What is kept of each impact, and of each best angle; `ended_by` comes last."""
         beside = tuple(dim for dim in self.dims if dim != "alpha")
-        found = {name: Variable(self.dims, RESULTS[name]) for name in ("volume", "t_c")}
+        variables = {name: Variable(self.dims, RESULTS[name]) for name in ("volume", "t_c")}
         for name in ("dvolume", "d2volume")[: self.derivatives]:
-            found[name] = Variable(self.dims, RESULTS[name], self._derivative_attributes(name))
+            variables[name] = Variable(self.dims, RESULTS[name], self._derivative_attributes(name))
         if self.optimum:
-            found |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
-            found["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
-            found["alpha_max_ended_by"] = Variable(beside, None, _flags("how the cut ends at that angle", self.ends))
-        found["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
-        return found
+            variables |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
+            variables["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
+            variables["alpha_max_ended_by"] = Variable(
+                beside, None, _flags("how the cut ends at that angle", self.ends)
+            )
+        variables["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
+        return variables
 
     def solve(self) -> dict[str, np.ndarray]:
         """Compute every impact: arrays of the variables' dimensions, names as codes."""
@@ -184,14 +186,14 @@ class Grid:
         )
 
     def _coordinates(self) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        coordinates: dict[str, Any] = {}
         if self.compared:
             # Python strings: numpy's fixed-length ones have no specification in Zarr.
-            found["model"] = ("model", np.array(list(self.models), dtype=object), {"long_name": "model"})
+            coordinates["model"] = ("model", np.array(list(self.models), dtype=object), {"long_name": "model"})
         for name, values in self.axes.items():
             dim = PAIR if name in self.paired else name
-            found[name] = (dim, values, self.quantities[name].attributes(self.p.units))
-        return found
+            coordinates[name] = (dim, values, self.quantities[name].attributes(self.p.units))
+        return coordinates
 
     def _provenance(self) -> dict[str, Any]:
         only = {} if self.compared else {"model": next(iter(self.models))}

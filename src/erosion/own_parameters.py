@@ -151,8 +151,8 @@ def values(model: eqx.Module, p: Parameters) -> dict[str, Any]:
 
 def sizes(model: eqx.Module, p: Parameters) -> dict[str, Any]:
     """A change of each parameter that matters: as much as there is of it, 1 where that is 0; of the spin v₀/r."""
-    found = {name: np.where(value == 0, 1.0, np.abs(value)) for name, value in values(model, p).items()}
-    return {**found, "phidot0": np.asarray(p.v0 / p.r)}
+    each = {name: np.where(value == 0, 1.0, np.abs(value)) for name, value in values(model, p).items()}
+    return {**each, "phidot0": np.asarray(p.v0 / p.r)}
 
 
 def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tuple[_Model, Parameters]:

@@ -29,7 +29,7 @@ from erosion.provenance import identity
 from erosion.replicates import Estimate, Points
 from erosion.stream_result import Stream
 from erosion.tallies import Tally
-from erosion.trajectory import SimulationError
+from erosion.trajectory.trajectory import SimulationError
 
 MISS = "miss"
 """What becomes of a particle that flies away from the surface."""

@@ -52,13 +52,13 @@ def in_workshop(workshop, monkeypatch):
 def no_computing(monkeypatch):
     """What is wrong with the input must be known before the first impact."""
     import erosion.engine.impact
-    import erosion.flow
+    import erosion.trajectory.diffrax_steps
 
     def computed(*arguments, **options):
         raise AssertionError("computed before the input was checked")
 
     monkeypatch.setattr(erosion.engine.impact, "integrate", computed)
-    monkeypatch.setattr(erosion.flow, "solve", computed)
+    monkeypatch.setattr(erosion.trajectory.diffrax_steps, "solve", computed)
 
 
 def _contents(folder: Path) -> dict[str, bytes | None]:

@@ -156,7 +156,7 @@ def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
 @pytest.mark.usefixtures("heeds_ctrl_c")
 def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
     """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""
-    import erosion.trajectory
+    import erosion.trajectory.path
 
     class Swallows:
         def __del__(self):
@@ -169,6 +169,6 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
             time.sleep(0.1)
         return "never comes here"
 
-    monkeypatch.setattr(erosion.trajectory, "simulate", simulate)
+    monkeypatch.setattr(erosion.trajectory.path, "path", simulate)
     assert _status(["run"]) == 130
     assert capsys.readouterr().err == "erosion: interrupted\n"

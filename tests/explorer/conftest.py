@@ -1,5 +1,6 @@
 """The explorer as a user starts it, and a browser to look at it."""
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -27,10 +28,10 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[tuple[subprocess.Popen, str]]:
+@contextlib.contextmanager
+def served(*options: str) -> Iterator[tuple[subprocess.Popen, str]]:
     """The running command, and the address that it prints."""
-    command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0"]
+    command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0", *options]
     # NiceGUI behaves differently where it believes that pytest runs it.
     env = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env)
@@ -41,6 +42,13 @@ def server() -> Iterator[tuple[subprocess.Popen, str]]:
         process.terminate()
         process.wait(timeout=30)
         process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[tuple[subprocess.Popen, str]]:
+    """The command without plug-ins."""
+    with served() as running:
+        yield running
 
 
 @pytest.fixture

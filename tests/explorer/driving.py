@@ -51,8 +51,8 @@ def slide(page: Page, name: str, *positions: float) -> None:
 
 def enter(page: Page, name: str, text: str) -> None:
     """Type a parameter's number."""
-    page.fill(f"#{name}-entry", text)
-    page.press(f"#{name}-entry", "Enter")
+    page.fill(f"[id='{name}-entry']", text)
+    page.press(f"[id='{name}-entry']", "Enter")
 
 
 def settle(page: Page, name: str, shown: str) -> None:

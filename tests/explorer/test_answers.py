@@ -1,8 +1,10 @@
 """What the page asks, and how it asks: remembered answers, single events, the latest first."""
 
 import asyncio
+import json
 import threading
 from collections.abc import Awaitable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,18 +12,23 @@ import pytest
 from erosion.engine.impact import impact
 from erosion.explorer import found as finding
 from erosion.explorer.answers import ANGLES, Answer, Answers
-from erosion.explorer.exports import case_toml, curves_csv, python_lines
+from erosion.explorer.exports import case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.found import Found
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.single_events import SingleEvent, end_times
-from erosion.explorer.state import Case, State
-from erosion.models import Linearized
+from erosion.explorer.state import Case, State, own_numbers
+from erosion.explorer.views.spins import sensitivities
+from erosion.models import Linearized, load_model
 from erosion.optimum import alpha_max
-from erosion.parameters import TABLE_1
+from erosion.parameters import QUANTITIES, TABLE_1
 
 CASE = Case.of(TABLE_1)
 STATE = State(CASE, ("linearized",), "linearized")
+TIP = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")
+MODELS = {"linearized": Linearized(), "tip": load_model(TIP)}
+PLUGGED = Case.of(TABLE_1, own_numbers(MODELS)).replace(**{"tip.friction": 0.35})
+SLID = State(PLUGGED, ("linearized", "tip"), "tip")
 
 
 @pytest.mark.parametrize("event", ["rebound", "stop"])
@@ -151,6 +158,44 @@ def test_python_lines_compute_the_same(capsys: pytest.CaptureFixture) -> None:
     assert float(scope["hit"].volume) == pytest.approx(1.816436352531e-4, rel=1e-10)
     assert scope["best"].alpha == alpha_max("linearized", TABLE_1).alpha
     assert "rebound" in capsys.readouterr().out
+
+
+def test_answers_are_of_the_own_parameters_of_the_case() -> None:
+    answers = Answers(MODELS)
+    model = load_model(TIP).replace(friction=0.35)
+    hit, best = impact(model, TABLE_1, derivatives=2), alpha_max(model, TABLE_1)
+    assert answers.point("tip", PLUGGED).volume == hit.volume
+    assert answers.cut("tip", PLUGGED).volume == pytest.approx(hit.volume, rel=1e-8)
+    assert answers.best("tip", PLUGGED).alpha == best.alpha
+    assert answers.spins("tip", PLUGGED).alpha[30] == pytest.approx(best.alpha, abs=1e-10)
+    # Another model's answer is remembered while the slider of this one moves.
+    answers.point("linearized", PLUGGED)
+    moved = PLUGGED.replace(**{"tip.friction": 0.1})
+    assert answers.point.known("linearized", moved) is not None
+    assert answers.point.known("tip", moved) is None
+
+
+def test_own_parameters_move_the_best_angle_too() -> None:
+    found, answers = Found(SLID), Answers(MODELS)
+    found.sensitivities = rates = answers.sensitivities("tip", PLUGGED)
+    option, _, said = sensitivities(found, MODELS)
+    assert option["yAxis"]["data"][0] == "μ"
+    move = np.rad2deg(0.01 * 0.35 * rates["friction"])
+    assert option["series"][0]["data"][0] == pytest.approx(move, abs=1e-6)
+    assert f"μ {move:+.3g}°" in said
+
+
+def test_what_is_handed_out_has_the_own_parameters() -> None:
+    lines = python_lines(SLID, {"linearized": "linearized", "tip": TIP})
+    assert f"erosion.load_model({TIP!r}).replace(friction=0.35)" in lines
+    scope: dict = {}
+    exec(lines, scope)
+    assert scope["hit"].volume == impact(load_model(TIP).replace(friction=0.35), TABLE_1, derivatives=2).volume
+    content = json.loads(results_json(Answers(MODELS), SLID))
+    assert content["models"]["tip"]["own_parameters"] == {"friction": 0.35}
+    assert content["models"]["linearized"]["own_parameters"] == {}
+    assert list(content["parameters"]) == ["units", *QUANTITIES]
+    assert content["models"]["tip"]["volume"] == scope["hit"].volume
 
 
 def test_curves_and_case_are_exact(tmp_path) -> None:

@@ -19,6 +19,7 @@ def test_plug_ins_are_offered_and_shown() -> None:
     assert service.start.models == ("linearized", "finnie", "rotating", "saturating_lip")
     assert service.sources["saturating_lip"] == PLUG_IN
     assert "Rotating" in str(service.answers.models["rotating"])
+    assert service.start.case.numbers()["saturating_lip.reach"] == 0.5
 
 
 def test_a_taken_port_is_one_line(capsys: pytest.CaptureFixture) -> None:

@@ -11,14 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 import erosion
 from erosion.cli import _status
+from tests.explorer.conftest import served
 from tests.explorer.driving import SLIDE_AND_TIME, curve, enter, parameters, settle, slide, star
 
 # Numbers are drawn with 5 digits behind the point of readable units.
 ATOL = 1e-5
+PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")
 
 
 def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
@@ -246,6 +248,36 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
         "t_c(α) with both candidates",
     ):
         assert download(f"{title} (PNG)").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) -> None:
+    with served("--model", PLUG_IN) as (_, address):
+        page = context.new_page()
+        page.goto(address)
+        page.wait_for_selector("main[data-ready=true]")
+        group = page.get_by_role("group", name="Parameters of coulomb_tip")
+        expect(group.get_by_label("coefficient of friction").first).to_have_value("0.2")
+        slide(page, "coulomb_tip.friction", 0.3)
+        settle(page, "coulomb_tip.friction", "0.4913")  # 0.2 · 20^0.3
+        model = erosion.load_model(PLUG_IN).replace(friction=0.4913)
+        degrees, volume = curve(page, "volumes", "coulomb_tip")[:-1].T
+        hits = erosion.impact(model, parameters(page).replace(alpha=np.deg2rad(degrees)), derivatives=2)
+        np.testing.assert_allclose(volume, hits.volume / 1e-4, atol=ATOL)
+        enter(page, "coulomb_tip.friction", "one")
+        expect(page.locator("[id='coulomb_tip.friction-why']")).to_contain_text("must be a pure number such as 2")
+        enter(page, "coulomb_tip.friction", "-0.05")
+        settle(page, "coulomb_tip.friction", "-0.05")
+        other = context.new_page()
+        other.goto(page.url)
+        other.wait_for_selector("main[data-ready=true]")
+        settle(other, "coulomb_tip.friction", "-0.05")
+        page.get_by_role("button", name="Reset").click()
+        settle(page, "coulomb_tip.friction", "0.2")
+        page.get_by_role("checkbox", name="coulomb_tip").click()
+        expect(group).to_be_hidden()
+        page.wait_for_url(lambda url: "coulomb_tip" not in url)
+        for opened in (page, other):
+            opened.close()
 
 
 def test_only_this_machine_is_spoken_to(page: Page, server: tuple, address: str) -> None:

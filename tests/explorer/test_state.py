@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 
 from erosion.explorer.sliders import at_position, position, range_of, text_of, unit_of, with_spin
-from erosion.explorer.state import Case, State
+from erosion.explorer.state import Case, OwnNumber, State
 from erosion.parameters import QUANTITIES, TABLE_1
+from erosion.quantities import Quantity
 
 KNOWN = ("linearized", "finnie", "rotating")
 CASE = Case.of(TABLE_1)
 STATE = State(CASE, ("linearized", "rotating"), "rotating")
+
+
+FRICTION = OwnNumber("tip", "friction", 0.2, Quantity("μ", "coefficient of friction", "1"))
+REACH = OwnNumber("lip", "reach", 0.02, Quantity("L", "depth", "length"))
+SHIFT = OwnNumber("lip", "shift", -0.5, Quantity("shift", "own parameter of the model", "1"))
+PLUGGED = State(Case.of(TABLE_1, (FRICTION, REACH, SHIFT)), ("rotating", "tip", "lip"), "tip")
 
 
 def read(query: str, state: State = STATE) -> State:
@@ -51,6 +58,56 @@ def test_a_link_may_say_little_and_use_units() -> None:
 def test_a_bad_link_is_one_sentence(query: str, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         read(query)
+
+
+@pytest.mark.parametrize("units", ["inch-pound", "si"])
+def test_a_link_has_the_own_parameters_of_checked_models(units: str) -> None:
+    case = PLUGGED.case.to(units).replace(**{"tip.friction": 1 / 3, "lip.reach": 1 / 7})
+    state = State(case, ("rotating", "tip", "lip"), "lip")
+    known = ("rotating", "tip", "lip")
+    assert PLUGGED.reading(dict(parse_qsl(state.query())), known) == state
+    # On a page without the plug-in, its parameters would be unknown.
+    assert "lip." not in state.checking(("rotating", "tip")).query()
+    assert STATE.reading(dict(parse_qsl(state.checking(("rotating",)).query())), KNOWN).case.own == ()
+
+
+def test_own_parameters_are_read_with_units() -> None:
+    found = PLUGGED.reading({"units": "si", "lip.reach": "1 mm", "tip.friction": "0.5"}, ("rotating", "tip", "lip"))
+    numbers = found.case.numbers()
+    assert (numbers["lip.reach"], numbers["tip.friction"], numbers["lip.shift"]) == (0.001, 0.5, -0.5)
+    assert PLUGGED.case.to("si").numbers()["lip.reach"] == pytest.approx(0.02 * 0.0254)
+    assert (text_of("lip.reach", found.case), unit_of("lip.reach", found.case)) == ("0.001", "m")
+    with pytest.raises(ValueError, match=r"Field `lip\.reach` must be a length such as"):
+        PLUGGED.case.read("lip.reach", "3 s")
+    with pytest.raises(ValueError, match=r"Field `tip\.friction` must be a finite number, but is nan"):
+        PLUGGED.case.read("tip.friction", "nan")
+    with pytest.raises(ValueError, match=r"Field `tip\.reach` is unknown"):
+        PLUGGED.reading({"tip.reach": "1"}, ("rotating", "tip", "lip"))
+
+
+def test_sliders_of_own_parameters_reach_a_factor_or_a_size_about_the_first() -> None:
+    first = PLUGGED.case
+    ends = [at_position("tip.friction", at, first, first).numbers()["tip.friction"] for at in (-1.0, 0.0, 1.0)]
+    assert ends == [0.01, 0.2, 4.0]
+    ends = [at_position("lip.shift", at, first, first).numbers()["lip.shift"] for at in (-1.0, 0.0, 1.0)]
+    assert ends == [-1.0, -0.5, 0.0]
+    resting = first.replace(**{"tip.friction": 0.0})
+    ends = [at_position("tip.friction", at, first, resting).numbers()["tip.friction"] for at in (-1.0, 0.5)]
+    assert ends == [-1.0, 0.5]
+    for name in ("tip.friction", "lip.reach", "lip.shift"):
+        for at in (-1.0, -0.4, 0.0, 1.0):
+            assert position(name, at_position(name, at, first, first), first) == pytest.approx(at, abs=1e-3)
+    # A number that was typed may lie where the slider does not reach.
+    assert position("tip.friction", first.replace(**{"tip.friction": -1.0}), first) == -1
+
+
+def test_presets_leave_own_parameters() -> None:
+    case = PLUGGED.case.replace(**{"tip.friction": 0.7})
+    metal = case.with_parameters(case.parameters().with_material("copper"))
+    assert metal == case.replace(sigma=10e3)
+    assert with_spin(0.1, case).own == case.own
+    assert case.of_model("lip").own == (REACH, SHIFT)
+    assert case.own_values("tip") == {"friction": 0.7}
 
 
 def test_unchecking_the_model_drawn_draws_another() -> None:

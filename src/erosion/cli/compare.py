@@ -70,7 +70,7 @@ def compare(
     from erosion.quantities import RESULTS
     from erosion.studies import compare as compare_models
     from erosion.tables import format_number
-    from erosion.trajectory import SimulationError
+    from erosion.trajectory.trajectory import SimulationError
     from erosion.units import unit_name
 
     # The case's own angle goes along as one more angle.

@@ -13,7 +13,6 @@ from erosion.cli.options import (
     print_json,
     print_table,
     require_outputs,
-    start_engine,
     user_errors,
     warn,
 )
@@ -33,22 +32,17 @@ def run(
     p = case.parameters()
     chosen = load_set(model, settings(own), p.units)
     require_outputs(plot=plot, inputs=(case.case,))
-    start_engine()
-    import warnings
-
     import numpy as np
 
-    from erosion.engine.impact import impact
     from erosion.quantities import RESULTS
     from erosion.tables import Row, format_number
-    from erosion.trajectory import SimulationError, TurnWarning, simulate
+    from erosion.trajectory.path import path
+    from erosion.trajectory.trajectory import SimulationError
     from erosion.units import conversion_factor, unit_name
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TurnWarning)  # they are printed below
-        trajectory = simulate(chosen, p)
-    dvolume = float(impact(chosen, p, derivatives=1).dvolume)
-    if not np.isfinite(dvolume):
+    trajectory = path(chosen, p)
+    dvolume = trajectory.dvolume
+    if dvolume is None or not np.isfinite(dvolume):
         raise SimulationError(f"{model}: the derivative of the volume could not be computed.")
     in_si = conversion_factor("volume", p.units, "si")
     if plot is not None:

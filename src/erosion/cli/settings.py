@@ -35,7 +35,7 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
     table = (section or {}).get("set", {})
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table such as {{friction = 0.3}}, but is {table!r}.")
-    found = {name: (f"{where}, field `{name}`,", value) for name, value in table.items()}
+    in_file = {name: (f"{where}, field `{name}`,", value) for name, value in table.items()}
     given: dict[str, tuple[str, Any]] = {}
     for text in options or ():
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -44,7 +44,7 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
         if name in given:
             raise InputError(f"Option `--set` must give `{name}` once, but gives it several times.")
         given[name] = (f"Option `--set {name}`", value)
-    return found | given
+    return in_file | given
 
 
 def read_settings(

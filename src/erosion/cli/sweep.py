@@ -84,18 +84,18 @@ def sweep(
     with _cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=cut, store=out)
-        found = job.run(progress)
+        dataset = job.run(progress)
     if plot is not None:
         from erosion.plotting.style import save_plot
         from erosion.plotting.sweeps import plot_sweep
 
         with user_errors():
-            save_plot(plot_sweep(found), plot)
-    summary = _summary(found)
+            save_plot(plot_sweep(dataset), plot)
+    summary = _summary(dataset)
     if json:
-        print_json({"out": str(out), "dimensions": {str(dim): int(n) for dim, n in found.sizes.items()}, **summary})
+        print_json({"out": str(out), "dimensions": {str(dim): int(n) for dim, n in dataset.sizes.items()}, **summary})
     else:
-        _print_summary(found, out, summary)
+        _print_summary(dataset, out, summary)
     lost = sum(summary["ended_by"].get(end, 0) for end in ("failed", "unfinished"))
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
@@ -124,11 +124,11 @@ def _own_values(model: Any, said: Settings, p: "Parameters") -> dict[str, Any]:
     """The models' own parameters that are set: of each a single value, shape (), or those of an axis."""
     from erosion.axes import read_axis
 
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     if said:
         for name in model if isinstance(model, list) else [model]:
-            found = read_settings(name, load(name), said, p.units, lambda _, *of: read_axis(*of))
-    return found
+            values = read_settings(name, load(name), said, p.units, lambda _, *of: read_axis(*of))
+    return values
 
 
 def _chunks(text: str | None) -> dict[str, int] | None:
@@ -166,30 +166,30 @@ def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
         yield
 
 
-def _summary(found: Any) -> dict[str, Any]:
+def _summary(dataset: Any) -> dict[str, Any]:
     import numpy as np
 
-    meanings = found.ended_by.attrs["flag_meanings"].split()
+    meanings = dataset.ended_by.attrs["flag_meanings"].split()
     counts = np.zeros(len(meanings), int)
     # Block by block, for what is larger than memory.
-    for block in found.ended_by.data.blocks if found.ended_by.chunks else [found.ended_by.data]:
+    for block in dataset.ended_by.data.blocks if dataset.ended_by.chunks else [dataset.ended_by.data]:
         counts += np.bincount(np.asarray(block).ravel(), minlength=len(meanings))
     return {
-        "impacts": int(found.ended_by.size),
+        "impacts": int(dataset.ended_by.size),
         "ended_by": {name: int(n) for name, n in zip(meanings, counts, strict=True) if n},
-        "volume_least": float(found.volume.min()),
-        "volume_greatest": float(found.volume.max()),
+        "volume_least": float(dataset.volume.min()),
+        "volume_greatest": float(dataset.volume.max()),
     }
 
 
-def _print_summary(found: Any, out: Path, summary: dict[str, Any]) -> None:
+def _print_summary(dataset: Any, out: Path, summary: dict[str, Any]) -> None:
     from erosion.quantities import RESULTS
     from erosion.tables import Row, format_number
     from erosion.units import unit_name
 
-    unit = unit_name("volume", found.attrs["unit_system"])
+    unit = unit_name("volume", dataset.attrs["unit_system"])
     rows = [
-        Row("impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in found.sizes.items())),
+        Row("impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in dataset.sizes.items())),
         Row("ended_by", "", ", ".join(f"{n:,} {name}" for name, n in summary["ended_by"].items()), ""),
     ]
     for name, meaning in (("volume_least", "least"), ("volume_greatest", "greatest")):

@@ -174,12 +174,13 @@ def _empty(lanes: int, order: int, directions: int) -> Results:
     return Results(np.empty(lanes, np.int8), derivatives(), derivatives(), np.empty(lanes, np.int16))
 
 
-_compiling = threading.Lock()
+compiling = threading.Lock()
+"""What two threads ask for at once is compiled once."""
 
 
 def _program(layout: Layout, order: int, names: tuple[str, ...], directions: int) -> Compiled:
-    """The compiled integrator; what two threads ask for at once is compiled once."""
-    with _compiling:
+    """The compiled integrator."""
+    with compiling:
         return _compiled(layout, order, names, directions)
 
 

@@ -19,7 +19,7 @@ from erosion.engine.reduction import WholeMotion, reduced
 from erosion.engine.step_control import ARRIVED, ENDED, NO_CUT, UNFINISHED, Control, eighth_root, first_fall
 from erosion.engine.tableau import B_CHECK, B_ERROR, A, B
 from erosion.engine.variational import Cut, Derivatives, Direction, Variational, at_event
-from erosion.model import cuts_at_all
+from erosion.model import ZERO
 
 _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 _TINY = 1e-200  # keeps 0/0 away
@@ -146,7 +146,7 @@ def solve(
     nothing = nothing + sum(0.0 * row for row in (*problem.initial, *slope)) + 0.0 * scale
     for event in events:
         nothing = nothing + 0.0 * event.value + 0.0 * event.rate
-    control = step_control.begin(scale, cuts_at_all(model, p), jnp.isfinite(nothing), _FIRST_STEP)
+    control = step_control.begin(scale, _begins(events, scale), jnp.isfinite(nothing), _FIRST_STEP)
     # Where an event function is zero at contact it rises, or nothing is cut.
     events = [Ends(jnp.maximum(event.value, 0.0), event.rate) for event in events]
     lane = Lane(_within(control, until), events, problem.initial, slope)
@@ -156,6 +156,14 @@ def solve(
         lane,
     )
     return _finish(problem, lane, rtol)
+
+
+def _begins(events: Sequence[Ends], time: Any) -> Any:
+    """Whether anything is cut: every event function is positive or rises from zero."""
+    rises = ((jnp.abs(event.value) <= ZERO) & (event.rate * time > ZERO) for event in events)
+    return functools.reduce(
+        jnp.logical_and, ((event.value > ZERO) | rising for event, rising in zip(events, rises, strict=True))
+    )
 
 
 def _try_step(problem: Problem, scale: Any, rtol: Any, until: Any, lane: Lane) -> Lane:

@@ -175,7 +175,7 @@ def at_event(equations: Variational, members: tuple[Cut, ...], which: Any, time:
     Args:
         equations: the impact's.
         members: the state at the event.
-        which: index of the event that ended the cut, in the order of their names.
+        which: index of the event that ended the cut, in the order of their names; below 0 none did.
         time: since contact.
     """
 
@@ -191,6 +191,8 @@ def at_event(equations: Variational, members: tuple[Cut, ...], which: Any, time:
     here = equations.at(equations.numbers)
     volume = equations.of(lambda cut, _: cut.volume, members)
     g_rate = equations.of(_along_flow(event), members)
+    # Where no event ended the cut its time is given, and has no derivative.
+    g_rate = g_rate._replace(value=jnp.where(which < 0, 1.0, g_rate.value))
     g_curve = _along_flow(_along_flow(event))(members[0], here)
     amplification = jnp.maximum(1.0, jnp.abs(g_curve * time / g_rate.value))
     if equations.order == 0:

@@ -3,7 +3,7 @@
 import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +66,13 @@ def _solve(layout: Layout, numbers: Sequence[Any], order: int, places: _Places) 
             return of(()).volume.value
         return jax.vmap(lambda row: of(tuple(row)).volume)(rows)[1 if order == 1 else 3]
     shape = jax.ShapeDtypeStruct((len(places),) if places else (), np.float64)
-    call = functools.partial(_on_host, layout, order, places)
-    return jax.pure_callback(call, shape, *numbers, vmap_method="expand_dims")
+    return jax.pure_callback(_callback(layout, order, places), shape, *numbers, vmap_method="expand_dims")
+
+
+@functools.lru_cache(maxsize=256)
+def _callback(layout: Layout, order: int, places: _Places) -> Callable[..., np.ndarray]:
+    """The same object each time: JAX compiles a program for each."""
+    return functools.partial(_on_host, layout, order, places)
 
 
 def _on_host(layout: Layout, order: int, places: _Places, *given: Any) -> np.ndarray:

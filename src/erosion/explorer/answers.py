@@ -11,7 +11,8 @@ from erosion.explorer.single_events import end_times
 from erosion.explorer.state import Case
 from erosion.model import CuttingModel
 from erosion.optimum import Optimum, alpha_max
-from erosion.trajectory import Trajectory, simulate
+from erosion.trajectory.path import path
+from erosion.trajectory.trajectory import Trajectory
 
 # Every 0.375°, which fits one block of the kernel. At 90° itself an impact without spin cuts nothing;
 # the last is short of it by less than any curve shows.
@@ -81,7 +82,7 @@ class Answers:
 
     def _cut(self, model: str, case: Case) -> Trajectory:
         """One impact, dense in time."""
-        return simulate(self.model(model, case), case.parameters())
+        return path(self.model(model, case), case.parameters())
 
     def _point(self, model: str, case: Case) -> Impact:
         """The same impact's end, volume and derivative."""

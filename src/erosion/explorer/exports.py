@@ -48,11 +48,11 @@ def _end_times(answers: Answers, state: State) -> Figure:
 
 def _spins(answers: Answers, state: State) -> Figure:
     fig, ax = new_axes(6.2, 4.4)
-    found = []
+    curves = []
     for name in state.models:
         spins = answers.spins(name, state.case.at_any_spin())
-        found.append(BestAngles(name, SPINS, spins.alpha, spins.kind == "jump"))
-    plot_best_angles(ax, found, xlabel="$s = r\\,\\dot\\varphi_0/v_0$  initial spin")
+        curves.append(BestAngles(name, SPINS, spins.alpha, spins.kind == "jump"))
+    plot_best_angles(ax, curves, xlabel="$s = r\\,\\dot\\varphi_0/v_0$  initial spin")
     return fig
 
 

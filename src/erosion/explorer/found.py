@@ -14,7 +14,7 @@ from erosion.explorer.preparation import Preparation, sentence
 from erosion.explorer.state import Case, State
 from erosion.explorer.threads import in_thread
 from erosion.optimum import Optimum
-from erosion.trajectory import Trajectory
+from erosion.trajectory.trajectory import Trajectory
 
 # s; a model that has no answer then is left out until it has one.
 PATIENCE_AT_ONCE = 5.0

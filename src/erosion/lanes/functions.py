@@ -24,12 +24,15 @@ from jax import lax
 
 _INFINITY = float("inf")
 _NAN = float("nan")
+
+# Bits of a float64: its sign, its mantissa, and the numbers √½ and 1.
 _SIGN = -(2**63)
 _MANTISSA = 2**52 - 1
 _SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 _ONE_BITS = 0x3FF0000000000000
 
-# Adding 1.5·2⁵² leaves a whole number in the low bits of the sum. AVX2 cannot convert float64 to int64.
+# AVX2 cannot convert float64 to int64, but adding 1.5·2⁵² leaves a whole number in the low bits of the
+# sum. The other way, a whole number in the low bits of 2⁵² is added to it.
 _TO_INTEGER = 1.5 * 2.0**52
 _TWO_52_BITS = 0x4330000000000000
 

@@ -105,7 +105,7 @@ class Graph:
 
     def constant(self, number: Any, type_: str) -> Value:
         """A number."""
-        number = bool(number) if type_ == BOOL else float(number) if type_ in _FLOATS else int(number)
+        number = _NUMPY[type_](number).item()
         key = ("const", type_, struct.pack("<d", number) if type_ in _FLOATS else number)
         value = self.root.known.get(key)
         if value is None:

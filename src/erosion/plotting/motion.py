@@ -25,7 +25,7 @@ from erosion.plotting.style import (
     typeset,
 )
 from erosion.quantities import RESULTS, Quantity
-from erosion.trajectory import Trajectory
+from erosion.trajectory.trajectory import Trajectory
 from erosion.units import System
 
 HISTORIES = (

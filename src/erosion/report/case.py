@@ -19,7 +19,8 @@ from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
 from erosion.report.families import Families, families_of
 from erosion.report.spins import Spins, over_spins
-from erosion.trajectory import Trajectory, simulate
+from erosion.trajectory.path import path
+from erosion.trajectory.trajectory import Trajectory
 from erosion.units import System
 
 _RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
@@ -104,7 +105,7 @@ class Case:
     @functools.cached_property
     def trajectory(self) -> Trajectory:
         """Its numerical solution."""
-        return simulate(self.model, self.p)
+        return path(self.model, self.p)
 
     @functools.cached_property
     def alpha(self) -> float:

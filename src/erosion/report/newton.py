@@ -8,7 +8,7 @@ import numpy as np
 from erosion.engine.impact import impact
 from erosion.model import CuttingModel
 from erosion.parameters import Parameters
-from erosion.trajectory import SimulationError
+from erosion.trajectory.trajectory import SimulationError
 
 _STEEPEST = np.pi / 2
 _CLOSE = 1e-11  # [rad]: what V′ of a numerical volume can resolve near its root

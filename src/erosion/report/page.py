@@ -22,7 +22,7 @@ from erosion.report.inline import THEMES, inline_svg
 from erosion.report.questions import QUESTIONS
 from erosion.report.text import number
 from erosion.tables import to_json
-from erosion.trajectory import TurnWarning
+from erosion.trajectory.trajectory import TurnWarning
 from erosion.units import System, unit_name
 from erosion.version import __version__
 

@@ -21,7 +21,8 @@ from erosion.models import (
 )
 from erosion.own_parameters import quantities, sizes, values, with_values
 from erosion.parameters import QUANTITIES, TABLE_1, Parameters
-from erosion.trajectory import Trajectory, simulate
+from erosion.trajectory.simulate import simulate
+from erosion.trajectory.trajectory import Trajectory
 from erosion.units import conversion_factor
 from erosion.verification.witnesses import Witnessed, has_heyoka, heyoka_witness, scipy_of_model, scipy_witness
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-import erosion.flow as flow
+import erosion.trajectory.diffrax_steps as flow
 from erosion.model import CuttingModel
 from erosion.parameters import Parameters
 

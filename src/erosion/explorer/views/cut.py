@@ -9,7 +9,7 @@ from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.model import State as Body
 from erosion.plotting.motion import HISTORIES
 from erosion.plotting.style import PALETTE, Scale, readable_scale
-from erosion.trajectory import Trajectory
+from erosion.trajectory.trajectory import Trajectory
 from erosion.units import System, unit_name
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))

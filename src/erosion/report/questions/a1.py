@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from erosion.models import load_model
 from erosion.plotting.families import plot_best_angles, plot_family, plot_turn
 from erosion.plotting.studies import plot_regimes
 from erosion.plotting.style import new_axes, readable_scale
@@ -12,7 +13,8 @@ from erosion.report.case import Answer, Case, Illustration
 from erosion.report.rotation import derivation_again, figures_again, numbers_again
 from erosion.report.spins import TORQUES, Spins
 from erosion.report.text import degrees, formula, join, math, note, number, paragraph, table
-from erosion.trajectory import SimulationError, simulate
+from erosion.trajectory.path import path
+from erosion.trajectory.trajectory import SimulationError
 
 _MODEL = "rotating"
 NEEDS = (
@@ -68,7 +70,7 @@ def _turns(case: Case) -> dict[str, Any]:
     turned: list[tuple[float, float, str]] = []
     for alpha in [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]:
         try:
-            cut = simulate(_MODEL, case.p.replace(alpha=alpha))
+            cut = path(load_model(_MODEL), case.p.replace(alpha=alpha))
         except SimulationError:
             continue
         turned.append((float(alpha), float(cut.turn), cut.ended_by))

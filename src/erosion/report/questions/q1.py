@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from erosion.models import load_model
 from erosion.plotting.motion import plot_histories, plot_path
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import Answer, Case, Illustration
@@ -22,7 +23,8 @@ from erosion.report.text import (
     table,
     with_unit_tex,
 )
-from erosion.trajectory import SimulationError, simulate
+from erosion.trajectory.path import path
+from erosion.trajectory.trajectory import SimulationError
 from erosion.units import Dimension
 
 _MUCH = np.deg2rad(20)  # sin φ has fallen by 6 %
@@ -76,7 +78,7 @@ def _numbers(case: Case) -> dict[str, Any]:
 def _turn_if_free(case: Case) -> float | None:
     """How far the body would turn if the force were allowed to turn it [rad]."""
     try:
-        return simulate("rotating", case.p).turn
+        return path(load_model("rotating"), case.p).turn
     except SimulationError:
         return None
 

@@ -11,9 +11,9 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from erosion.compiler import seldom_run
 from erosion.model import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters import Parameters
+from erosion.trajectory.compiler import seldom_run
 
 MAX_STEPS = 4096
 _FIRST_STEP = 0.01  # of the model's time scale
@@ -104,13 +104,13 @@ def event(model: CuttingModel, p: Parameters, y: Any) -> tuple[dict[str, Any], d
 
 @seldom_run
 def look(model: CuttingModel, p: Parameters, ys: Any) -> Any:
-    """Event functions, their rates, and the tip's position and velocity, at many y (times, quantities)."""
+    """Event functions, their rates, the tip's position and velocity, and dV/dt, at many y (times, quantities)."""
     structure = layout(model, p)
 
     def one(y: Any) -> Any:
         state = state_of(structure, y)
         values, rates = event_rates(model, state, model.derivative(state, p), p)
-        return values, rates, tuple(model.tip(state, p))
+        return values, rates, tuple(model.tip(state, p)), model.removal_rate(state, p)
 
     return jax.vmap(one)(ys)
 

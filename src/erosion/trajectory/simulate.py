@@ -7,7 +7,6 @@ that takes the first of several events in storage order picks the wrong end near
 
 import dataclasses
 import functools
-import math
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -17,174 +16,21 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
-import erosion.flow as flow
+import erosion.trajectory.diffrax_steps as flow
 from erosion.arguments import check_tolerance, check_whole
-from erosion.events import find_root, first_fall
-from erosion.model import CuttingModel, State, Tip
+from erosion.model import CuttingModel, Tip
 from erosion.models import load_model, model_name
 from erosion.own_parameters import require_one_impact
 from erosion.parameters import Parameters, require_concrete, validate
 from erosion.precision import require_float64
-from erosion.quantities import result_row
-from erosion.tables import Row, abbreviate, to_html, to_text
+from erosion.trajectory.events import find_root, first_fall
+from erosion.trajectory.trajectory import SimulationError, Trajectory, TurnWarning
 
 _SAMPLES = 8  # looks at the event functions within each step
 _LONGEST_CUT = 1e4  # of the model's time scale; longer ones are reported, not waited for
 _ATOL = 1e-15  # of each quantity's size: rounding
 _LONGEST_STEP = 0.05  # of the model's time scale: sampled 8 times, a cubic errs by 1e-10 or less
-
-
-class SimulationError(RuntimeError):
-    """An impact that could not be followed to its end."""
-
-
-class TurnWarning(UserWarning):
-    """The body turned so far that "the tip" is no longer one."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Trajectory:
-    """One cut from contact to its end.
-
-    Arrays have shape (points,) and run over times `t` from 0 to `t_c`, in the units of `p`.
-
-    Args:
-        model, p: what was simulated.
-        t: times [s].
-        x, y: displacement of the centre of mass [length]; y is positive into the target.
-        phi: orientation [rad]; π/2 is upright.
-        vx, vy: velocity of the centre of mass [speed].
-        omega: φ̇ [rad/s].
-        x_tip, depth: position of the cutting tip [length].
-        vx_tip, vdepth: velocity of the tip [speed].
-        removed: volume removed so far [volume].
-        t_c: when the cut ends [s]; 0 where nothing is cut.
-        ended_by: "rebound", "stop", "no-cut", or the name of a plug-in's event.
-        volume: removed volume b ∫ depth dx_tip [volume].
-        states: the model's own state over `t`, a pytree of arrays.
-        at: state at any time(s) in [0, t_c], from the solver's dense output.
-    """
-
-    model: CuttingModel
-    p: Parameters
-    t: np.ndarray
-    states: Any
-    x_tip: np.ndarray
-    depth: np.ndarray
-    vx_tip: np.ndarray
-    vdepth: np.ndarray
-    removed: np.ndarray
-    t_c: float
-    ended_by: str
-    volume: float
-    _interpolate: Callable[[np.ndarray], Any] = dataclasses.field(repr=False)
-
-    def at(self, t: Any) -> Any:
-        """The state at time(s) `t` [s].
-
-        Raises:
-            ValueError: for a time outside [0, t_c].
-        """
-        times = np.asarray(t, dtype=float)
-        if not np.all((times >= 0) & (times <= self.t_c)):
-            raise ValueError(f"Argument `t` must be in [0, t_c] = [0, {self.t_c:.12g}] s, but is {t}.")
-        flat = self._interpolate(times.reshape(-1))
-        return jax.tree.map(lambda leaf: np.asarray(leaf).reshape(times.shape)[()], flat)
-
-    @property
-    def x(self) -> np.ndarray:
-        """Displacement of the centre of mass along the surface [length]."""
-        return self._body().x
-
-    @property
-    def y(self) -> np.ndarray:
-        """Displacement of the centre of mass into the target [length]."""
-        return self._body().y
-
-    @property
-    def phi(self) -> np.ndarray:
-        """Orientation [rad]; π/2 is upright."""
-        return self._body().phi
-
-    @property
-    def vx(self) -> np.ndarray:
-        """Velocity of the centre of mass along the surface [speed]."""
-        return self._body().vx
-
-    @property
-    def vy(self) -> np.ndarray:
-        """Velocity of the centre of mass into the target [speed]."""
-        return self._body().vy
-
-    @property
-    def omega(self) -> np.ndarray:
-        """Spin φ̇ [rad/s]."""
-        return self._body().omega
-
-    @property
-    def removal_rate(self) -> np.ndarray:
-        """dV/dt over `t`, as the model has it [volume/s]."""
-        return np.asarray(jax.vmap(lambda state: self.model.removal_rate(state, self.p))(self.states))
-
-    @property
-    def max_depth(self) -> float:
-        """The tip's greatest depth on the grid of `t`, refined by a cubic [length]."""
-        if len(self.t) < 2:
-            return 0.0
-        deepest = float(self.depth.max())
-        # In shares of t_c and of the depth, whose powers neither overflow nor vanish.
-        spline = CubicHermiteSpline(self.t / self.t_c, self.depth / deepest, self.vdepth * (self.t_c / deepest))
-        turning = [float(spline(t)) for t in spline.derivative().roots(extrapolate=False) if np.isfinite(t)]
-        return deepest * max([1.0, *turning])
-
-    @property
-    def turn(self) -> float:
-        """How far the body turned, φ(t_c) - φ(0) [rad]."""
-        return float(self.phi[-1] - self.phi[0]) if isinstance(self.states, State) else math.nan
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What a reader of these numbers should know, as plain sentences."""
-        greatest = np.abs(self.phi - self.phi[0]).max() if isinstance(self.states, State) else 0.0
-        if greatest <= np.pi / 2:
-            return ()
-        return (
-            f"The body turned by {np.rad2deg(greatest):.1f}° during the cut, more than 90°: the edge that cut "
-            "first has left the surface, so the model's single tip no longer describes the contact.",
-        )
-
-    def rows(self) -> list[Row]:
-        """The results as rows of a table."""
-        return [
-            result_row("t_c", self.t_c, self.p.units),
-            Row("ended_by", "", self.ended_by, "", "how the cut ends"),
-            result_row("volume", self.volume, self.p.units),
-            result_row("max_depth", self.max_depth, self.p.units),
-            result_row("turn", self.turn, self.p.units),
-        ]
-
-    def __repr__(self) -> str:
-        return (
-            f"Trajectory({model_name(self.model)!r}, {len(self.t)} points, t_c={abbreviate(self.t_c)}, "
-            f"ended_by={self.ended_by!r}, volume={abbreviate(self.volume)}, p={self.p!r})"
-        )
-
-    def __str__(self) -> str:
-        lines = [to_text(self._title(), self.rows()), *(f"warning: {line}" for line in self.warnings)]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return to_html(self._title(), self.rows())
-
-    def _title(self) -> str:
-        return f"{model_name(self.model)} at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
-
-    def _body(self) -> State:
-        if not isinstance(self.states, State):
-            raise AttributeError(f"{type(self.model).__name__} keeps a state of its own: use `.states`.")
-        return self.states
 
 
 def simulate(
@@ -304,7 +150,7 @@ def _looks(
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
-    values, rates, _ = _looked(model, p, dense(t))
+    values, rates, *_ = _looked(model, p, dense(t))
     return t, values, rates
 
 
@@ -329,7 +175,8 @@ def _trajectory(
     name: str,
     dense: Callable[[np.ndarray], np.ndarray],
 ) -> Trajectory:
-    tip = Tip(*_looked(model, dataclasses.replace(p, units="inch-pound"), ys)[2])
+    _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units="inch-pound"), ys)
+    tip = Tip(*tip)
     return Trajectory(
         model=model,
         p=p,
@@ -340,6 +187,7 @@ def _trajectory(
         vx_tip=tip.vx,
         vdepth=tip.vdepth,
         removed=ys[:, -1],
+        removal_rate=removal_rate,
         t_c=float(t[-1]),
         ended_by=name,
         volume=float(ys[-1, -1]),

@@ -1,0 +1,62 @@
+"""One impact's motion at given times: as many lanes as times, each of which goes no further than its own."""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from erosion.engine.batch import compiling
+from erosion.engine.integrator import solve
+from erosion.engine.leaves import Layout, split
+from erosion.lanes.choice import Compiled, compile_lanes
+from erosion.lanes.lanewise import number
+from erosion.model import CuttingModel, Tip
+from erosion.parameters import Parameters
+
+
+class States(NamedTuple):
+    """The motion at times; arrays of shape (times,).
+
+    Args:
+        outcome: an index of `end_names`; beyond it where the impact has not ended by then.
+        time: that of the state: the time asked for, or the end of the cut.
+        state: the model's own, a pytree of arrays.
+        tip: position and velocity of the tip.
+        volume, removal_rate: removed so far, and its time derivative.
+        dvolume: dV/dα; of the end of the cut alone it is a derivative of the volume removed.
+    """
+
+    outcome: np.ndarray
+    time: np.ndarray
+    state: Any
+    tip: Tip
+    volume: np.ndarray
+    removal_rate: np.ndarray
+    dvolume: np.ndarray
+
+
+def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float) -> States:
+    """The motion of one impact at times since contact, infinity for its end."""
+    layout, numbers = split(model, p)
+    with compiling:
+        program, structure, shapes = _compiled(layout)
+    results = [np.empty((times.size, *shape), dtype) for shape, dtype in shapes]
+    leaves = [np.asarray(one, float) for one in (*numbers, rtol, times)]
+    program.run(leaves, np.arange(times.size), results)
+    return jax.tree.unflatten(structure, results)
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(layout: Layout) -> tuple[Compiled, Any, list[tuple[tuple[int, ...], Any]]]:
+    def lane(numbers: list[Any], rtol: Any, until: Any) -> States:
+        solution = solve(layout, numbers, ("alpha",), rtol, until, order=1, whole=True)
+        model, p = layout.joined(numbers)
+        rate = model.removal_rate(solution.state, p)
+        time, volume = solution.time, solution.volume
+        tip = model.tip(solution.state, p)
+        return States(solution.outcome, time.value, solution.state, tip, volume.value, rate, volume.first)
+
+    like = (layout.like(), number, number)
+    leaves, structure = jax.tree.flatten(jax.eval_shape(lane, *like))
+    return compile_lanes(lane, like), structure, [(leaf.shape, leaf.dtype) for leaf in leaves]

@@ -1,0 +1,50 @@
+"""One impact by the engine of the batches, in a millisecond once it is compiled."""
+
+import numpy as np
+
+from erosion.engine.outcomes import end_names
+from erosion.engine.states import states_at
+from erosion.model import CuttingModel
+from erosion.models import model_name
+from erosion.parameters import Parameters
+from erosion.precision import require_float64
+from erosion.trajectory.trajectory import SimulationError, Trajectory
+
+_RTOL = 1e-12
+
+
+def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
+    """Follow one impact from contact to the end of the cut, with dV/dα.
+
+    `erosion.simulate` gives the same by diffrax; arguments are not checked here.
+
+    Raises:
+        SimulationError: where the impact fails or does not end.
+    """
+    require_float64()
+    end = states_at(model, p, np.array([np.inf]), _RTOL)
+    name = end_names(model)[int(end.outcome[0])]
+    if name in ("failed", "unfinished"):
+        raise SimulationError(f"{model_name(model)}: the impact could not be followed to its end: it is {name}.")
+    t_c = float(end.time[0])
+    t = np.linspace(0.0, t_c, points) if name != "no-cut" else np.zeros(1)
+    # The end itself is known better than what is integrated to that time.
+    times = np.where(np.arange(t.size) < t.size - 1, t, np.inf) if name != "no-cut" else t
+    along = states_at(model, p, times, _RTOL)
+    return Trajectory(
+        model=model,
+        p=p,
+        t=t,
+        states=along.state,
+        x_tip=along.tip.x,
+        depth=along.tip.depth,
+        vx_tip=along.tip.vx,
+        vdepth=along.tip.vdepth,
+        removed=along.volume,
+        removal_rate=along.removal_rate,
+        t_c=t_c,
+        ended_by=name,
+        volume=float(end.volume[0]),
+        dvolume=float(end.dvolume[0]),
+        _interpolate=lambda t: states_at(model, p, t, _RTOL).state,
+    )
