@@ -144,7 +144,7 @@ BROKEN = {
     ),
     "text": (
         "import erosion\nclass M(erosion.models.Rotating):\n  label: str = 'mine'\n",
-        "its own parameters must be numbers or arrays, but one is 'mine'",
+        "its own parameters must be numbers, arrays or functions, but one is 'mine'",
     ),
 }
 VERBS = {

@@ -112,6 +112,7 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
 
 def converted(model: _Model, p: Parameters, units: str) -> tuple[_Model, Parameters]:
     """Model and case in another unit system; own parameters convert by their dimensions."""
+    require_parameters(p)
     there = p.to(units)
     changes = {}
     for name, one in own_parameters(model).items():

@@ -123,10 +123,23 @@ ROWS = [
         "`friction` must be a parameter of every",
     ),
     (
-        "erosion.stream(OWN, P, friction=Normal(0.2, 0.1))",
+        "erosion.stream('rotating', P, friction=Normal(0.2, 0.1))",
         "TypeError",
         "Argument `friction` is not a parameter; they are",
     ),
+    ("erosion.stream(OWN, P, friction=0.3)", "TypeError", "Argument `friction` must be a distribution such as Normal"),
+    (
+        "erosion.stream(OWN.replace(friction=np.ones(2)), P, v0=Normal(1, 0.1))",
+        "ValueError",
+        "`friction` must be a scalar",
+    ),
+    (
+        "erosion.simulate(OWN.replace(friction=np.ones(2)), P)",
+        "ValueError",
+        "`friction` must be a scalar here, but has sh",
+    ),
+    ("OWN.to('cgs', P)", "ValueError", "Argument `units` must be one of 'inch-pound', 'si', but is 'cgs'."),
+    ("OWN.to('si', 3)", "TypeError", "Argument `p` must be Parameters, but is 3."),
     (
         "erosion.sweep('finnie', P, alpha=[0.1], rtol='a')",
         "ValueError",

@@ -79,8 +79,8 @@ OWN = [
     ("run --model friction.py --set k=1", "must name an own parameter of friction.py, which has friction."),
     ("optimum --model friction.py --set friction=1:2:3", "but '1:2:3' cannot be read."),
     (
-        "stream --model friction.py --v0 normal(4400,40) --set friction=normal(0.2,0.1)",
-        "Option `--set friction` must be",
+        "stream --model friction.py --set friction=normal(0.2)",
+        "Option `--set friction` must be normal(mean, deviation), but is 'normal(0.2)'.",
     ),
     ("stream --v0 normal(4400,40) --set friction=1", "must name an own parameter of linearized, which has none."),
     ("calibrate sand.csv --model friction.py --set friction=a", "Option `--set friction` must be a pure number"),

@@ -155,7 +155,8 @@ def _walk(program: Compiled, leaves: list[np.ndarray], lanes: np.ndarray, output
 
 def _shelf(program: Compiled, leaves: list[np.ndarray], lanes: np.ndarray, outputs: list[np.ndarray]) -> None:
     if lanes.size > WIDTH:
-        varying = [leaf[lanes] for leaf in leaves if leaf.ndim == 1 and leaf.strides != (0,) and len(leaf) > 1]
+        own = zip(leaves, program.inputs, strict=True)
+        varying = [leaf[lanes] for leaf, shape in own if shape == () and leaf.ndim and leaf.strides != (0,)]
         if varying:
             lanes = lanes[alike_together(varying, WIDTH)]
     program.run(leaves, lanes, outputs)

@@ -20,10 +20,11 @@ NO_CUT, ARRIVED = -1, -2
 """The event of an impact that cuts nothing, and of one that has come to the time it was asked for."""
 
 _SAFETY = 0.8  # of the step that would just do
-_LONGEST_CUT = 1e4  # of the model's time scale; later is "unfinished"
+LONGEST_CUT = 1e4  # of the model's time scale; later is "unfinished"
 _MAX_TRIALS = 20_000
-_REJECTED = 64  # trials, and one more for each eight accepted: then the error must be rounding
-_STUCK = 512  # trials within a thousandth of the time scale: likewise
+_REJECTED = 256  # trials, and eight more for each accepted: then the error must be rounding
+_STUCK = 512  # trials at a pace that would take more than all of them for a 25th of the time scale: likewise
+_PACE = 2e-6  # of the time scale a trial
 _NEAR = 1e-2  # of the time scale, the cut and a good step: this near a steep fall, a short step and Newton do the rest
 _NEAR_FLAT = 1e-3  # likewise, a flat one
 _SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
@@ -258,8 +259,8 @@ def _counted(control: Control, trial: Trial, good: Any, moved: Any) -> Control:
 
 def _given_up(control: Control, scale: Any) -> Control:
     """Unless it takes too long, or the error must be rounding."""
-    late = (control.time > _LONGEST_CUT * scale) | (control.trials > _MAX_TRIALS)
-    stuck = (control.trials > _STUCK) & (control.time < 1e-3 * scale)
-    hopeless = stuck | (8 * (control.rejected - _REJECTED) > control.trials - control.rejected)
+    late = (control.time > LONGEST_CUT * scale) | (control.trials > _MAX_TRIALS)
+    stuck = (control.trials > _STUCK) & (control.time < _PACE * control.trials * scale)
+    hopeless = stuck | (control.rejected > _REJECTED + 8 * (control.trials - control.rejected))
     mode = jnp.where(late, UNFINISHED, control.mode)
     return control._replace(mode=jnp.where(~(control.trial > _SHORTEST * scale) | hopeless, FAILED, mode))

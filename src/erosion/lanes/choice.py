@@ -20,6 +20,9 @@ ENGINE = "EROSION_ENGINE"
 class Compiled(Protocol):
     """A function of one lane, compiled for many."""
 
+    inputs: list[tuple[int, ...]]
+    """Shapes of one lane's arguments."""
+
     def run(self, leaves: Sequence[np.ndarray], order: np.ndarray, results: Sequence[np.ndarray]) -> None:
         """Compute some lanes; see `Lanewise.run`."""
         ...

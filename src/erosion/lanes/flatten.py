@@ -296,7 +296,9 @@ def _located(equation: Any, function: Callable[[], Any]) -> Any:
         own = [frame for frame in (traceback.frames if traceback is not None else []) if _is_own(frame.file_name)]
         if not own:
             raise
-        place = f"`{own[0].function_name}` ({Path(own[0].file_name).name}, line {own[0].line_num})"
+        place = (
+            f"`{own[0].function_name.split('.<locals>.')[-1]}` ({Path(own[0].file_name).name}, line {own[0].line_num})"
+        )
         raise NotForLanesError(f"{place} uses {error}, which lanes cannot do.") from None
 
 

@@ -4,6 +4,7 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,22 +22,27 @@ def flaw(model: CuttingModel) -> str | None:
     """
     leaves, structure = jax.tree.flatten(model)
     for leaf in leaves:
-        if not isinstance(leaf, (int, float, np.ndarray, np.generic, jax.Array)):
-            return f"its own parameters must be numbers or arrays, but one is {leaf!r}"
+        if not callable(leaf) and not isinstance(leaf, (int, float, np.ndarray, np.generic, jax.Array)):
+            return f"its own parameters must be numbers, arrays or functions, but one is {leaf!r}"
     own = own_parameters(model)
     for name in own:
         if name in QUANTITIES:
             return f"its own parameters must have other names than those of a case, but one is `{name}`"
     # An array of an own parameter holds one number for each of many impacts.
     scalars = {one.leaf for one in own.values()}
-    shapes = [() if i in scalars else np.shape(leaf) for i, leaf in enumerate(leaves)]
-    types = [str(jnp.result_type(leaf)) for leaf in leaves]
-    return _flaw(structure, tuple(zip(shapes, types, strict=True)))
+    numbers = (
+        (() if i in scalars else np.shape(leaf), str(jnp.result_type(leaf)))
+        for i, leaf in enumerate(leaves)
+        if not callable(leaf)
+    )
+    return _flaw(structure, tuple(leaf if callable(leaf) else None for leaf in leaves), tuple(numbers))
 
 
 @functools.lru_cache(maxsize=1024)
-def _flaw(structure: Any, leaves: tuple[tuple[tuple[int, ...], str], ...]) -> str | None:
-    model = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+def _flaw(structure: Any, functions: tuple[Any, ...], numbers: tuple[tuple[tuple[int, ...], str], ...]) -> str | None:
+    rest = iter(numbers)
+    leaves = [jax.ShapeDtypeStruct(*next(rest)) if function is None else function for function in functions]
+    model = jax.tree.unflatten(structure, leaves)
     try:
         state = _given("initial_state", lambda model, p: model.initial_state(p), model, TABLE_1)
         _require_scalars("initial_state", state)
@@ -59,7 +65,7 @@ class _FlawError(Exception):
 
 def _given(name: str, method: Callable[..., Any], *arguments: Any) -> Any:
     try:
-        return jax.eval_shape(method, *arguments)
+        return eqx.filter_eval_shape(method, *arguments)
     # A model's own code may raise anything.
     except Exception as error:
         said = " ".join(str(error).split())

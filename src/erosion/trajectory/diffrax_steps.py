@@ -8,6 +8,7 @@ import dataclasses
 from typing import Any, cast
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -21,7 +22,7 @@ _FIRST_STEP = 0.01  # of the model's time scale
 
 def layout(model: CuttingModel, p: Parameters) -> Any:
     """The structure of the model's state."""
-    return jax.tree.structure(jax.eval_shape(_initial_state, model, p))
+    return jax.tree.structure(eqx.filter_eval_shape(_initial_state, model, p))
 
 
 def state_of(structure: Any, y: Any) -> Any:

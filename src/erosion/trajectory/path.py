@@ -4,6 +4,7 @@ import numpy as np
 
 from erosion.engine.outcomes import end_names
 from erosion.engine.states import states_at
+from erosion.engine.step_control import LONGEST_CUT
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.parameters import Parameters
@@ -11,6 +12,10 @@ from erosion.precision import require_float64
 from erosion.trajectory.trajectory import SimulationError, Trajectory
 
 _RTOL = 1e-12
+_WHY_NOT = {
+    "failed": "the motion is not finite, or no step of it is exact enough",
+    "unfinished": f"no event ended the cut within {LONGEST_CUT:,.0f} time scales",
+}
 
 
 def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
@@ -24,8 +29,8 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
     require_float64()
     end = states_at(model, p, np.array([np.inf]), _RTOL)
     name = end_names(model)[int(end.outcome[0])]
-    if name in ("failed", "unfinished"):
-        raise SimulationError(f"{model_name(model)}: the impact could not be followed to its end: it is {name}.")
+    if name in _WHY_NOT:
+        raise SimulationError(f"{model_name(model)}: {_WHY_NOT[name]}.")
     t_c = float(end.time[0])
     t = np.linspace(0.0, t_c, points) if name != "no-cut" else np.zeros(1)
     # The end itself is known better than what is integrated to that time.

@@ -1,0 +1,145 @@
+"""Force laws that are more than a formula: a loop, a table, a small network; against diffrax."""
+
+import warnings
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import erosion
+
+P = erosion.TABLE_1
+
+
+class Implicit(erosion.models.ForceLaw):
+    """F_x = -c·depth·u, where u solves u³ + u = 2 + (depth/r)² by Newton's method."""
+
+    def __call__(self, state, tip, p):
+        target = 2 + (tip.depth / p.r) ** 2
+        u = _cubic_root(target)
+        horizontal = -p.stiffness * tip.depth * u
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+@jax.custom_jvp
+def _cubic_root(target):
+    """The root of u³ + u = target."""
+    return lax.while_loop(
+        lambda u: jnp.abs(u**3 + u - target) > 1e-14 * target,
+        lambda u: u - (u**3 + u - target) / (3 * u**2 + 1),
+        1.0 + 0 * target,
+    )
+
+
+@_cubic_root.defjvp
+def _cubic_root_jvp(primals, tangents):
+    u = _cubic_root(*primals)
+    return u, tangents[0] / (3 * u**2 + 1)
+
+
+class Table(erosion.models.ForceLaw):
+    """F_x = -c·depth·f(depth/r), with f from a table of the model's own."""
+
+    depths: Any
+    factors: Any
+
+    def __call__(self, state, tip, p):
+        horizontal = -p.stiffness * tip.depth * jnp.interp(tip.depth / p.r, self.depths, self.factors)
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+class Network(erosion.models.ForceLaw):
+    """F_x = -c·depth·(1 + n(depth/r)), with a small network n."""
+
+    network: eqx.nn.MLP
+
+    def __call__(self, state, tip, p):
+        horizontal = -p.stiffness * tip.depth * (1 + self.network(tip.depth / p.r))
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+def network(width: int = 4) -> erosion.models.Rotating:
+    made = eqx.nn.MLP("scalar", "scalar", width, 1, activation=jnp.tanh, key=jax.random.PRNGKey(1))
+    return erosion.models.Rotating(force=Network(made))
+
+
+DEPTHS = np.linspace(0, 3, 10)
+LAWS = {
+    "implicit": lambda: erosion.models.Rotating(force=Implicit()),
+    "table": lambda: erosion.models.Rotating(force=Table(DEPTHS, 1 + 0.3 * DEPTHS**2)),
+    "network": network,
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_batch_is_diffraxs(name):
+    model = LAWS[name]()
+    angles = [0.3, 0.6, 1.1]
+    hits = erosion.impact(model, P.replace(alpha=angles))
+    # At the kinks of a table both take short steps, and more errors add up.
+    tolerance = 1e-7 if name == "table" else 1e-8
+    for i, alpha in enumerate(angles):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", erosion.TurnWarning)
+            cut = erosion.simulate(model, P.replace(alpha=alpha))
+        assert hits.ended_by[i] == cut.ended_by
+        assert hits.volume[i] == pytest.approx(cut.volume, rel=tolerance)
+        assert hits.t_c[i] == pytest.approx(cut.t_c, rel=tolerance)
+
+
+@pytest.mark.parametrize("name", ["implicit", "network"])
+def test_derivatives_are_differences(name):
+    model = LAWS[name]()
+    hit = erosion.impact(model, P, derivatives=2)
+    step = 1e-4
+    near = erosion.impact(model, P.replace(alpha=P.alpha + step * np.array([-1, 0, 1])), rtol=1e-12).volume
+    assert hit.dvolume == pytest.approx((near[2] - near[0]) / (2 * step), rel=1e-5)
+    assert hit.d2volume == pytest.approx((near[2] - 2 * near[1] + near[0]) / step**2, rel=1e-4)
+
+
+def test_gradients_by_a_networks_weights_are_differences():
+    model = network()
+    weights, rest = eqx.partition(model, eqx.is_array)
+
+    def volume(weights):
+        return erosion.volume(eqx.combine(weights, rest), P)
+
+    slopes = jax.jit(jax.grad(volume))(weights)
+    for where in (lambda m: m.force.network.layers[0].weight, lambda m: m.force.network.layers[1].bias):
+        array, slope = where(weights), np.ravel(where(slopes))
+        for i in range(array.size):
+            ends = []
+            for way in (-1, 1):
+                moved = np.ravel(np.asarray(array)).copy()
+                moved[i] += way * 1e-4
+                ends.append(float(volume(eqx.tree_at(where, weights, jnp.asarray(moved.reshape(array.shape))))))
+            assert slope[i] == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-5, abs=1e-12)
+
+
+def test_what_lanes_cannot_do_names_the_models_method():
+    class Sorting(erosion.models.ForceLaw):
+        def __call__(self, state, tip, p):
+            horizontal = -p.stiffness * jnp.sort(jnp.stack([tip.depth, 0.0]))[1]
+            return horizontal, p.k * horizontal
+
+        def typical_ratio(self, p):
+            return p.k
+
+    model = erosion.models.Rotating(force=Sorting())
+    with pytest.raises(
+        ValueError, match=r"`Sorting.__call__` \(test_force_laws\.py, line \d+\) uses `sort`, which lanes"
+    ):
+        erosion.impact(model, P)

@@ -1,0 +1,52 @@
+"""The same functions of a lane through XLA, as on a GPU."""
+
+import os
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from erosion.lanes.lanewise import Lanewise, number
+from erosion.lanes.xla import XlaLanes
+from tests.lanes.test_lanewise import FUNCTIONS, X, Y
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_both_compilers_agree(function):
+    exact = Lanewise(function, (number, number))(X, Y)
+    leaves = jax.tree.leaves(exact)
+    results = [np.full_like(leaf, 7) for leaf in leaves]
+    some = np.array([4, 0, 44])
+    XlaLanes(function, (number, number)).run([X, Y], some, results)
+    for result, leaf in zip(results, leaves, strict=True):
+        assert result[some] == pytest.approx(leaf[some], rel=1e-12, abs=1e-12)
+        assert np.all(result[1] == 7)
+
+
+def test_impacts_and_volumes_are_the_same_by_xla():
+    program = """
+import jax, erosion
+p = erosion.TABLE_1
+hits = erosion.impact("linearized", p.replace(alpha=[0.3, 0.6, 1.1]), derivatives=1)
+volume = lambda alpha: erosion.volume("linearized", p.replace(alpha=alpha))
+print(*hits.volume, *hits.dvolume, *hits.outcome, volume(0.3), jax.grad(volume)(0.3))
+"""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", program], env={**os.environ, "EROSION_ENGINE": engine},
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for engine in ("lanes", "xla")
+    ]  # fmt: skip
+    one, other = (np.array(text.split(), float) for text in said)
+    assert one == pytest.approx(other, rel=1e-10)
+
+
+def test_an_engine_that_nobody_knows_is_refused():
+    process = subprocess.run(
+        [sys.executable, "-c", "import erosion; erosion.impact('finnie', erosion.TABLE_1)"],
+        env={**os.environ, "EROSION_ENGINE": "cuda"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "EROSION_ENGINE must be `lanes` or `xla`, but is 'cuda'." in process.stderr
