@@ -22,16 +22,15 @@ def test_both_compilers_agree(function):
     XlaLanes(function, (number, number)).run([X, Y], some, results)
     for result, leaf in zip(results, leaves, strict=True):
         assert result[some] == pytest.approx(leaf[some], rel=1e-12, abs=1e-12)
-        assert np.all(result[1] == 7)
+        assert np.array_equal(result[1], np.full_like(leaf, 7)[1])
 
 
 def test_impacts_and_volumes_are_the_same_by_xla():
     program = """
 import jax, erosion
 p = erosion.TABLE_1
-hits = erosion.impact("linearized", p.replace(alpha=[0.3, 0.6, 1.1]), derivatives=1)
-volume = lambda alpha: erosion.volume("linearized", p.replace(alpha=alpha))
-print(*hits.volume, *hits.dvolume, *hits.outcome, volume(0.3), jax.grad(volume)(0.3))
+hits = erosion.impact("linearized", p.replace(alpha=[0.3, 0.6, 1.1]))
+print(*hits.volume, *hits.outcome, jax.grad(lambda alpha: erosion.volume("linearized", p.replace(alpha=alpha)))(0.3))
 """
     said = [
         subprocess.run(

@@ -1,10 +1,9 @@
 """What a model must be before anything is computed with it, told from the shapes of what it gives."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,9 +39,11 @@ def flaw(model: CuttingModel) -> str | None:
 
 @functools.lru_cache(maxsize=1024)
 def _flaw(structure: Any, functions: tuple[Any, ...], numbers: tuple[tuple[tuple[int, ...], str], ...]) -> str | None:
-    rest = iter(numbers)
-    leaves = [jax.ShapeDtypeStruct(*next(rest)) if function is None else function for function in functions]
-    model = jax.tree.unflatten(structure, leaves)
+    def model_of(numbers: Sequence[Any]) -> CuttingModel:
+        rest = iter(numbers)
+        return jax.tree.unflatten(structure, [next(rest) if leaf is None else leaf for leaf in functions])
+
+    model = model_of, [jax.ShapeDtypeStruct(*number) for number in numbers]
     try:
         state = _given("initial_state", lambda model, p: model.initial_state(p), model, TABLE_1)
         _require_scalars("initial_state", state)
@@ -63,9 +64,11 @@ class _FlawError(Exception):
     """The clause."""
 
 
-def _given(name: str, method: Callable[..., Any], *arguments: Any) -> Any:
+def _given(name: str, method: Callable[..., Any], model: tuple[Callable[..., Any], Any], *arguments: Any) -> Any:
+    """What a method of (model, …) gives, for a model of given numbers."""
+    model_of, numbers = model
     try:
-        return eqx.filter_eval_shape(method, *arguments)
+        return jax.eval_shape(lambda numbers, *rest: method(model_of(numbers), *rest), numbers, *arguments)
     # A model's own code may raise anything.
     except Exception as error:
         said = " ".join(str(error).split())
