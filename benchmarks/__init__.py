@@ -1,1 +1,1 @@
-"""Speed and memory of the kernel beside its peers, at the same verified accuracy: `make bench`."""
+"""Speed and memory of the engine beside its peers, at the same verified accuracy: `make bench`."""

@@ -21,7 +21,7 @@ from erosion.calibration import calibrate, rank_models
 
 RESULTS = Path(__file__).with_name("RESULTS-calibration.md")
 
-# What each model's curve depends on. K = tan α and K = ẏ/ẋ leave k without influence; without
+# The parameters that shape each model's curve. K = tan α and K = ẏ/ẋ leave k without influence; without
 # rotation nothing but the height of the curve is left.
 FREE = {
     "linearized": ("k", "psi"),
@@ -56,7 +56,7 @@ ESTIMATES = (
 )
 RANKS = "| data made by | ranked first | the best of the others |"
 
-Found = dict[str, Any]
+Record = dict[str, Any]
 
 
 def synthetic(model: str, seed: int, same_angles: bool = False) -> dict[str, np.ndarray]:
@@ -74,45 +74,45 @@ def synthetic(model: str, seed: int, same_angles: bool = False) -> dict[str, np.
     return {"angle [deg]": degrees, "volume [in^3]": noisy, "uncertainty [in^3]": error}
 
 
-def recover(model: str, seed: int, same_angles: bool) -> Found:
-    """What a fit to one set finds of each parameter."""
+def recover(model: str, seed: int, same_angles: bool) -> Record:
+    """Estimate, standard error and interval of each parameter, from a fit to one set."""
     guess = GUESS if "r" in FREE[model] else GUESS.replace(r=TRUTH.r)
     fit = calibrate(model, guess, synthetic(model, seed, same_angles), FREE[model])
     intervals = fit.intervals()
     return {name: [fit.estimates[name], fit.standard_errors[name], *intervals[name]] for name in FREE[model]}
 
 
-def rank(model: str, seed: int) -> Found:
+def rank(model: str, seed: int) -> Record:
     """Which kinds of curve come first."""
     ranking = rank_models(GUESS.replace(r=TRUTH.r), synthetic(model, 1000 + seed), ("k", "psi"), models=KINDS)
     return {"names": list(ranking.names)}
 
 
-def recovery(model: str, found: Sequence[Found]) -> list[str]:
+def recovery(model: str, records: Sequence[Record]) -> list[str]:
     """Lines of a table of estimates."""
     lines = []
     for name in FREE[model]:
-        estimate, error, low, high = np.array([one[name] for one in found]).T / float(getattr(TRUTH, name)) - [
+        estimate, error, low, high = np.array([one[name] for one in records]).T / float(getattr(TRUTH, name)) - [
             [1],
             [0],
             [1],
             [1],
         ]
-        bias = estimate.mean() / (estimate.std(ddof=1) / np.sqrt(len(found)))
+        bias = estimate.mean() / (estimate.std(ddof=1) / np.sqrt(len(records)))
         covered = int(np.sum((low <= 0) & (high >= 0)))
         lines.append(
             f"| {model} | {name} | {estimate.mean():+.2%} | {estimate.std(ddof=1):.2%} | {bias:+.1f} | "
-            f"{np.median(error):.2%} | {np.median(high - low) / 2:.2%} | {covered} of {len(found)} |"
+            f"{np.median(error):.2%} | {np.median(high - low) / 2:.2%} | {covered} of {len(records)} |"
         )
     return lines
 
 
-def first(model: str, found: Sequence[Found]) -> list[str]:
+def first(model: str, records: Sequence[Record]) -> list[str]:
     """Line of the table of ranks."""
-    won = sum(one["names"][0] == model for one in found)
-    others = collections.Counter(next(name for name in one["names"] if name != model) for one in found)
+    won = sum(one["names"][0] == model for one in records)
+    others = collections.Counter(next(name for name in one["names"] if name != model) for one in records)
     seconds = ", ".join(f"{name} {count}" for name, count in others.most_common())
-    return [f"| {model} | {won} of {len(found)} | {seconds} |"]
+    return [f"| {model} | {won} of {len(records)} | {seconds} |"]
 
 
 TABLES = {
@@ -133,7 +133,7 @@ def main() -> int:
     parser.add_argument("--records", type=Path, help="where fits are kept, so that a run that was stopped can go on")
     parser.add_argument("--date", default=dt.date.today().isoformat(), help="of the run, for the report")
     arguments = parser.parse_args()
-    records: dict[str, Found] = {}
+    records: dict[str, Record] = {}
     if arguments.records is not None and arguments.records.exists():
         for line in arguments.records.read_text(encoding="utf-8").splitlines():
             records.update(json.loads(line))
@@ -149,7 +149,7 @@ def main() -> int:
             continue
         say(f"\n{title}\n\n{head}\n|{'---|' * (head.count('|') - 1)}")
         for model in (one for one in models if one in arguments.only):
-            found = []
+            fits = []
             for seed in range(arguments.rank_seeds if table == "rank" else arguments.seeds):
                 key = f"{table}/{model}/{seed}"
                 if key not in records:
@@ -157,8 +157,8 @@ def main() -> int:
                     if arguments.records is not None:
                         with arguments.records.open("a", encoding="utf-8") as file:
                             file.write(json.dumps({key: records[key]}) + "\n")
-                found.append(records[key])
-            say("\n".join(summary(model, found)))
+                fits.append(records[key])
+            say("\n".join(summary(model, fits)))
     if set(arguments.only) == set(FREE) and set(arguments.tables) == set(TABLES):
         RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return 0

@@ -1,4 +1,4 @@
-"""The linearized model's closed form, one pass over memory: what no solver can exceed."""
+"""The linearized model's closed form, one pass over memory: no solver can be faster."""
 
 from collections.abc import Callable
 

@@ -1,12 +1,12 @@
-"""Who runs, and with how many impacts."""
+"""The contenders, and how many impacts each computes."""
 
 import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks import closed_form, diffrax_vmap, heyoka_batch, heyoka_scalar, kernel, scipy_dop853
+from benchmarks import closed_form, diffrax_vmap, engine, heyoka_batch, heyoka_scalar, scipy_dop853
 from benchmarks.pool import Pool
-from benchmarks.work import Answers, Work, from_impact
+from benchmarks.work import Answers, Work, as_answers
 
 V, V2 = "V", "V, V′, V″"
 LIMIT = "closed form"
@@ -17,11 +17,11 @@ class Contender:
     """One row of the table.
 
     Args:
-        name: how it is called in the table; `--only` selects by a part of it.
-        group: `V`, `V2` or `LIMIT`: whom it is compared with.
+        name: in the table; `--only` selects by a part of it.
+        group: `V`, `V2` or `LIMIT`: rows of one group are compared.
         lanes: how many impacts a run has.
         prepare: gets the work; compiles and warms up.
-        run: what is timed.
+        run: is timed.
         answers: those of the last run.
     """
 
@@ -36,23 +36,23 @@ class Contender:
 def _here(name: str, group: str, lanes: int, factory: Callable[..., Any], **options: Any) -> Contender:
     """A contender of this process."""
     runner: list[Callable[[], Any]] = []
-    found: list[Any] = []
+    results: list[Any] = []
 
     def prepare(work: Work) -> None:
         runner[:] = [factory(work, **options)]
         runner[0]()
 
     def run() -> None:
-        found[:] = [runner[0]()]
+        results[:] = [runner[0]()]
 
     def answers() -> Answers:
-        return found[0] if isinstance(found[0], Answers) else from_impact(found[0])
+        return as_answers(results[0])
 
     return Contender(name, group, lanes, prepare, run, answers)
 
 
 def _pooled(pool: Pool, name: str, group: str, lanes: int, factory: Callable[..., Any], **options: Any) -> Contender:
-    """A contender with one process per core."""
+    """A contender in processes of its own."""
 
     def prepare(work: Work) -> None:
         pool.prepare(name, factory, work, **options)
@@ -60,8 +60,16 @@ def _pooled(pool: Pool, name: str, group: str, lanes: int, factory: Callable[...
     return Contender(name, group, lanes, prepare, lambda: pool.run(name), lambda: pool.answers(name))
 
 
-def contenders(gpu: bool, quick: bool, pool: Callable[[], Pool], only: list[str]) -> list[Contender]:
-    """Those that `only` selects (all if empty), the kernel's rows always first of their group."""
+def contenders(gpu: bool, quick: bool, pool: Callable[[], Pool], old: Pool | None, only: list[str]) -> list[Contender]:
+    """Those that `only` selects (all if empty); the engine's rows come first of their group, and always.
+
+    Args:
+        gpu: the engine and diffrax alone.
+        quick: fewer impacts, and not all of diffrax.
+        pool: makes one process per core, or gives those there are.
+        old: the old engine's process.
+        only: parts of names.
+    """
     scale = 8 if quick else 1
     big = [2**16, 2**16] if quick else [2**20, 2**19]
     if gpu:
@@ -70,10 +78,12 @@ def contenders(gpu: bool, quick: bool, pool: Callable[[], Pool], only: list[str]
     def wanted(name: str) -> bool:
         return not only or any(word.lower() in name.lower() for word in only)
 
-    rows = [
-        _here(f"erosion.impact, {group}", group, lanes, kernel.prepare, order=order)
-        for group, lanes, order in ((V, big[0], 0), (V2, big[1], 2))
-    ]
+    rows = []
+    for group, lanes, order in ((V, big[0], 0), (V2, big[1], 2)):
+        rows.append(_here(f"erosion.impact, {group}", group, lanes, engine.prepare, order=order))
+        name = f"old engine, {group}"
+        if old is not None and wanted(name):
+            rows.append(_pooled(old, name, group, lanes, engine.prepare, order=order))
     peers: list[tuple[str, str, int, Any, dict[str, Any], bool]] = []
     if not gpu:
         for group, order in ((V, 0), (V2, 2)):

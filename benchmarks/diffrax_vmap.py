@@ -44,8 +44,8 @@ def prepare(work: Work, solver: str, rtol: float, block: int = 0) -> Callable[[]
         with concurrent.futures.ThreadPoolExecutor(threads) as pool:
             results = list(pool.map(one, starts))
         volume, end = np.zeros(len(work)), np.full(len(work), NO_CUT)
-        for index, (found, code) in zip(share, results, strict=True):
-            volume[index], end[index] = c.volume * np.asarray(found).ravel(), np.asarray(code).ravel()
+        for index, (volumes, codes) in zip(share, results, strict=True):
+            volume[index], end[index] = c.volume * np.asarray(volumes).ravel(), np.asarray(codes).ravel()
         return Answers(volume, end)
 
     return run

@@ -1,4 +1,4 @@
-"""Does any cut end wrongly? The kernel against brute force on a dense grid of angles and spins.
+"""Does any cut end wrongly? The engine against brute force on a dense grid of angles and spins.
 
     python -m benchmarks.ends [ANGLES] [SPINS]
 

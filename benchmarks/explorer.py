@@ -25,7 +25,7 @@ _VIEWS = ["cut", "volumes", "histories", "end_times"]
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="The explorer in a browser.")
     parser.add_argument("--moves", type=int, default=60, help="of each slider")
     moves = parser.parse_args().moves
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -1,6 +1,6 @@
-"""What the two heyoka contenders share: equations, initial states, derivatives.
+"""The two heyoka contenders share equations, initial states and derivatives.
 
-The equations are the kernel's without units (time in 1/ω, length in v0/ω) and without x,
+The equations are the engine's without units (time in 1/ω, length in v0/ω) and without x,
 which neither volume nor events need; the turn q = φ - π/2 is carried in place of φ.
 
 A start at depth exactly 0 loses an event within the first step (heyoka 7.13.2: about 1 lane in

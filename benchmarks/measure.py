@@ -1,16 +1,17 @@
 """Run the contenders in rotation and collect what the report says."""
 
+import contextlib
 import dataclasses
+import functools
 import statistics
-import time
 from collections.abc import Callable
+from pathlib import Path
 
-import numpy as np
-
-from benchmarks import cold, kernel
+from benchmarks import old_engine
 from benchmarks.contenders import LIMIT, V2, Contender, contenders
 from benchmarks.pool import Pool
 from benchmarks.reference import Reference, reference
+from benchmarks.timing import by_turns, seconds_of
 from benchmarks.work import Verdict, Work, judge, ordered_work, random_work
 
 
@@ -43,26 +44,32 @@ class Table:
     reference: Reference
     rows: list[Row]
 
+    def times(self, name: str) -> float | None:
+        """By which factor the engine is faster than a contender, for the same quantities; None without it."""
+        rows = {row.name: row for row in self.rows}
+        if name not in rows or rows[name].group == LIMIT:
+            return None
+        return rows[f"erosion.impact, {rows[name].group}"].rate / rows[name].rate
 
-def tables(gpu: bool, quick: bool, repeats: int, only: list[str], say: Callable[[str], None]) -> list[Table]:
-    """The random work and the ordered work."""
-    pools: list[Pool] = []
 
-    def pool() -> Pool:
-        if not pools:
-            pools.append(Pool())
-        return pools[0]
+def tables(
+    gpu: bool, quick: bool, repeats: int, only: list[str], source: Path | None, say: Callable[[str], None]
+) -> list[Table]:
+    """The random work and the ordered work; `source` is the old engine's folder."""
+    with contextlib.ExitStack() as stack:
 
-    rows = contenders(gpu, quick, pool, only)
-    most = max(row.lanes for row in rows if row.group != LIMIT)
-    kinds = [("Random angles and spins", random_work(most))]
-    if not quick:
-        kinds.append(("Ordered angles, no spin", ordered_work(most)))
-    try:
+        def closed_in_the_end(pool: Pool) -> Pool:
+            stack.callback(pool.close)
+            return pool
+
+        pool = functools.cache(lambda: closed_in_the_end(Pool()))
+        old = None if source is None else closed_in_the_end(Pool([old_engine.worker(source)]))
+        rows = contenders(gpu, quick, pool, old, only)
+        most = max(row.lanes for row in rows if row.group != LIMIT)
+        kinds = [("Random angles and spins", random_work(most))]
+        if not quick:
+            kinds.append(("Ordered angles, no spin", ordered_work(most)))
         return [_table(title, work, rows, repeats, 50 if quick else 300, say) for title, work in kinds]
-    finally:
-        for one in pools:
-            one.close()
 
 
 def _table(
@@ -73,13 +80,7 @@ def _table(
     for row in rows:
         say(f"  prepare {row.name}")
         row.prepare(random_work(row.lanes) if row.group == LIMIT else work.first(row.lanes))
-    seconds: dict[str, list[float]] = {row.name: [] for row in rows}
-    for repeat in range(repeats):
-        say(f"  repeat {repeat + 1} of {repeats}")
-        for row in rows:
-            begin = time.perf_counter()
-            row.run()
-            seconds[row.name].append(time.perf_counter() - begin)
+    seconds = by_turns({row.name: functools.partial(seconds_of, row.run) for row in rows}, repeats, say)
     results = []
     for row in rows:
         verdict = None
@@ -88,33 +89,3 @@ def _table(
             verdict = judge(row.answers(), part if row.group == V2 else part._replace(first=None, second=None))
         results.append(Row(row.name, row.group, row.lanes, [row.lanes / s for s in seconds[row.name]], verdict))
     return Table(title, true, results)
-
-
-def colds(quick: bool, say: Callable[[str], None]) -> dict[str, tuple[cold.Cold, cold.Cold]]:
-    """For each contender a fresh process with one impact, and one with many."""
-    names = ["kernel-0"] if quick else list(cold.NAMES)
-    results = {}
-    for name in names:
-        say(f"  fresh process: {cold.NAMES[name]}")
-        results[cold.NAMES[name]] = (cold.measure(name, 1), cold.measure(name, 100 if name == "scipy" else 4096))
-    return results
-
-
-def growth(most: int, say: Callable[[str], None]) -> list[tuple[int, float, float]]:
-    """Number of impacts, and the median seconds of V and of V, V′, V″."""
-    results = []
-    for power in range(2, int(np.log10(most)) + 1):
-        n = 10**power
-        say(f"  {n:,} impacts")
-        medians = []
-        for order in (0, 2):
-            run = kernel.prepare(random_work(n), order)
-            run()
-            seconds = []
-            for _ in range(3 if n >= 10**6 else 7):
-                begin = time.perf_counter()
-                run()
-                seconds.append(time.perf_counter() - begin)
-            medians.append(statistics.median(seconds))
-        results.append((n, *medians))
-    return results

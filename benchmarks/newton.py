@@ -24,7 +24,7 @@ _CASES = [
 
 
 def newton(model: str, p: erosion.Parameters, steps: int = 30) -> tuple[float, str]:
-    """Plain Newton on dV/dα, and what became of it."""
+    """Plain Newton on dV/dα: where it ends, and how."""
     alpha = float(np.arctan(p.k) / 2)
     for _ in range(steps):
         hit = erosion.impact(model, p.replace(alpha=alpha), derivatives=2)

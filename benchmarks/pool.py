@@ -1,17 +1,18 @@
-"""Worker processes, one to a core, for peers that run on one core at a time."""
+"""Worker processes: one to a core, for peers that run on one core at a time, or one with all cores."""
 
 import multiprocessing
 import os
+import sys
 import traceback
-from collections.abc import Callable
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.work import Answers, Work
+from benchmarks.work import Answers, Work, as_answers
 
-Runner = Callable[[], Answers]
+Runner = Callable[[], Any]
 
 
 def cores() -> list[int]:
@@ -19,86 +20,122 @@ def cores() -> list[int]:
     return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
 
 
-class Pool:
-    """Spawned workers (never forked: JAX runs here), each pinned to a core of its own.
+class Worker:
+    """A spawned process (never forked: JAX runs here) that calls functions it is sent.
 
-    The shares are interleaved, so that every worker gets the same mixture. Preparing (compile,
-    copy, warm up) and fetching the answers are not part of `run`, which is what is timed.
+    Args:
+        cores: those it may use.
+        source: a folder of packages that it prefers to the installed ones.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, cores: Sequence[int], source: Path | None = None) -> None:
         context = multiprocessing.get_context("spawn")
-        self._pipes: list[Connection] = []
-        self._processes = []
+        self._pipe, there = context.Pipe()
+        self._process = context.Process(target=_serve, args=(there, list(cores), source), daemon=True)
+        self._process.start()
+        there.close()
+
+    def begin(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+        """Call a function of a module there; `result` waits for it."""
+        self._pipe.send((function, arguments, options))
+
+    def result(self) -> Any:
+        """What the function returned."""
+        error, value = self._pipe.recv()
+        if error:
+            raise RuntimeError(f"A worker failed:\n{error}")
+        return value
+
+    def call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Call a function there and wait."""
+        self.begin(function, *arguments, **options)
+        return self.result()
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipe.send(None)
+        self._process.join()
+
+
+class Pool:
+    """Workers that share the work; by default one to each core, pinned to it.
+
+    The shares are interleaved, so that every worker gets the same mixture. Preparing (compile,
+    copy, warm up) and fetching the answers are not part of `run`, which is timed.
+    """
+
+    def __init__(self, workers: Sequence[Worker] | None = None) -> None:
+        self._workers = list(workers) if workers is not None else [Worker([core]) for core in cores()]
         self._counts: dict[str, int] = {}
-        for core in cores():
-            here, there = context.Pipe()
-            process = context.Process(target=_serve, args=(there, core), daemon=True)
-            process.start()
-            self._pipes.append(here)
-            self._processes.append(process)
 
     def prepare(self, key: str, factory: Callable[..., Runner], work: Work, **options: Any) -> None:
         """Give each worker its share; `factory(share, **options)` makes the function to run."""
-        n = len(self._pipes)
+        n = len(self._workers)
         self._counts[key] = len(work)
-        shares = [Work(work.alpha[i::n], work.s[i::n]) for i in range(n)]
-        self._ask([("prepare", key, factory, share, options) for share in shares])
+        for i, worker in enumerate(self._workers):
+            worker.begin(_prepare, key, factory, Work(work.alpha[i::n], work.s[i::n]), options)
+        self._results()
 
     def run(self, key: str) -> None:
         """Run all shares at once and wait for the last."""
-        self._ask([("run", key)] * len(self._pipes))
+        for worker in self._workers:
+            worker.begin(_run, key)
+        self._results()
 
     def answers(self, key: str) -> Answers:
         """The answers of the last run, in the order of the work."""
-        parts = self._ask([("fetch", key)] * len(self._pipes))
-        n, columns = len(parts), []
+        for worker in self._workers:
+            worker.begin(_fetch, key)
+        parts, columns = self._results(), []
         for shares in zip(*parts, strict=True):
             if shares[0] is None:
                 columns.append(None)
                 continue
             whole = np.empty(self._counts[key], shares[0].dtype)
             for i, share in enumerate(shares):
-                whole[i::n] = share
+                whole[i :: len(shares)] = share
             columns.append(whole)
         return Answers(*columns)
 
     def close(self) -> None:
         """End the workers."""
-        for pipe, process in zip(self._pipes, self._processes, strict=True):
-            pipe.send(("end",))
-            process.join()
+        for worker in self._workers:
+            worker.close()
 
-    def _ask(self, messages: list[tuple[Any, ...]]) -> list[Any]:
-        for pipe, message in zip(self._pipes, messages, strict=True):
-            pipe.send(message)
-        replies = [pipe.recv() for pipe in self._pipes]
-        for error, _ in replies:
-            if error:
-                raise RuntimeError(f"A worker failed:\n{error}")
-        return [reply for _, reply in replies]
+    def _results(self) -> list[Any]:
+        return [worker.result() for worker in self._workers]
 
 
-def _serve(pipe: Connection, core: int) -> None:
+# Of a worker's process.
+_runners: dict[str, Runner] = {}
+_answers: dict[str, Any] = {}
+
+
+def _prepare(key: str, factory: Callable[..., Runner], share: Work, options: dict[str, Any]) -> None:
+    _runners[key] = factory(share, **options)
+    _runners[key]()
+
+
+def _run(key: str) -> None:
+    _answers[key] = _runners[key]()
+
+
+def _fetch(key: str) -> Answers:
+    return as_answers(_answers[key])
+
+
+def _serve(pipe: Any, cores: list[int], source: Path | None) -> None:
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {core})
-    runners: dict[str, Runner] = {}
-    answers: dict[str, Answers] = {}
+        os.sched_setaffinity(0, cores)
+    if source is not None:
+        sys.path.insert(0, str(source))
     while True:
-        verb, *arguments = pipe.recv()
-        if verb == "end":
-            return
-        reply = None
         try:
-            if verb == "prepare":
-                key, factory, share, options = arguments
-                runners[key] = factory(share, **options)
-                factory(share.first(200), **options)()
-            elif verb == "run":
-                answers[arguments[0]] = runners[arguments[0]]()
-            else:
-                reply = answers[arguments[0]]
+            request = pipe.recv()  # imports the function's module
+            if request is None:
+                return
+            function, arguments, options = request
+            reply = None, function(*arguments, **options)
         except Exception:  # noqa: BLE001 - whatever it is, the parent raises it
-            pipe.send((traceback.format_exc(), None))
-        else:
-            pipe.send((None, reply))
+            reply = traceback.format_exc(), None
+        pipe.send(reply)

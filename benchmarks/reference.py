@@ -1,9 +1,9 @@
-"""The reference at 1e-13: the kernel's own, checked against two independent solutions first."""
+"""The reference at 1e-13: the engine's own, checked against two independent solutions first."""
 
 import dataclasses
 from collections.abc import Callable
 
-from benchmarks import heyoka_batch, kernel, scipy_dop853
+from benchmarks import engine, heyoka_batch, scipy_dop853
 from benchmarks.work import Answers, Verdict, Work, judge
 
 TAYLOR_LANES = 20_000
@@ -11,7 +11,7 @@ TAYLOR_LANES = 20_000
 
 @dataclasses.dataclass(frozen=True)
 class Reference:
-    """What is held to be true for a piece of work.
+    """The answers that count as true for a piece of work.
 
     Args:
         answers: `erosion.impact(rtol=1e-13)` on all lanes.
@@ -27,10 +27,10 @@ class Reference:
 def reference(work: Work, fine_lanes: int, say: Callable[[str], None]) -> Reference:
     """Compute the reference of `work` and check it.
 
-    The two checks share no code with the kernel: heyoka isolates all roots of the events'
+    The two checks share no code with the engine: heyoka isolates all roots of the events'
     Taylor polynomials within a step; scipy's steps are so short that no event hides in one.
     """
-    true = kernel.answers(work, 2, 1e-13)
+    true = engine.answers(work, 2, 1e-13)
     some = work.first(TAYLOR_LANES)
     taylor = judge(true.part(TAYLOR_LANES), heyoka_batch.prepare(some, order=2, tol=1e-15)())
     few = work.first(fine_lanes)

@@ -1,15 +1,14 @@
-"""What was measured, as text: the same on the screen and in RESULTS.md."""
+"""The measurements as text: the same on the screen and in RESULTS.md."""
 
 import importlib.metadata
 import platform
-import statistics
 from pathlib import Path
 
-from benchmarks import diffrax_vmap, heyoka_taylor, scipy_dop853
-from benchmarks.cold import Cold
-from benchmarks.contenders import LIMIT, V2
+from benchmarks import diffrax_vmap, heyoka_taylor, old_engine, scipy_dop853
+from benchmarks.contenders import V2
 from benchmarks.measure import Row, Table
 from benchmarks.reference import Reference
+from benchmarks.timing import rate_text, table_text
 from benchmarks.work import Verdict
 
 _PACKAGES = ("jax", "jaxlib", "diffrax", "optimistix", "heyoka", "scipy", "numpy", "numba", "llvmlite")
@@ -17,16 +16,16 @@ _PACKAGES = ("jax", "jaxlib", "diffrax", "optimistix", "heyoka", "scipy", "numpy
 METHOD = f"""\
 ## Method
 
-- One program, one process group, the same cores. Every contender gets all cores: the kernel and
-  the blocks of diffrax by threads, heyoka and scipy by one spawned process per core, pinned to
-  it, with interleaved shares. Everything is compiled and warmed up before it is timed; starting
-  processes and moving data between them is not timed.
+- One program, one process group, the same cores. Every contender gets all cores: the engine, the
+  old engine and the blocks of diffrax by threads, heyoka and scipy by one spawned process per core,
+  pinned to it, with interleaved shares. Rates are of compiled and warm code, without the start of
+  processes and without the data that moves between them; first answers are with both.
 - The work: the rotating model at Table 1. Random: α evenly in (0.05, 1.5) rad and
   s = rφ̇0/v0 evenly in (−0.5, 0.5), a seeded sample. Ordered: the same range of α in order,
   s = 0. A contender with fewer impacts gets an evenly spread part of the same sample.
-- Contenders run in rotation (A B C A B C …); rates are medians, with the least and the greatest.
-  "×" is the kernel's rate over the row's, for the same quantities.
-- Tolerances: the kernel's default, rtol = 1e-9. Each peer's is the loosest decade at which 99 % of
+- Contenders run by turns (A B C A B C …), in every table; rates are medians, with the least and the
+  greatest. "×" is the engine's rate over the row's, for the same quantities.
+- Tolerances: the engine's default, rtol = 1e-9. Each peer's is the loosest decade at which 99 % of
   its volumes are right to 2e-9: heyoka {heyoka_taylor.TOLERANCE:g}, scipy {scipy_dop853.TOLERANCE:g},
   diffrax Tsit5 {diffrax_vmap.TOLERANCES["Tsit5"]:g} and Dopri8 {diffrax_vmap.TOLERANCES["Dopri8"]:g}.
 - Errors of V are relative to V. V′ and V″ pass through zero: their errors are relative to their
@@ -39,8 +38,10 @@ METHOD = f"""\
 
 ## How each peer was set up, and what its answers needed
 
+- **The old engine** is this package at commit {old_engine.COMMIT}, where XLA compiled the kernels. It is
+  unpacked from git's history and runs in processes that import it instead of the present package.
 - **heyoka** integrates the equations without units and without x, which nothing here needs
-  (the kernel integrates the model as it is). `fast_math` on, `compact_mode` and `high_accuracy` off,
+  (the engine takes the model as it is). `fast_math` on, `compact_mode` and `high_accuracy` off,
   parameters at run time, one integrator for all impacts. A start at depth exactly 0 makes it lose
   an event inside its first step, about 1 impact in 1,000 (the shortest cuts); a start 1e-300 deep
   loses none. "Scalar" is `taylor_adaptive` with `propagate_until`. The SIMD batch's own
@@ -53,8 +54,8 @@ METHOD = f"""\
   returns within a step is lost: those are its wrong lanes, and a tighter tolerance only makes them rarer.
 - **scipy** gets both events, terminal and falling, and the start 1e-300 deep: from 0 it would find
   the event at contact whenever a cut ends within the first step.
-- **linearized** is one closed formula per impact (one array read, one written): what memory and
-  trigonometry allow, not a solver. Only its rate is of interest.
+- **linearized** is no solver but one closed formula per impact (one array read, one written). Its rate
+  shows what memory and trigonometry allow.
 """
 
 
@@ -78,35 +79,22 @@ def _version(name: str) -> str:
         return "absent"
 
 
-def table_text(table: Table) -> str:
+def rates_text(table: Table) -> str:
     """A table of rates, ratios and errors, one row a contender."""
-    first = {}
-    for row in table.rows:
-        first.setdefault(row.group, row)
-    lines = [
-        f"## {table.title}",
-        "",
-        _reference_text(table.reference),
-        "",
-        "| contender | impacts | impacts/s, median (min–max) | × | wrong "
-        "| error of V: median, 99 %, max | V′ 99 % | V″ 99 % |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-    lines += [_row_text(row, first[row.group]) for row in table.rows]
-    return "\n".join(lines)
+    rates = "contender | impacts | impacts/s, median (min–max) | ×"
+    errors = "wrong | error of V: median, 99 %, max | V′ 99 % | V″ 99 %"
+    rows = table_text(f"{rates} | {errors}", [_cells(row, table.times(row.name)) for row in table.rows])
+    return "\n".join([f"## {table.title}", "", _reference_text(table.reference), "", rows])
 
 
-def _row_text(row: Row, kernel: Row) -> str:
-    ratio = "" if row.group == LIMIT else f"{kernel.rate / row.rate:,.3g}"
-    rates = f"{_number(row.rate)} ({_number(min(row.rates))}–{_number(max(row.rates))})"
-    cells = [row.name, f"{row.lanes:,}", rates, ratio]
+def _cells(row: Row, times: float | None) -> list[str]:
+    rates = f"{rate_text(row.rate)} ({rate_text(min(row.rates))}–{rate_text(max(row.rates))})"
+    cells = [row.name, f"{row.lanes:,}", rates, "" if times is None else f"{times:,.3g}"]
     if row.verdict is None:
-        cells += ["", "", "", ""]
-    else:
-        errors = row.verdict.errors
-        cells += [str(row.verdict.wrong), ", ".join(f"{e:.1e}" for e in errors[0])]
-        cells += [f"{e[1]:.1e}" for e in errors[1:]] if row.group == V2 else ["", ""]
-    return "| " + " | ".join(cells) + " |"
+        return [*cells, "", "", "", ""]
+    errors = row.verdict.errors
+    cells += [str(row.verdict.wrong), ", ".join(f"{e:.1e}" for e in errors[0])]
+    return [*cells, *([f"{e[1]:.1e}" for e in errors[1:]] if row.group == V2 else ["", ""])]
 
 
 def _reference_text(reference: Reference) -> str:
@@ -117,52 +105,12 @@ def _reference_text(reference: Reference) -> str:
     return f"The reference itself, against {one('heyoka at 1e-15', reference.taylor)}; {one('scipy', reference.fine)}."
 
 
-def cold_text(results: dict[str, tuple[Cold, Cold]]) -> str:
-    """Compile seconds and the time to the first answer."""
-    lines = [
-        "## Fresh processes",
-        "",
-        "Seconds, the caches of JAX and heyoka on disk off. First answer: from the start of the process to its end",
-        "with one impact. Compile: what the first call takes more than the second (tracing, lowering,",
-        "XLA; heyoka's and numba's own compilers), and XLA's part of it, with one impact and with 4,096.",
-        "",
-        "| contender | first answer | compile, 1 | of it XLA | compile, 4,096 | of it XLA |",
-        "|---|--:|--:|--:|--:|--:|",
-    ]
-    for name, (one, many) in results.items():
-        # The process also made a second call, which a user with one question does not make.
-        cells = [f"{one.process - one.second:.2f}"]
-        for cold in (one, many):
-            cells += [f"{cold.first - cold.second:.2f}", f"{cold.xla:.2f}" if cold.xla else "–"]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def growth_text(results: list[tuple[int, float, float]]) -> str:
-    """How the kernel's cost grows with the number of impacts."""
-    lines = [
-        "## How the kernel's cost grows",
-        "",
-        "| impacts | V: seconds | impacts/s | V, V′, V″: seconds | impacts/s |",
-        "|--:|--:|--:|--:|--:|",
-    ]
-    for n, plain, second in results:
-        lines.append(f"| {n:,} | {plain:.4f} | {_number(n / plain)} | {second:.4f} | {_number(n / second)} |")
-    return "\n".join(lines)
-
-
 def summary(table: Table) -> str:
-    """The ratios of medians, a line each."""
-    lines, kernels = [], {}
+    """The ratios of medians, a line each, with the row's own spread."""
+    lines = []
     for row in table.rows:
-        kernel = kernels.setdefault(row.group, row)
-        if row is not kernel and row.group != LIMIT:
-            spread = statistics.median(kernel.rates) / max(row.rates), statistics.median(kernel.rates) / min(row.rates)
-            lines.append(
-                f"{row.name}: the kernel is {kernel.rate / row.rate:,.3g} × ({spread[0]:,.3g}–{spread[1]:,.3g})"
-            )
+        times = table.times(row.name)
+        if times is not None and not row.name.startswith("erosion"):
+            rates = times * row.rate / max(row.rates), times * row.rate / min(row.rates)
+            lines.append(f"{row.name}: the engine is {times:,.3g} × as fast ({rates[0]:,.3g}–{rates[1]:,.3g})")
     return "\n".join(lines)
-
-
-def _number(rate: float) -> str:
-    return f"{float(f'{rate:.3g}'):,.0f}"

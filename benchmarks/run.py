@@ -1,7 +1,8 @@
 """The benchmark: `python -m benchmarks.run`, or `make bench`.
 
-The kernel beside heyoka, diffrax, scipy and the closed form: the same work, on the same cores,
-at the same verified accuracy. `--device gpu` needs JAX's own CUDA plugin beside the package.
+The engine beside the old engine, heyoka, diffrax, scipy and the closed form: the same work, on the
+same cores, at the same verified accuracy. Then first answers in fresh processes, growth with the
+number of impacts, and optima. `--device gpu` needs JAX's own CUDA plugin beside the package.
 """
 
 import argparse
@@ -9,6 +10,10 @@ import datetime as dt
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from benchmarks.measure import Table
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 
@@ -30,48 +35,74 @@ def main() -> int:
     return 0
 
 
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
 def _measure(arguments: argparse.Namespace, gpu: bool) -> None:
     # After the choice of the platform: these import JAX.
     import jax
 
     from benchmarks import measure, report
+    from benchmarks.old_engine import COMMIT, unpacked
     from benchmarks.pool import cores
-
-    def say(line: str) -> None:
-        print(line, file=sys.stderr, flush=True)
 
     load = os.getloadavg()[0]
     if load > 1:
-        say(f"The machine is busy (load {load:.1f}): do not quote these numbers.")
-    repeats = arguments.repeats or (3 if arguments.quick else 7)
-    tables = measure.tables(gpu, arguments.quick, repeats, arguments.only, say)
+        _say(f"The machine is busy (load {load:.1f}): do not quote these numbers.")
+    repeats = arguments.repeats or (2 if arguments.quick else 9)
+    with unpacked(wanted=not gpu) as source:
+        if source is None and not gpu:
+            _say(f"Git has no commit {COMMIT} here: the old engine is not measured.")
+        tables = measure.tables(gpu, arguments.quick, repeats, arguments.only, source, _say)
+        sections = [] if arguments.only else _sections(gpu, arguments.quick, repeats, source, tables[0])
     device = jax.devices()[0].device_kind if gpu else f"{len(cores())} cores"
     parts = [
         "# Results of `make bench`",
         f"{arguments.date}. {report.machine(device)} Load average before the run: {load:.2f}. {repeats} repeats.",
-        *(report.table_text(table) for table in tables),
+        *(report.rates_text(table) for table in tables),
+        *sections,
+        report.METHOD,
     ]
-    if not arguments.only:
-        parts.append(report.growth_text(measure.growth(10**5 if arguments.quick else 10**7, say)))
-        if not gpu:
-            parts.append(report.cold_text(measure.colds(arguments.quick, say)))
-    parts.append(report.METHOD)
     text = "\n\n".join(parts)
     print(text if arguments.full_text else text.removesuffix(report.METHOD))
     for table in tables:
         print(f"{table.title}\n{report.summary(table)}\n")
     if not (arguments.quick or arguments.only):
         path = RESULTS.with_name("RESULTS-gpu.md") if gpu else RESULTS
-        path.write_text(text.rstrip() + "\n")
-        say(f"written: {path.name}")
+        path.write_text(text.rstrip() + "\n", encoding="utf-8")
+        _say(f"written: {path.name}")
+
+
+def _sections(gpu: bool, quick: bool, repeats: int, source: Path | None, random: "Table") -> list[str]:
+    """Everything but the rates of many impacts."""
+    from benchmarks.first_answers import first_answers, first_answers_text
+    from benchmarks.goals import goals, goals_text
+    from benchmarks.growth import growth, growth_text
+    from benchmarks.old_engine import NEW, both
+    from benchmarks.timing import Here
+    from benchmarks.verbs import verbs, verbs_text
+
+    most, rounds = 10**4 if quick else 10**7, repeats // 2 + 1
+    _say("Growth")
+    if gpu:
+        # A second process would find the GPU's memory taken.
+        return [growth_text(growth({NEW: Here()}, most, rounds, _say))]
+    with both(source) as engines:
+        sizes = growth(engines, most, rounds, _say)
+        _say("Warm calls")
+        calls = verbs(engines, 20 if quick else 1, rounds, _say)
+    first = first_answers(source, not quick, 1 if quick else repeats, _say)
+    reached = goals_text(goals(first, random, calls))
+    return [first_answers_text(first), growth_text(sizes), verbs_text(calls), reached]
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.run", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="fewer impacts and peers, under a minute; writes no file")
+    parser.add_argument("--quick", action="store_true", help="fewer impacts and peers, minutes; writes no file")
     parser.add_argument("--only", nargs="+", default=[], metavar="WORD", help="peers whose name has one of these words")
-    parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu", help="gpu: the kernel and diffrax alone")
-    parser.add_argument("--repeats", type=int, default=0, help="7, or 3 with --quick")
+    parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu", help="gpu: the engine and diffrax alone")
+    parser.add_argument("--repeats", type=int, default=0, help="9, or 2 with --quick")
     parser.add_argument("--date", default=dt.date.today().isoformat(), help="of the run, for the report")
     parser.add_argument("--full-text", action="store_true", help="print the method too")
     return parser.parse_args()

@@ -2,7 +2,7 @@
 
 Once without interruption, and once with a worker killed (SIGKILL) after a quarter of the work
 and the client after a half, then started again. Compares the two stores bit for bit, and the
-rate of the cluster of two processes with that of the kernel in one process.
+rate of the cluster of two processes with that of `erosion.impact` in one process.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,11 +34,11 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         whole, broken = Path(folder, "whole.zarr"), Path(folder, "broken.zarr")
         few = min(arguments.n, 4 * 10**6)
-        before = _kernel_rate(arguments.model, few)
+        before = _impact_rate(arguments.model, few)
         rate = _run(whole, arguments, kill=False)
-        after = _kernel_rate(arguments.model, few)
+        after = _impact_rate(arguments.model, few)
         print(f"2 processes, uninterrupted: {rate:,.0f} impacts/s", flush=True)
-        print(f"kernel in one process before and after: {before:,.0f} and {after:,.0f} impacts/s; ", end="")
+        print(f"`impact` in one process before and after: {before:,.0f} and {after:,.0f} impacts/s; ", end="")
         print(f"ratio {2 * rate / (before + after):.2f} (load average {os.getloadavg()[0]:.1f})", flush=True)
         _run(broken, arguments, kill=True)
         _run(broken, arguments, kill=False)
@@ -46,7 +47,7 @@ def main() -> int:
     return 0 if same else 1
 
 
-def _axes(n: int) -> dict[str, np.ndarray]:
+def _axes(n: int) -> dict[str, Any]:
     return {
         "alpha": np.deg2rad(np.linspace(1, 90, ANGLES)),
         "phidot0": np.linspace(-40_000.0, 40_000.0, max(1, n // ANGLES)),
@@ -62,19 +63,20 @@ def _sweep(store: Path, model: str, n: int) -> None:
     with local_cluster(2) as cluster, Client(cluster) as client:
         # Both workers compile before the clock starts.
         client.run(_warm, model)
-        print(json.dumps({"workers": list(client.run(os.getpid).values())}), flush=True)
+        workers: Any = client.run(os.getpid)
+        print(json.dumps({"workers": list(workers.values())}), flush=True)
 
         def report(done: int, total: int) -> None:
             print(json.dumps({"done": done, "total": total, "time": time.perf_counter()}), flush=True)
 
         erosion.sweep(model, erosion.TABLE_1, store=store, progress=report, **_axes(n))
-        print(json.dumps({"cpu": sum(client.run(time.process_time).values())}), flush=True)
+        used: Any = client.run(time.process_time)
+        print(json.dumps({"cpu": sum(used.values())}), flush=True)
 
 
 def _warm(model: str) -> None:
     import erosion
 
-    # More than one block of the kernel: the same program as a sweep's.
     erosion.impact(model, erosion.TABLE_1.replace(alpha=np.linspace(0.1, 1.5, 10_000)))
 
 
@@ -109,7 +111,7 @@ def _run(store: Path, arguments: argparse.Namespace, *, kill: bool) -> float:
     return (done - first[0]) / (last - first[1])
 
 
-def _kernel_rate(model: str, n: int) -> float:
+def _impact_rate(model: str, n: int) -> float:
     import erosion
 
     axes = _axes(n)
@@ -118,7 +120,7 @@ def _kernel_rate(model: str, n: int) -> float:
     begin = time.perf_counter()
     used = time.process_time()
     erosion.impact(model, p)
-    print(f"processor time of the kernel for {n:,} impacts: {time.process_time() - used:.1f} s", flush=True)
+    print(f"processor time of `impact` for {n:,} impacts: {time.process_time() - used:.1f} s", flush=True)
     return n / (time.perf_counter() - begin)
 
 

@@ -1,4 +1,4 @@
-"""The work that every contender does, and what an answer is."""
+"""The work that every contender does, and the form of its answers."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +16,7 @@ SPINS = (-0.5, 0.5)  # s = r φ̇0 / v0 [-]
 
 
 class Answers(NamedTuple):
-    """What a contender found, every array of shape (lanes,).
+    """A contender's results, every array of shape (lanes,).
 
     Args:
         volume: V [in³].
@@ -105,17 +105,27 @@ def random_work(n: int) -> Work:
     return Work(generator.uniform(*ALPHAS, n), generator.uniform(*SPINS, n))
 
 
+def one_impact() -> Work:
+    """Table 1 as it is: 20°, no spin."""
+    return Work(np.array([np.deg2rad(20.0)]), np.zeros(1))
+
+
 def ordered_work(n: int) -> Work:
     """Ordered angles without spin: neighbours in a block take the same steps."""
     return Work(np.linspace(*ALPHAS, n), np.zeros(n))
 
 
 def from_impact(result: Any) -> Answers:
-    """The kernel's result as answers."""
+    """The engine's result as answers."""
     end = np.full(np.shape(result.volume), FAILED)
     for name, code in _CODES.items():
         end[np.asarray(result.ended_by) == name] = code
     return Answers(np.asarray(result.volume), end, result.dvolume, result.d2volume)
+
+
+def as_answers(result: Any) -> Answers:
+    """Any contender's result as answers."""
+    return result if isinstance(result, Answers) else from_impact(result)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,10 +155,10 @@ def judge(answers: Answers, reference: Answers) -> Verdict:
     right = (answers.end == reference.end) & (off < 1e-6)
     errors = [_quantiles(off[right & cut])]
     pairs = ((answers.first, reference.first), (answers.second, reference.second))
-    for found, true in pairs:
-        if found is not None and true is not None:
+    for column, true in pairs:
+        if column is not None and true is not None:
             size = np.abs(true[right & cut])
-            errors.append(_quantiles(np.abs(found - true)[right & cut] / np.maximum(size, np.median(size))))
+            errors.append(_quantiles(np.abs(column - true)[right & cut] / np.maximum(size, np.median(size))))
     return Verdict(int(np.count_nonzero(~right)), errors)
 
 

@@ -1,4 +1,4 @@
-"""This package's kernel, through its public function alone."""
+"""This package's engine, through its public functions alone: the same file serves the old engine."""
 
 from collections.abc import Callable
 
@@ -17,5 +17,5 @@ def prepare(work: Work, order: int = 0, rtol: float = 1e-9) -> Callable[[], eros
 
 
 def answers(work: Work, order: int = 0, rtol: float = 1e-9) -> Answers:
-    """The kernel's answers."""
+    """The engine's answers."""
     return from_impact(prepare(work, order, rtol)())
