@@ -1,7 +1,7 @@
 """Grids of impacts: which models, which values of which parameters, and what is kept of each.
 
 A grid can be cut into blocks, which are grids themselves: the same numbers come out whichever
-way it is cut, because the kernel computes every impact on its own.
+way it is cut, because the engine computes every impact on its own.
 """
 
 import dataclasses

@@ -1,7 +1,7 @@
 """What may be greatest or least over the angle: other scalars of the same cut.
 
 An objective is a model that moves as another does but integrates something else, so that
-the kernel gives it, its derivatives and its end like any volume.
+the engine gives it, its derivatives and its end like any volume.
 """
 
 import abc

@@ -8,12 +8,15 @@ every jump and of both ends of the range.
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from erosion.engine.batch import threads
 from erosion.engine.impact import impact, lanes_of, pair_derivatives
 from erosion.maxima import ASIDE as ASIDE
 from erosion.maxima import SHALLOWEST as SHALLOWEST
@@ -200,14 +203,18 @@ def _optimum(
     layout, numbers, shape = lanes_of(asked, p)
     count = int(np.prod(shape, dtype=int))
     sign = -1.0 if least else 1.0
-    answers: list[Maxima] = []
-    for begin in range(0, count, _TOGETHER):
+
+    def resolved(begin: int) -> list[Maxima]:
         some = slice(begin, begin + _TOGETHER)
         each = [
             number[some] if number.ndim > len(of_one) else number
             for number, of_one in zip(numbers, layout.shapes, strict=True)
         ]
-        answers.extend(Search(layout, each, min(_TOGETHER, count - begin), sign).maxima(low, high))
+        return Search(layout, each, min(_TOGETHER, count - begin), sign).maxima(low, high)
+
+    # While one thread integrates, Python's lock is another's, to see where to look next.
+    with ThreadPoolExecutor(threads()) as pool:
+        answers = list(itertools.chain.from_iterable(pool.map(resolved, range(0, count, _TOGETHER))))
     best = [answer.candidates[0] for answer in answers]
     fields = {
         "alpha": [c.alpha for c in best],

@@ -1,8 +1,8 @@
 """Sine and cosine that vectorize.
 
-XLA's float64 `sin` on a CPU is one scalar library call per number, which made up four fifths
-of the time of an early kernel. Range reduction by three-part π/2 (Cody and Waite) and the
-Taylor polynomials on [-π/4, π/4] are plain arithmetic, so they run as fast as the rest.
+XLA's float64 `sin` on a CPU is one scalar library call per number, which takes longer than all the
+rest of a step. Range reduction by three-part π/2 (Cody and Waite) and the Taylor polynomials on
+[-π/4, π/4] are plain arithmetic, so they run as fast as the rest, and the sine and the cosine share them.
 """
 
 import math

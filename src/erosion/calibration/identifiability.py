@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 from scipy.linalg import null_space
 
-# The kernel's derivatives hold nine digits, so a direction without influence keeps 1e-9 or less.
+# The engine's derivatives hold nine digits, so a direction without influence keeps 1e-9 or less.
 _NOTHING = 1e-7
 _NULL = 1e-6
 _INVOLVED = 1e-4

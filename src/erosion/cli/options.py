@@ -190,7 +190,7 @@ def _as_option(argument: re.Match[str]) -> str:
 
 
 def start_engine() -> None:
-    """Keep what XLA compiles in the user's cache folder, so that the next start is quick."""
+    """Keep what XLA compiles (closed forms, correlations, `simulate`) in the user's cache folder for the next start."""
     import jax
     import platformdirs
 

@@ -19,7 +19,7 @@ from erosion.lanes.lanewise import WIDTH, number
 
 _SHELF = 2**16  # lanes among which to look for neighbours: their numbers fit the second-level cache
 _REPEATED = 4  # times at most
-_FEW = 256  # lanes; so few are computed sooner than shared among threads
+_FEW = 2048  # lanes; so few are computed sooner than shared among threads
 
 
 class Results(NamedTuple):

@@ -14,8 +14,8 @@ from erosion.optimum import Optimum, alpha_max
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
 
-# Every 0.375°, which fits one block of the kernel. At 90° itself an impact without spin cuts nothing;
-# the last is short of it by less than any curve shows.
+# Every 0.375°. At 90° itself an impact without spin cuts nothing; the last is short of it by less than
+# any curve shows.
 ANGLES = np.deg2rad(np.append(np.linspace(0, 90, 241)[1:-1], 90 - 1e-7))
 SPINS = np.linspace(-0.9, 0.9, 61)  # s = r φ̇₀/v₀
 

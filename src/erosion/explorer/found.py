@@ -112,14 +112,13 @@ def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
     found = Found(state)
     steps = _cut(answers, found), *_curves(answers, found)
     # A list, for asking begins the compiling of each.
-    # A list, for asking begins the compiling of each.
     compiled = [preparation.ready(step.compiled, step.model) for step in steps]
     return all(compiled)
 
 
 def take(found: Found, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
     """Take steps, the models side by side; an error becomes a sentence, and a model that is late is left out."""
-    # One after another for a model: what never ends keeps one of XLA's threads, of which there are few.
+    # One after another for a model: an answer that never comes keeps a thread, and a core, busy.
     asked = {
         model: in_thread(functools.partial(_answer, [step for step in steps if step.model == model]))
         for model in dict.fromkeys(step.model for step in steps)

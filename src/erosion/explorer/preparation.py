@@ -9,7 +9,7 @@ from erosion.explorer.answers import Answer
 from erosion.explorer.state import Case
 from erosion.explorer.threads import in_thread
 
-_SIDE_BY_SIDE = 2  # of XLA's compiler, which leaves the interpreter to the page
+_SIDE_BY_SIDE = 2  # at once: the engine compiles one program at a time, XLA a closed form's meanwhile
 _TURN = 60.0  # s; so long a program waits for others to be compiled, which may never be
 
 

@@ -38,7 +38,7 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         port: a free one of this machine.
         show: open a browser.
     """
-    # A thread that comes back from XLA waits so long for the one that has the interpreter: 5 ms else.
+    # A thread that comes back from compiled code waits so long for the one that has the interpreter: 5 ms else.
     sys.setswitchinterval(_SWITCH)
     # The page says it in words.
     warnings.simplefilter("ignore", TurnWarning)

@@ -11,8 +11,8 @@ import llvmlite.binding as llvm
 
 from erosion.lanes.vector_ir import ENTRY
 
-# Selecting and scheduling instructions with care; more gains nothing, less is slower code. No pass runs before it.
-_LEVEL = 2
+# Registers are given out with care; more care gains nothing, and none is slow code. No pass runs before it.
+_LEVEL = 1
 
 
 class Target(NamedTuple):

@@ -79,7 +79,7 @@ class Case:
     """One set of parameters, with what several questions need computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
-    Where models are asked of by name, results come from the kernel, whatever is known exactly.
+    Where models are asked of by name, results come from the engine, whatever is known exactly.
     """
 
     p: Parameters
@@ -181,7 +181,7 @@ class Case:
 
     @functools.cached_property
     def looks(self) -> np.ndarray:
-        """α in (0, 90°] [rad] for curves of the kernel: fewer than `angles`, for they are computed one by one."""
+        """α in (0, 90°] [rad] for curves of the engine: fewer than `angles`, for they are computed one by one."""
         near_zero, even = [0.02, 0.1, 0.25], np.linspace(0, 90, 181)[1:-1]
         return np.deg2rad([*near_zero, *even, 90 - 1e-7])
 
