@@ -160,8 +160,7 @@ class CuttingModel(eqx.Module):
 
         A model's own parameters are its fields, and those of its parts, that hold one real number;
         where two have the same name, `**{"force.rate": 1.0, "torque.rate": 2.0}`. An array holds a number
-        for each of many impacts, and broadcasts with the parameters of the case. The compiled
-        programs of the model serve again.
+        for each of many impacts, and broadcasts with the parameters of the case.
 
         Raises:
             TypeError, ValueError: for a name that is none of them, or a value that is no finite number.

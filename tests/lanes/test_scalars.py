@@ -51,6 +51,29 @@ def test_arithmetic_to_the_bit(function, exact):
         assert _same_bits(result, exact(X, Y))
 
 
+@pytest.mark.parametrize("name", ["remainder", "fmod", "floor_divide"])
+def test_remainders_are_numpys(name):
+    result = Lanewise(getattr(jnp, name), (number, number))(X, Y)
+    expected = np.asarray(getattr(jnp, name)(X, Y))
+    # XLA takes subnormal numbers for zeros.
+    usual = ~((np.abs(X) < 1e-300) & (X != 0) | (np.abs(Y) < 1e-300) & (Y != 0))
+    assert np.array_equal(result[usual], expected[usual], equal_nan=True)
+
+
+def test_numbers_without_a_sign_may_be_constants():
+    def function(i):
+        return i.astype(np.uint8) + np.uint8(200), i.astype(np.uint64) + np.uint64(2**63 + 5)
+
+    for one, other in zip(Lanewise(function, (WHOLE,))(M), jax.vmap(function)(M), strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_functions_of_single_precision_are_rounded_from_double():
+    result = Lanewise(lambda x: jnp.exp(x.astype(np.float32)), (number,))(np.linspace(-3, 3, 20))
+    assert result.dtype == np.float32
+    assert np.array_equal(result, np.exp(np.linspace(-3, 3, 20).astype(np.float32).astype(float)).astype(np.float32))
+
+
 @pytest.mark.parametrize("name", ["maximum", "minimum"])
 def test_extremes_are_numpys_but_for_zeros(name):
     result = Lanewise(getattr(jnp, name), (number, number))(X, Y)

@@ -155,13 +155,8 @@ def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
 
 def _volume(calibration: Calibration) -> np.ndarray:
     """V over `_ANGLES` [m³] at the case's speed and mass."""
-    p, free = calibration.p, calibration.problem.forward.free
-    # In halves and with derivatives: then the program compiled for the fit serves.
-    volume = [
-        impact(calibration.model, p.replace(alpha=half), derivatives=1, wrt=free).volume
-        for half in np.array_split(_ANGLES, 2)
-    ]
-    return np.concatenate(volume) * conversion_factor("volume", p.units, "si")
+    volume = impact(calibration.model, calibration.p.replace(alpha=_ANGLES)).volume
+    return volume * conversion_factor("volume", calibration.p.units, "si")
 
 
 def _comment(calibration: Calibration) -> str:

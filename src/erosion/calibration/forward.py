@@ -93,7 +93,7 @@ class Forward:
         Returns:
             Erosion, shape (rows,), and ∂/∂θ, shape (rows, names); NaN where an impact failed.
         """
-        hits, factor = self._impacts(self.values(theta), conditions)
+        hits, factor = self._impacts(self.values(theta), conditions, derivatives=1)
         erosion = hits.volume * factor
         slopes = self.slopes(theta)[: len(self.free)]
         rates = [hits.dvolume[:, i] * slope * factor for i, slope in enumerate(slopes)]
@@ -115,16 +115,17 @@ class Forward:
         """
         columns = zip(self.names, thetas.T, strict=True)
         hits, factor = self._impacts(
-            {name: self.from_theta(name, column[:, None]) for name, column in columns}, conditions
+            {name: self.from_theta(name, column[:, None]) for name, column in columns}, conditions, derivatives=0
         )
         return hits.volume * factor
 
-    def _impacts(self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray]) -> tuple[Impact, Any]:
+    def _impacts(
+        self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int
+    ) -> tuple[Impact, Any]:
         """The impacts at parameter values, and what turns volume into the erosion that was measured."""
         model, p = with_values(self.model, self.p, {name: values[name] for name in self.free})
         p = p.replace(**conditions)
-        # Always with derivatives: then one compiled program serves all.
-        hits = impact(model, p, derivatives=1, wrt=self.free)
+        hits = impact(model, p, derivatives=derivatives, wrt=self.free)
         factor = 1.0
         if self.data.needs_density and self.density is not None:
             factor = self.density

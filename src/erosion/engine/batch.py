@@ -118,12 +118,12 @@ def integrate_along(
     """Derivatives along several directions.
 
     Args:
-        layout: see `integrate`.
-        numbers: likewise.
-        lanes: likewise.
-        order: likewise.
+        layout: as in `integrate`; so are the other arguments but `places`.
+        numbers: of the lanes.
+        lanes: how many there are.
+        order: 1 or 2 derivatives.
         places: of elements, see `Variational`; shape (1 or 2, n).
-        rtol: see `integrate`.
+        rtol: of the results.
 
     Returns:
         Arrays of shape (lanes, n).

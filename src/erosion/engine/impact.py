@@ -37,7 +37,8 @@ class Impact:
         outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
         dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None. With several names there
             is a last axis over them.
-        d2volume: ∂²V/∂q² likewise; with several names two last axes, the matrix ∂²V/∂q_i∂q_j.
+        d2volume: ∂²V/∂q² [volume per unit of q, squared], or None; with several names there are two
+            last axes, the matrix ∂²V/∂q_i∂q_j.
         wrt: the parameter(s) of the derivatives.
     """
 

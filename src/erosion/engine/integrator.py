@@ -27,7 +27,7 @@ _CHECK = 0.1  # of the second estimate, brought to the first one's order; docs/p
 _FIRST_STEP = 0.17  # of the model's time scale
 _LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: no cubic errs at both by much less than in between
 _DOUBT = 100.0  # errors are mostly so much smaller than the tolerance
-_GRAZE = 1e4  # likewise larger, over many turns of a fast spin
+_GRAZE = 1e4  # tolerances; a dip so close to zero may be a fall, after many turns of a fast spin
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of so many add up, and may grow from one to the next
 

@@ -90,7 +90,7 @@ class Answers:
 
     def _curve(self, model: str, case: Case) -> Impact:
         """Impacts at all `ANGLES`."""
-        # To second order, for that program is the one of `alpha_max`.
+        # To second order, as `alpha_max` computes V: the best angle lies on the curve to the bit.
         return impact(self.model(model, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
 
     def _best(self, model: str, case: Case) -> Optimum:

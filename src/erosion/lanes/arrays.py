@@ -119,7 +119,7 @@ def _reduction(name: str) -> Callable[[Any], Work]:
             rest = array.shape[len(axes) :]
             rows = array.reshape(-1, *rest)
             if not len(rows):
-                raise CannotCompileError(f"a reduction of an empty array (`reduce_{name}`)")
+                raise CannotCompileError(f"`{equation.primitive.name}` of an empty array")
             made = np.empty(rest, object)
             for index in np.ndindex(rest):
                 total, *others = rows[(slice(None), *index)]

@@ -13,12 +13,14 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 from erosion.lanes.arrays import ARRAYS, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, Graph, Value
+from erosion.lanes.passes import finish
 from erosion.lanes.places import PLACES
 from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind
 
 _CALLS = {
     "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
 }  # fmt: skip
+_DOUBLE = np.dtype(np.float64)
 _UNROLLED = 64  # rounds of a loop of known length, at most; longer ones run as loops
 _LIBRARIES = tuple(str(Path(module.__file__ or "").parent) for module in (jax, eqx, np))
 
@@ -97,7 +99,7 @@ class Flattener:
             body, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
             return lambda _, inputs: self.call(body, constants, inputs)
         if equation.effects:
-            raise CannotCompileError(f"`{name}`, which does more than compute")
+            raise CannotCompileError(f"`{name}` for what it does beside computing")
         control = {"while": self._while, "cond": self._cond, "scan": self._scan}.get(name)
         if control is not None:
             return functools.partial(control, equation)
@@ -112,16 +114,11 @@ class Flattener:
         closed = _traced(name, inputs)
 
         def rule(graph: Graph, kind: Kind, *given: Value) -> Value:
-            if kind.output != np.float64:
-                raise CannotCompileError(f"`{name}` of {kind.output}")
-            # A whole power is an argument of another type.
-            exact = [
-                SCALARS["convert_element_type"](graph, Kind({}, (of,), kind.output), value)
-                for value, of in zip(given, kind.inputs, strict=True)
-            ]
+            # In double precision, whatever the arguments are: whole powers, or single precision.
+            exact = [_converted(graph, value, of, _DOUBLE) for value, of in zip(given, kind.inputs, strict=True)]
             (result,) = self.closed(closed, exact)
             assert isinstance(result, Value)
-            return result
+            return _converted(graph, result, _DOUBLE, kind.output)
 
         return rule
 
@@ -244,16 +241,19 @@ def flatten(closed: ClosedJaxpr) -> Graph:
         dtype = np.dtype(variable.aval.dtype)
         array = np.empty(variable.aval.shape, object)
         for index in np.ndindex(array.shape):
-            kind = Kind({}, (np.dtype(np.float64),), dtype)
-            array[index] = SCALARS["convert_element_type"](graph, kind, graph.input(place))
+            array[index] = _converted(graph, graph.input(place), _DOUBLE, dtype)
             place += 1
         arguments.append(part(array))
     try:
         results = Flattener(graph).closed(closed, arguments)
     except CannotCompileError as error:
         raise NotForLanesError(f"The function uses {error}, which lanes cannot do.") from None
-    graph.finish(_scalars(results))
+    finish(graph, _scalars(results))
     return graph
+
+
+def _converted(graph: Graph, value: Value, from_: np.dtype, to: np.dtype) -> Value:
+    return SCALARS["convert_element_type"](graph, Kind({}, (from_,), to), value)
 
 
 @functools.cache

@@ -8,7 +8,7 @@ computed before it.
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Union
 
 import numpy as np
@@ -105,7 +105,7 @@ class Graph:
 
     def constant(self, number: Any, type_: str) -> Value:
         """A number."""
-        number = _NUMPY[type_](number).item()
+        number = _in_range(number, type_)
         key = ("const", type_, struct.pack("<d", number) if type_ in _FLOATS else number)
         value = self.root.known.get(key)
         if value is None:
@@ -155,12 +155,6 @@ class Graph:
         with np.errstate(all="ignore"):
             return self.constant(_FOLDED[name](*numbers), type_)
 
-    # Operations that are used by name.
-
-    def negative(self, x: Value) -> Value:
-        """-x."""
-        return self.op("fneg", x.type, x)
-
     def compare(self, kind: str, x: Value, y: Value) -> Value:
         """A comparison: "fcmp olt", "icmp eq", …."""
         return self.op(kind, BOOL, x, y)
@@ -204,113 +198,6 @@ class Graph:
         branch.results = [Value("result", (), value.type, self.region, branch) for value in outputs[0]]
         return branch.results
 
-    def finish(self, outputs: Sequence[Value]) -> None:
-        """Drop what the outputs do not need, count uses, and make one operation of a product and a sum."""
-        self.outputs = list(outputs)
-        live = _live(self.outputs)
-        _prune(self.root, live)
-        # Twice, for with a product in a sum its factors are read by the sum.
-        _count_uses(self)
-        _contract(self.root)
-
-
-def _live(outputs: Iterable[Value]) -> set[Value]:
-    """What the outputs depend on."""
-    live: set[Value] = set()
-    waiting = list(outputs)
-    while waiting:
-        value = waiting.pop()
-        if value in live:
-            continue
-        live.add(value)
-        waiting += value.inputs
-        if isinstance(value.extra, Loop):
-            loop = value.extra
-            i = (loop.arguments if value.op == "argument" else loop.results).index(value)
-            waiting += (loop.condition, loop.initial[i], loop.updates[i], loop.arguments[i])
-        elif isinstance(value.extra, Branch):
-            branch = value.extra
-            i = branch.results.index(value)
-            waiting += (branch.which, *(outputs[i] for outputs in branch.outputs))
-    return live
-
-
-def _prune(region: Region, live: set[Value]) -> None:
-    kept: list[Step] = []
-    for step in region.steps:
-        if isinstance(step, Value):
-            if step in live:
-                kept.append(step)
-            continue
-        if isinstance(step, Loop):
-            # A loop's value may be live within it alone.
-            indices = [i for i, argument in enumerate(step.arguments) if argument in live]
-            for name in ("arguments", "initial", "updates", "results"):
-                setattr(step, name, [getattr(step, name)[i] for i in indices])
-            inner = [step.head, step.body]
-        else:
-            indices = [i for i, result in enumerate(step.results) if result in live]
-            step.results = [step.results[i] for i in indices]
-            step.outputs = [[outputs[i] for i in indices] for outputs in step.outputs]
-            inner = step.cases
-        if indices:
-            kept.append(step)
-            for one in inner:
-                _prune(one, live)
-    region.steps = kept
-
-
-def _count_uses(graph: Graph) -> None:
-    def read(values: Iterable[Value]) -> None:
-        for value in values:
-            value.uses += 1
-
-    def walk(region: Region) -> None:
-        for step in region.steps:
-            if isinstance(step, Value):
-                for value in step.inputs:
-                    value.uses += 1
-            elif isinstance(step, Loop):
-                read((step.condition, *step.initial, *step.updates))
-                walk(step.head)
-                walk(step.body)
-            else:
-                read((step.which, *(value for outputs in step.outputs for value in outputs)))
-                for case in step.cases:
-                    walk(case)
-
-    walk(graph.root)
-    read(graph.outputs)
-
-
-def _contract(region: Region) -> None:
-    """Make a sum and the product that it alone reads one operation with one rounding, the first of two products.
-
-    Which these are depends on the graph alone, and so do a result's bits.
-    """
-    taken: set[Value] = set()
-
-    def is_product(value: Value) -> bool:
-        return value.op == "fmul" and value.uses == 1 and value.region is region and value.type == DOUBLE
-
-    for step in region.steps:
-        if isinstance(step, Loop):
-            _contract(step.head)
-            _contract(step.body)
-        elif isinstance(step, Branch):
-            for case in step.cases:
-                _contract(case)
-        elif step.op in ("fadd", "fsub"):
-            x, y = step.inputs
-            minus = step.op == "fsub"
-            if is_product(x):
-                taken.add(x)
-                step.op, step.inputs = ("fms" if minus else "fma"), (*x.inputs, y)
-            elif is_product(y):
-                taken.add(y)
-                step.op, step.inputs = ("fnma" if minus else "fma"), (*y.inputs, x)
-    region.steps = [step for step in region.steps if step not in taken]
-
 
 _FLOATS = ("double", "float")
 _NUMPY: dict[str, Any] = {
@@ -331,6 +218,14 @@ _FOLDED: dict[str, Any] = {
 }  # fmt: skip
 
 
+def _in_range(number: Any, type_: str) -> Any:
+    """A number as a type has it; whole ones as those with a sign, to which LLVM's types make no difference."""
+    if type_ in _FLOATS or type_ == BOOL:
+        return _NUMPY[type_](number).item()
+    half = 1 << (int(type_[1:]) - 1)
+    return (int(number) + half) % (2 * half) - half
+
+
 def _is(value: Value, number: float) -> bool:
     """Whether it is this constant, the zeros told apart."""
     return value.op == "const" and value.extra == number and math.copysign(1, value.extra) == math.copysign(1, number)
@@ -341,7 +236,7 @@ def _product(graph: Graph, x: Value, y: Value) -> Value | None:
         if _is(one, 1.0):
             return other
         if _is(one, -1.0):
-            return graph.negative(other)
+            return graph.op("fneg", other.type, other)
     return None
 
 

@@ -68,7 +68,7 @@ def _zero(graph: Graph, x: Value) -> Value:
 
 
 def _neg(graph: Graph, kind: Kind, x: Value) -> Value:
-    return graph.negative(x) if kind.output.kind == "f" else graph.op("sub", x.type, _zero(graph, x), x)
+    return graph.op("fneg", x.type, x) if kind.output.kind == "f" else graph.op("sub", x.type, _zero(graph, x), x)
 
 
 def _abs(graph: Graph, kind: Kind, x: Value) -> Value:
@@ -131,7 +131,8 @@ def _div(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
 
 def _rem(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
     if kind.output.kind == "f":
-        raise CannotCompileError("the remainder of a division of real numbers (`rem`)")
+        # The C library's, lane by lane; it is exact, so that no library's bits differ.
+        return graph.op("frem", x.type, x, y)
     safe, is_zero = _divisor(graph, kind, x, y)
     remainder = graph.op("srem" if kind.output.kind == "i" else "urem", x.type, x, safe)
     return graph.select(is_zero, x, remainder)
@@ -240,6 +241,10 @@ def _total_order(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
     return graph.op("or", BOOL, graph.compare("fcmp olt", x, y), graph.op("and", BOOL, y_nan, x_number))
 
 
+def _total_order_or_equal(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+    return _not(graph, kind, _total_order(graph, kind, y, x))
+
+
 def _reduce_precision(_: Graph, kind: Kind, x: Value) -> Value:
     if (kind.params["exponent_bits"], kind.params["mantissa_bits"]) != (11, 52) or kind.output.itemsize != 8:
         raise CannotCompileError("numbers of reduced precision (`reduce_precision`)")
@@ -267,6 +272,7 @@ SCALARS: Mapping[str, Rule] = {
     "integer_pow": _integer_pow,
     "is_finite": _is_finite,
     "le": _comparison("ole", "sle", "ule"),
+    "le_to": _total_order_or_equal,
     "lt": _less,
     "lt_to": _total_order,
     "max": _max,

@@ -42,7 +42,7 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
     spans = [(a + 2 * ASIDE, b - 2 * ASIDE) for a, b in itertools.pairwise(ends) if b - a > 10 * ASIDE]
     counts = [max(3, round(points * (b - a) / (high - low))) for a, b in spans]
     angles = [np.linspace(a, b, count) for (a, b), count in zip(spans, counts, strict=True)]
-    # With two derivatives, because that program is compiled already.
+    # To second order, as the optimum was computed: its points lie on the curve to the bit.
     hits = impact(optimum.integrand, optimum.p.replace(alpha=np.concatenate(angles)), derivatives=2)
     cuts = np.cumsum(counts)[:-1]
     values, how = np.split(hits.volume, cuts), np.split(hits.ended_by, cuts)

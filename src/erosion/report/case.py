@@ -205,7 +205,7 @@ class Case:
 
 
 def _hits(case: Case, model: str) -> Impact:
-    # The derivatives are not used; their program is the one that `alpha_max` needs anyway.
+    # To second order, as `alpha_max` computes V: the page's numbers are the same to the bit.
     p = case.p.replace(alpha=np.append(case.looks, case.alpha))
     return impact(model, p, derivatives=2, rtol=_RTOL)
 
