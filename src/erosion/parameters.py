@@ -217,7 +217,9 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
             its value and, in an array, the index; or leaves that do not broadcast.
     """
     require_parameters(p)
-    leaves = {name: getattr(p, name) for name in QUANTITIES}
+    # From the dictionary: equinox looks at each access to an attribute.
+    fields = vars(p)
+    leaves = {name: fields[name] for name in QUANTITIES}
     if any(isinstance(leaf, Tracer) for leaf in leaves.values()):
         return
     for name, leaf in leaves.items():
@@ -230,7 +232,7 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
             good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
         if batch and values.ndim:
             good = good | ~np.isfinite(values)
-        if not np.all(good):
+        if not (good.all() if values.ndim else good):
             raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(values, good)}{_hint(name, values)}.")
     try:
         np.broadcast_shapes(*(np.shape(leaf) for leaf in leaves.values()))
@@ -261,8 +263,9 @@ def require_concrete(p: Parameters) -> None:
     Raises:
         TypeError: naming the first field that is traced, and what to use instead.
     """
+    fields = vars(p)
     for name in QUANTITIES:
-        if isinstance(getattr(p, name), Tracer):
+        if isinstance(fields[name], Tracer):
             raise TypeError(
                 f"Argument `{name}` must be a number or an array, but is traced by JAX: "
                 "inside jit, vmap and grad use `erosion.volume`."

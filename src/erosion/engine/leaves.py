@@ -88,7 +88,8 @@ def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[Any]]:
     """
     leaves, structure = jax.tree.flatten(model)
     own = {one.leaf for one in own_parameters(model).values()} if leaves else ()
-    numbers = [_array(getattr(p, name)) for name in _NAMES]
+    fields = vars(p)
+    numbers = [_array(fields[name]) for name in _NAMES]
     rest: list[Any] = []
     shapes: list[tuple[int, ...]] = [()] * len(_NAMES)
     dtypes = ["float64"] * len(_NAMES)

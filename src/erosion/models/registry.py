@@ -103,6 +103,11 @@ def usable_models() -> list[str]:
     return [name for name, info in available_models().items() if info.error is None]
 
 
+@functools.cache
+def _built_in_model(name: str) -> CuttingModel:
+    return BUILT_IN[name].make()
+
+
 def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     """A model by registered name, or by the path of a Python file.
 
@@ -120,7 +125,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     if not isinstance(name, (str, Path)):
         raise ModelError(f"Argument `model` must be a model, its name or a path, but is {name!r}.")
     if str(name) in BUILT_IN:
-        return BUILT_IN[str(name)].make()
+        return _built_in_model(str(name))
     if str(name).endswith(".py"):
         return _file(Path(name))[0]
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
