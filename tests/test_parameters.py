@@ -191,3 +191,16 @@ def test_a_table_is_text_in_a_notebook_too(monkeypatch):
     outside = str(P)
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
     assert str(P) == outside
+
+
+def test_conversions_are_pints():
+    from typing import get_args
+
+    from erosion.units import _PINT_UNITS, Dimension, _registry, conversion_factor
+
+    for dimension in get_args(Dimension):
+        one = _registry().Quantity(1.0, _PINT_UNITS["inch-pound"][dimension])
+        factor = one.to(_PINT_UNITS["si"][dimension]).magnitude
+        assert conversion_factor(dimension, "inch-pound", "si") == pytest.approx(factor, rel=1e-14)
+        assert conversion_factor(dimension, "si", "inch-pound") == pytest.approx(1 / factor, rel=1e-14)
+        assert conversion_factor(dimension, "si", "si") == 1

@@ -182,17 +182,20 @@ def _is_number(value: Any, *, many: bool) -> bool:
 def _is_declared(model: Any, path: tuple[str, ...]) -> bool:
     """Whether a field is said to hold a number."""
     field = _field(model, path)
-    return "quantity" in field.metadata or field.type in (float, int, "float", "int")
+    return field is not None and ("quantity" in field.metadata or field.type in (float, int, "float", "int"))
 
 
 def _quantity(model: Any, path: tuple[str, ...]) -> Quantity:
     """As the field declares it, else from its name."""
-    return _field(model, path).metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
+    metadata = {} if (field := _field(model, path)) is None else field.metadata
+    return metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
 
 
 def _field(model: Any, path: tuple[str, ...]) -> Any:
     for part in path[:-1]:
         model = getattr(model, part)
+    if not dataclasses.is_dataclass(model):
+        return None  # of a named tuple
     return next(field for field in dataclasses.fields(model) if field.name == path[-1])
 
 

@@ -45,6 +45,17 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
     }
 )  # fmt: skip
 
+# By definition, exactly; a test compares with pint, which would take half a second to ask.
+_INCH, _POUND_FORCE = 0.0254, 4.4482216152605  # m, N
+_SLINCH = _POUND_FORCE / _INCH  # kg
+_INCH_POUND_IN_SI: Mapping[Dimension, float] = types.MappingProxyType(
+    {
+        "length": _INCH, "area": _INCH**2, "volume": _INCH**3, "mass": _SLINCH, "speed": _INCH,
+        "stress": _POUND_FORCE / _INCH**2, "volume per angle": _INCH**3, "volume per angle²": _INCH**3,
+        "density": _SLINCH / _INCH**3, "volume per mass": _INCH**3 / _SLINCH,
+    }
+)  # fmt: skip
+
 _SUPERSCRIPTS = {"**2": "²", "**3": "³"}
 
 
@@ -83,10 +94,10 @@ def derivative_unit(of: Dimension, by: Sequence[Dimension], system: System) -> s
 @functools.cache
 def conversion_factor(dimension: Dimension, source: System, target: System) -> float:
     """What a number in `source` units is multiplied by to be in `target` units."""
-    if source == target or not _PINT_UNITS[source][dimension]:
+    if source == target:
         return 1.0
-    registry = _registry()
-    return float(registry.Quantity(1.0, _PINT_UNITS[source][dimension]).to(_PINT_UNITS[target][dimension]).magnitude)
+    factor = _INCH_POUND_IN_SI.get(dimension, 1.0)
+    return factor if target == "si" else 1 / factor
 
 
 def has_unit(text: str) -> bool:

@@ -1,7 +1,7 @@
 """Force laws that are more than a formula: a loop, a table, a small network; against diffrax."""
 
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -143,3 +143,40 @@ def test_what_lanes_cannot_do_names_the_models_method():
         ValueError, match=r"`Sorting.__call__` \(test_force_laws\.py, line \d+\) uses `sort`, which lanes"
     ):
         erosion.impact(model, P)
+
+
+def test_many_impacts_of_one_case_are_all_computed():
+    """Where no plain number varies, and many threads share the lanes."""
+    model, count = network(), 5000
+    one = erosion.impact(model, P).volume
+    same = erosion.impact(model, P.replace(alpha=np.broadcast_to(P.alpha, count)))
+    assert np.all(same.volume == one)
+    weights, rest = eqx.partition(model, eqx.is_array)
+    many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), weights)
+    volumes = jax.vmap(lambda weights: erosion.volume(eqx.combine(weights, rest), P))(many)
+    assert np.asarray(volumes) == pytest.approx(float(one), rel=1e-8)
+
+
+class Pair(NamedTuple):
+    """Numbers that are no own parameters, for they are no field of a model."""
+
+    one: float
+    rows: Any
+
+
+class Paired(erosion.models.ForceLaw):
+    """F_x = -c·depth·one, with an array beside it that nothing reads."""
+
+    pair: Pair = Pair(1.0, np.ones(3))
+
+    def __call__(self, state, tip, p):
+        horizontal = -p.stiffness * tip.depth * self.pair.one
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+def test_a_field_may_be_a_named_tuple():
+    model = erosion.models.Rotating(force=Paired())
+    assert erosion.impact(model, P).volume == pytest.approx(erosion.impact("rotating", P).volume, rel=1e-9)

@@ -240,3 +240,38 @@ def test_the_text_is_the_same_each_time():
 
 def test_this_machine_uses_its_widest_vectors():
     assert "-prefer-256-bit" in this_machine().features
+
+
+def test_a_batch_of_loops_within_a_lane():
+    def roots(x, y):
+        def root(a):
+            return lax.while_loop(lambda r: jnp.abs(r * r - a) > 1e-14 * a, lambda r: (r + a / r) / 2, a + y)
+
+        return jax.vmap(root)(jnp.stack([x, 2 * x, 9.0 + 0 * x]))
+
+    assert Lanewise(roots, (number, number))(X, Y) == pytest.approx(np.sqrt(np.stack([X, 2 * X, 9 + 0 * X], axis=1)))
+
+
+def test_products_of_arrays_have_the_type_that_is_asked_for():
+    def product(x, y):
+        a, b = jnp.stack([x, y]).astype(np.float32), jnp.stack([y, x]).astype(np.float32)
+        i = (100 * a).astype(np.int8)
+        return jnp.dot(a, b, preferred_element_type=np.float64), lax.dot(i, i, preferred_element_type=np.int32)
+
+    for one, other in zip(Lanewise(product, (number, number))(X, Y), jax.vmap(product)(X, Y), strict=True):
+        assert one.dtype == other.dtype
+        assert one == pytest.approx(np.asarray(other), rel=1e-12)
+
+
+def test_a_quotient_by_a_tiny_constant_is_a_quotient():
+    x = np.array([0.0, 1e-310, 3.0])
+    with np.errstate(over="ignore"):
+        assert np.array_equal(Lanewise(lambda x: x / 5e-324, (number,))(x), x / 5e-324)
+
+
+def test_any_order_may_be_asked_for():
+    root = Lanewise(_root, (number, number))
+    every = np.arange(X.size)[::-2]  # not contiguous
+    results = [np.full(X.size, -1), np.full(X.size, -1.0)]
+    root.run([X, Y], every, results)
+    assert results[1][every] == pytest.approx(np.sqrt(X[every]))

@@ -105,7 +105,7 @@ def _repeat(
             output[lanes[lost]] = was[lost]
         with np.errstate(all="ignore"):
             change = np.maximum(np.abs(time - old[1]) / np.abs(time), np.abs(volume - old[2]) / np.abs(volume))
-            change = np.where(outcome == old[0], np.nan_to_num(change, posinf=0.0), 1.0)
+            change = np.where(outcome == old[0], np.nan_to_num(change, posinf=1.0), 1.0)
             wanted = np.maximum(following * rtol / (change * following / used), TIGHTEST)
             wanted = np.where(lost, np.sqrt(used * following), wanted)
         more = lost | (wanted < following / 2)
@@ -175,7 +175,7 @@ def _empty(lanes: int, order: int, directions: int) -> Results:
     return Results(np.empty(lanes, np.int8), derivatives(), derivatives(), np.empty(lanes, np.int16))
 
 
-compiling = threading.Lock()
+compiling = threading.RLock()
 """What two threads ask for at once is compiled once."""
 
 

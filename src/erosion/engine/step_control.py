@@ -221,12 +221,12 @@ def _good(control: Control, error: Any) -> Any:
 def _first_expected(control: Control, trial: Trial) -> tuple[Any, Any, Any, Any]:
     """When the first event is expected, from the step's start; which, whether steeply, and how far that is off."""
     advancing = control.mode == ADVANCING
+    soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
     falls = []
     for before, after in zip(trial.start, trial.end, strict=True):
         root, steep, uncertainty = expected_fall(before, after, control.trial, trial.low, trial.high)
         # Past the trial's end all may still fall; before it, those that have fallen at it.
         known = (after.value <= 0) | (~trial.past & ~advancing)
-        soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
         foreseen = advancing & ~trial.past & soon & (after.rate < 0)
         falls.append((jnp.where(known | foreseen, root, jnp.inf), known | steep, steep, uncertainty))
     first = functools.reduce(jnp.minimum, [root for root, *_ in falls])

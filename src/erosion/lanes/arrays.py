@@ -62,6 +62,14 @@ def kind_of(equation: Any) -> Kind:
     return Kind(equation.params, inputs, np.dtype(equation.outvars[0].aval.dtype))
 
 
+def converted(graph: Graph, array: Any, from_: np.dtype, to: np.dtype) -> Any:
+    """The elements as another type."""
+    made = np.empty(array.shape, object)
+    for index in np.ndindex(array.shape):
+        made[index] = SCALARS["convert_element_type"](graph, Kind({}, (from_,), to), array[index])
+    return made
+
+
 def _moved(move: Callable[..., np.ndarray]) -> Callable[[Any], Work]:
     """Elements in another place: `move` gets the equation's parameters and its inputs, as arrays."""
     return lambda equation: lambda _, inputs: [part(move(equation.params, *map(whole, inputs)))]
@@ -194,8 +202,8 @@ def _dot_general(equation: Any) -> Work:
         return array.transpose(*batch, *free, *contracted).reshape(lengths)
 
     def work(graph: Graph, inputs: list[Part]) -> list[Part]:
-        x = folded(whole(inputs[0]), left, batch_left)
-        y = folded(whole(inputs[1]), right, batch_right)
+        x = folded(converted(graph, whole(inputs[0]), kind.inputs[0], kind.output), left, batch_left)
+        y = folded(converted(graph, whole(inputs[1]), kind.inputs[1], kind.output), right, batch_right)
         made = np.empty((len(x), x.shape[1], y.shape[1]), object)
         for b, i, j in np.ndindex(made.shape):
             terms = [product(graph, kind, u, v) for u, v in zip(x[b, i], y[b, j], strict=True)]

@@ -154,10 +154,20 @@ class Flattener:
         loop = graph.loop(_scalars([initial[i] for i in changing]))
         carried = all_of(loop.arguments)
         goes_on = condition(carried)
-        assert isinstance(goes_on, Value)
-        graph.begin_body(loop, goes_on)
+        # A loop in a batch of its own goes on while any of its rows does; the others keep their values.
+        rows = whole(goes_on).ravel()
+        graph.begin_body(loop, functools.reduce(lambda x, y: graph.op("or", BOOL, x, y), rows))
         after = body(carried)
+        if isinstance(goes_on, np.ndarray):
+            after = [self._where_it_goes_on(goes_on, *pair) for pair in zip(after, carried, strict=True)]
         return all_of(graph.end_loop(loop, _scalars([after[i] for i in changing])))
+
+    def _where_it_goes_on(self, goes_on: Any, new: Any, old: Any) -> np.ndarray:
+        """Of a batch of loops, by rows: the new values of those that go on."""
+        made = np.empty(new.shape, object)
+        for index in np.ndindex(new.shape):
+            made[index] = self.graph.select(goes_on[index[: goes_on.ndim]], new[index], old[index])
+        return made
 
     def _cond(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
         which, *arguments = inputs

@@ -214,7 +214,7 @@ _FOLDED: dict[str, Any] = {
     "fcmp ogt": np.greater, "fcmp oge": np.greater_equal,
     "icmp eq": np.equal, "icmp ne": np.not_equal, "icmp slt": np.less, "icmp sle": np.less_equal,
     "icmp sgt": np.greater, "icmp sge": np.greater_equal,
-    "sitofp": np.float64, "sext": np.int64,
+    "sitofp": int, "sext": int,
 }  # fmt: skip
 
 
@@ -242,9 +242,11 @@ def _product(graph: Graph, x: Value, y: Value) -> Value | None:
 
 def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
     if y.op == "const" and y.extra != 0 and math.isfinite(y.extra) and abs(math.frexp(y.extra)[0]) == 0.5:
-        inverse = 1 / y.extra
-        # Exact, unless the inverse is subnormal.
-        return graph.op("fmul", x.type, x, graph.constant(inverse, y.type)) if abs(inverse) > 1e-300 else None
+        with np.errstate(all="ignore"):
+            inverse = abs(float(_NUMPY[y.type](1) / _NUMPY[y.type](y.extra)))
+        # Exact, unless the inverse is subnormal or too large.
+        if 1e-30 < inverse < 1e30:
+            return graph.op("fmul", x.type, x, graph.constant(1 / y.extra, y.type))
     innermost = max(x.region.depth, y.region.depth)
     if y.op != "const" and y.region.level < graph.region.targets[innermost].level:
         # By what a loop does not change: a product with its reciprocal, which is computed before the loop.

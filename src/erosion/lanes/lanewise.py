@@ -73,6 +73,7 @@ class Lanewise:
         """
         if not len(order):
             return
+        order = np.ascontiguousarray(order, np.int64)
         inputs = self._inputs()
         varying: list[int] = []
         for leaf, shape, place in zip(leaves, self.inputs, self._places[:-1], strict=True):

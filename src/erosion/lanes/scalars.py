@@ -230,6 +230,8 @@ def _convert(graph: Graph, kind: Kind, x: Value) -> Value:
 
 def _bitcast(graph: Graph, kind: Kind, x: Value) -> Value:
     type_ = type_of(kind.output)
+    if kind.inputs[0].itemsize != kind.output.itemsize:
+        raise CannotCompileError("`bitcast_convert_type` between types of other sizes")
     return x if type_ == x.type else graph.op("bitcast", type_, x)
 
 

@@ -21,7 +21,10 @@ def flaw(model: CuttingModel) -> str | None:
     """
     leaves, structure = jax.tree.flatten(model)
     for leaf in leaves:
-        if not callable(leaf) and not isinstance(leaf, (int, float, np.ndarray, np.generic, jax.Array)):
+        is_number = isinstance(leaf, (int, float)) or (
+            isinstance(leaf, (np.ndarray, np.generic, jax.Array)) and np.dtype(leaf.dtype).kind in "fiub"
+        )
+        if not callable(leaf) and not is_number:
             return f"its own parameters must be numbers, arrays or functions, but one is {leaf!r}"
     own = own_parameters(model)
     for name in own:

@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from erosion.model import CuttingModel, State
 from erosion.models import model_name
@@ -114,9 +113,17 @@ class Trajectory:
             return 0.0
         deepest = float(self.depth.max())
         # In shares of t_c and of the depth, whose powers neither overflow nor vanish.
-        spline = CubicHermiteSpline(self.t / self.t_c, self.depth / deepest, self.vdepth * (self.t_c / deepest))
-        turning = [float(spline(t)) for t in spline.derivative().roots(extrapolate=False) if np.isfinite(t)]
-        return deepest * max([1.0, *turning])
+        depth, step = self.depth / deepest, np.diff(self.t / self.t_c)
+        from_, to = (step * rate for rate in (self.vdepth[:-1], self.vdepth[1:]))
+        from_, to = from_ * (self.t_c / deepest), to * (self.t_c / deepest)
+        # The cubic of each step, and where its derivative a θ² + b θ + from vanishes.
+        a, b = 3 * (from_ + to - 2 * np.diff(depth)), 2 * (3 * np.diff(depth) - 2 * from_ - to)
+        with np.errstate(all="ignore"):
+            q = -(b + np.copysign(np.sqrt(b * b - 4 * a * from_), b)) / 2
+            theta = np.stack([q / a, from_ / q])
+            values = depth[:-1] + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
+        turning = values[(theta > 0) & (theta < 1)]
+        return deepest * float(np.max(turning, initial=1.0))
 
     @property
     def turn(self) -> float:
