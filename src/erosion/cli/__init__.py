@@ -74,6 +74,7 @@ def _status(arguments: Sequence[str]) -> int:
         return _say(130, str(error) or "interrupted")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
+        _let_go(sys.stdout)
         return _say(1, sentence(error))
     # A plug-in's own code may raise anything, anywhere in a computation.
     except Exception as error:  # noqa: BLE001
@@ -81,6 +82,17 @@ def _status(arguments: Sequence[str]) -> int:
     finally:
         sys.unraisablehook = usual
     return 0
+
+
+def _let_go(stream: Any) -> None:
+    """Where an output takes no more, Python would try it again at its end, with a status of its own."""
+    if stream is None:
+        return
+    try:
+        stream.flush()
+    except OSError:
+        # What is left of it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _interrupt_again(unraisable: Any) -> None:
@@ -95,4 +107,5 @@ def _interrupt_again(unraisable: Any) -> None:
 def _say(status: int, message: str) -> int:
     with contextlib.suppress(OSError):  # there may be no place to say it
         print("erosion:", " ".join(message.split()), file=sys.stderr, flush=True)
+    _let_go(sys.stderr)
     return status
