@@ -172,6 +172,10 @@ def test_a_stop_within_a_fast_oscillation_is_not_stepped_over():
     # Turned by radians within a step; the figure is scipy's, at 1e-12 with steps of 1e-5 of the time scale.
     p = P.replace(psi=1e-6, alpha=0.3141, phidot0=-2958.0)
     assert erosion.impact("rotating", p).volume == pytest.approx(6.7725336, rel=1e-8)
+    # At once: not because a lane of so many steps is integrated again.
+    layout, numbers = split(erosion.load_model("rotating"), p)
+    first = integrate(layout, numbers, 1, 0, (), 1e-9, again=False)
+    assert first.volume.value[0] == pytest.approx(6.7725336, rel=1e-8)
 
 
 @pytest.mark.parametrize("name", ["rotating", "rotating-full-torque"])

@@ -245,11 +245,17 @@ def test_this_machine_uses_its_widest_vectors():
 def test_a_batch_of_loops_within_a_lane():
     def roots(x, y):
         def root(a):
-            return lax.while_loop(lambda r: jnp.abs(r * r - a) > 1e-14 * a, lambda r: (r + a / r) / 2, a + y)
+            return lax.while_loop(
+                lambda s: jnp.abs(s[0] * s[0] - a) > 1e-14 * a, lambda s: ((s[0] + a / s[0]) / 2, s[1] + 1), (a + y, 0)
+            )
 
-        return jax.vmap(root)(jnp.stack([x, 2 * x, 9.0 + 0 * x]))
+        return jax.vmap(root)(jnp.stack([x, 2 * x, 900.0 + 0 * x]))
 
-    assert Lanewise(roots, (number, number))(X, Y) == pytest.approx(np.sqrt(np.stack([X, 2 * X, 9 + 0 * X], axis=1)))
+    values, steps = Lanewise(roots, (number, number))(X, Y)
+    assert values == pytest.approx(np.sqrt(np.stack([X, 2 * X, 900 + 0 * X], axis=1)))
+    # A row that is done counts no more steps.
+    assert np.all(steps[:, 0] < steps[:, 2])
+    assert np.array_equal(steps, np.asarray(jax.vmap(roots)(X, Y)[1]))
 
 
 def test_products_of_arrays_have_the_type_that_is_asked_for():
