@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from jax import lax
 
+from erosion.lanes import machine
 from erosion.lanes.flatten import NotForLanesError, flatten
 from erosion.lanes.graph import Loop, Region, Value
 from erosion.lanes.lanewise import Lanewise, number
@@ -127,6 +128,38 @@ def test_a_lanes_bits_depend_on_nothing_else(function):
     for other in others:
         for leaf, same in zip(jax.tree.leaves(results), jax.tree.leaves(other), strict=True):
             assert leaf.tobytes() == same.tobytes()
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_quick_and_careful_code_give_the_same_bits(function, monkeypatch):
+    lanewise = Lanewise(function, (number, number))
+    quick = lanewise(X, Y)
+    compiled = _levels(monkeypatch)
+    monkeypatch.setattr(machine, "_MANY", 2 * X.size)
+    for levels in ([], [machine._CAREFUL], [machine._CAREFUL]):
+        for leaf, same in zip(jax.tree.leaves(quick), jax.tree.leaves(lanewise(X, Y)), strict=True):
+            assert leaf.tobytes() == same.tobytes()
+        assert compiled == levels
+
+
+def test_long_code_is_compiled_with_care_at_once(monkeypatch):
+    compiled = _levels(monkeypatch)
+    monkeypatch.setattr(machine, "_LONG", 1000)
+    assert Lanewise(_root, (number, number))(2.0, 0.0)[1] == pytest.approx(2**0.5)
+    assert compiled == [machine._CAREFUL]
+
+
+def _levels(monkeypatch):
+    """The levels at which code is compiled from now on."""
+    compiled = []
+
+    class Noted(machine._Compiled):
+        def __init__(self, text, target, level):
+            compiled.append(level)
+            super().__init__(text, target, level)
+
+    monkeypatch.setattr(machine, "_Compiled", Noted)
+    return compiled
 
 
 def _machine():
