@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 
 _BY_SCIPY = 2000
 

@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 
 from erosion.model import CuttingModel, event_rates
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters.parameters import QUANTITIES, Parameters
 
 STEP = 0.002
 COARSE = 0.02  # leaves 1e-8: enough where nothing is missed by less than 1e-4

@@ -9,7 +9,7 @@ import erosion
 from erosion.calibration import Calibration, CalibrationError, calibrate, profiles, rank_models, to_fluent, to_openfoam
 from erosion.calibration.identifiability import identify
 from erosion.models.closed_forms import LinearizedCut
-from erosion.parameters import TABLE_1
+from erosion.parameters.parameters import TABLE_1
 
 GUESS = TABLE_1.replace(k=3.0, psi=0.06)
 DEGREES = np.linspace(5.0, 88.0, 50)

@@ -7,7 +7,7 @@ import pytest
 
 from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
-from erosion.parameters import TABLE_1
+from erosion.parameters.parameters import TABLE_1
 
 GUESS = ["--k", "3", "--psi", "0.06", "--starts", "2"]
 

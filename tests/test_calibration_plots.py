@@ -8,7 +8,7 @@ from matplotlib.container import ErrorbarContainer
 
 from erosion.calibration import calibrate
 from erosion.models.closed_forms import LinearizedCut
-from erosion.parameters import TABLE_1
+from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.calibrations import plot_calibration, plot_profile
 from erosion.plotting.style import new_axes
 

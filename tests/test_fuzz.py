@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import erosion
-from erosion.axes import read_axis
 from erosion.distributions import Distribution, read_distribution
-from erosion.parameters import QUANTITIES
-from erosion.units import read_quantity
-from tests.test_parameters import GOOD, case_text
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.ranges import read_axis
+from erosion.parameters.units import read_quantity
+from tests.parameters.test_parameters import GOOD, case_text
 
 # The same examples every time.
 SAME = settings(derandomize=True, max_examples=150, deadline=None)

@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 
 from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
-from erosion.parameters import TABLE_1
+from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.motion import (
     plot_end_times,
     plot_histories,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from erosion.models.closed_forms import LinearizedCut
-from erosion.parameters import TABLE_1, Parameters
+from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report import write_report
 from erosion.report.case import Case, question
 from erosion.report.newton import Jet, greatest

@@ -11,7 +11,7 @@ import erosion
 from erosion.cli import _status
 from erosion.cli.options import InputError
 from erosion.cli.settings import in_full, load_set, read_settings, settings
-from erosion.units import read_quantity
+from erosion.parameters.units import read_quantity
 
 ROOT = Path(__file__).parent.parent
 P = erosion.TABLE_1

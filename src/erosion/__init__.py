@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from erosion.calibration import read_measurements as read_measurements
     from erosion.calibration import to_fluent as to_fluent
     from erosion.calibration import to_openfoam as to_openfoam
-    from erosion.cases import CaseError as CaseError
-    from erosion.cases import dump_case as dump_case
-    from erosion.cases import load_case as load_case
     from erosion.correlations import CORRELATIONS as CORRELATIONS
     from erosion.correlations import Correlation as Correlation
     from erosion.engine.impact import Impact as Impact
@@ -46,10 +43,13 @@ if TYPE_CHECKING:
     from erosion.optimum import alpha_max as alpha_max
     from erosion.optimum import alpha_min as alpha_min
     from erosion.own_parameters import own_parameter as own_parameter
-    from erosion.parameters import MATERIALS as MATERIALS
-    from erosion.parameters import TABLE_1 as TABLE_1
-    from erosion.parameters import Parameters as Parameters
-    from erosion.parameters import validate as validate
+    from erosion.parameters.case_files import CaseError as CaseError
+    from erosion.parameters.case_files import dump_case as dump_case
+    from erosion.parameters.case_files import load_case as load_case
+    from erosion.parameters.parameters import MATERIALS as MATERIALS
+    from erosion.parameters.parameters import TABLE_1 as TABLE_1
+    from erosion.parameters.parameters import Parameters as Parameters
+    from erosion.parameters.parameters import validate as validate
     from erosion.provenance import StoreError as StoreError
     from erosion.stream_result import Stream as Stream
     from erosion.streams import StreamInterrupted as StreamInterrupted
@@ -79,7 +79,7 @@ _HOMES = {
         "to_fluent",
         "to_openfoam",
     ),
-    "cases": ("CaseError", "dump_case", "load_case"),
+    "parameters.case_files": ("CaseError", "dump_case", "load_case"),
     "correlations": ("CORRELATIONS", "Correlation"),
     "engine.impact": ("Impact", "impact"),
     "engine.volume": ("volume",),
@@ -87,7 +87,7 @@ _HOMES = {
     "models": ("ModelError", "available_models", "load_model"),
     "optimum": ("Optimum", "alpha_max", "alpha_min"),
     "own_parameters": ("own_parameter",),
-    "parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
+    "parameters.parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
     "provenance": ("StoreError",),
     "stream_result": ("Stream",),
     "streams": ("StreamInterrupted", "stream"),

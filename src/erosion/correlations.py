@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import root_scalar
 
-from erosion.precision import require_float64
+from erosion.parameters.precision import require_float64
 
 Angle = Float[Array | np.ndarray, "..."] | float
 

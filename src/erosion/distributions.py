@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import special
 
-from erosion.units import Dimension, System, read_quantity
+from erosion.parameters.units import Dimension, System, read_quantity
 
 Number = float | int
 

@@ -14,18 +14,18 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_tolerance
-from erosion.cases import dump_case
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.optimum import alpha_max
 from erosion.own_parameters import own_in_words, quantities, require_one_impact, with_values
-from erosion.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters.case_files import dump_case
+from erosion.parameters.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters.quantities import RESULTS, Quantity
+from erosion.parameters.units import System, ascii_unit, derivative_unit
 from erosion.partition import Region
 from erosion.provenance import digest, identity
-from erosion.quantities import RESULTS, Quantity
-from erosion.units import System, ascii_unit, derivative_unit
 from erosion.version import __version__
 
 Model = CuttingModel | str | Path

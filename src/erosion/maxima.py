@@ -8,7 +8,7 @@ import numpy as np
 from erosion.engine.batch import Results, integrate
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import names_of
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
 from erosion.scan import Cells, Nodes, Scan, is_jump, joined, polish, scan
 
 SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0

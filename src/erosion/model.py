@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from erosion.own_parameters import converted, replaced
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 
 Scalar = Float[Array | np.ndarray, ""]
 

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from erosion.model import CuttingModel, Scales, Tip
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 
 
 class SameMotion(CuttingModel):
@@ -87,4 +87,4 @@ MEASURES: Mapping[str, str] = {
     "t_c": "t_c",
     "depth": "max_depth",
 }
-"""Which of `erosion.quantities.RESULTS` each of them is."""
+"""Which of `erosion.parameters.quantities.RESULTS` each of them is."""

@@ -25,8 +25,8 @@ from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.own_parameters import own_parameters, quantities, sizes, values, with_values
-from erosion.parameters import Parameters, require_parameters, validate
-from erosion.quantities import result_row
+from erosion.parameters.parameters import Parameters, require_parameters, validate
+from erosion.parameters.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
 
 _TOGETHER = 1000  # cases resolved at once: some 100 MB

@@ -14,10 +14,10 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from erosion.parameters import QUANTITIES, Parameters, require_parameters
-from erosion.quantities import Quantity
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import Dimension, conversion_factor
 from erosion.tables import abbreviate
-from erosion.units import Dimension, conversion_factor
 
 _Model = TypeVar("_Model", bound=eqx.Module)
 

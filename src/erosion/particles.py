@@ -9,7 +9,7 @@ import numpy as np
 from erosion.distributions import Distribution
 from erosion.model import CuttingModel
 from erosion.own_parameters import quantities, with_values
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters.parameters import QUANTITIES, Parameters
 
 _POSITIVE = tuple(name for name in QUANTITIES if name not in ("alpha", "phidot0"))
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import equinox as eqx
 
-from erosion.cases import dump_case
 from erosion.model import CuttingModel
-from erosion.parameters import Parameters
+from erosion.parameters.case_files import dump_case
+from erosion.parameters.parameters import Parameters
 from erosion.version import __version__
 
 IDENTITY = "identity"

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from erosion.cases import dump_case
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.nozzle import NozzleAngle
 from erosion.own_parameters import own_in_words, quantities
-from erosion.parameters import QUANTITIES
+from erosion.parameters.case_files import dump_case
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import RESULTS, result_row
 from erosion.particles import Particles
-from erosion.quantities import RESULTS, result_row
 from erosion.replicates import Estimate
 from erosion.tables import Row, to_html, to_text
 from erosion.tallies import Tally

@@ -22,9 +22,9 @@ from erosion.models import load_model, model_name
 from erosion.netcdf import read_netcdf, write_netcdf
 from erosion.nozzle import best_nozzle_angle
 from erosion.own_parameters import require_one_impact
-from erosion.parameters import Parameters, validate
+from erosion.parameters.parameters import Parameters, validate
+from erosion.parameters.precision import require_float64
 from erosion.particles import Particles
-from erosion.precision import require_float64
 from erosion.provenance import identity
 from erosion.replicates import Estimate, Points
 from erosion.stream_result import Stream

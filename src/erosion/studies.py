@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from erosion.grids import Model
-from erosion.parameters import Parameters, require_scalars
+from erosion.parameters.parameters import Parameters, require_scalars
 from erosion.sweeps import sweep
 
 _ANGLES = 360  # quarters of a degree

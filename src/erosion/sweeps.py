@@ -15,9 +15,9 @@ import xarray as xr
 
 from erosion.arguments import check_path
 from erosion.grids import Grid, Model, make_grid
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.precision import require_float64
 from erosion.partition import Region, block_shape
-from erosion.precision import require_float64
 from erosion.stores import Store, ZarrStore, open_store, write_block
 
 _LEAST_BLOCK = 10_000

@@ -3,10 +3,10 @@
 import pytest
 
 import erosion
-import erosion.cases
+import erosion.parameters.case_files
 from tests.bad_input.conftest import ALL_BYTES, CASE
 from tests.bad_input.unchecked import without_type_checks
-from tests.test_parameters import case_text
+from tests.parameters.test_parameters import case_text
 
 FIELDS = [
     (
@@ -153,4 +153,4 @@ def test_bad_sections_are_one_line_and_exit_2(sections, row):
 def test_a_section_that_is_no_table(tmp_path):
     (tmp_path / "case.toml").write_text(f"sweep = 3\n{CASE}")
     with pytest.raises(erosion.CaseError, match="`sweep` must be a table, but is 3"):
-        erosion.cases.load_section(tmp_path / "case.toml", "sweep")
+        erosion.parameters.case_files.load_section(tmp_path / "case.toml", "sweep")

@@ -6,7 +6,7 @@ import pytest
 import erosion
 from erosion.engine import batch
 from erosion.engine.impact import pair_derivatives
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
 from tests.reference import AT_20_DEGREES, closed_form
 
 P = erosion.TABLE_1

@@ -149,7 +149,7 @@ def test_nothing_left_to_integrate():
 
 @pytest.mark.parametrize("name", ["linearized", "rotating"])
 def test_a_parameter_that_is_not_finite_fails_whether_it_matters_or_not(name):
-    names = list(erosion.parameters.QUANTITIES)
+    names = list(erosion.parameters.parameters.QUANTITIES)
     for bad in (np.nan, np.inf):
         cases = {q: np.where(np.arange(len(names)) == i, bad, float(getattr(_P, q))) for i, q in enumerate(names)}
         found = erosion.impact(name, _P.replace(**cases))

@@ -7,7 +7,7 @@ import numpy as np
 from playwright.sync_api import Page
 
 import erosion
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
 
 SLIDE = """([name, positions]) => {
   const slider = document.getElementById(name + '-slider');

@@ -21,7 +21,7 @@ from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.views.spins import sensitivities
 from erosion.models import Linearized, load_model
 from erosion.optimum import alpha_max
-from erosion.parameters import QUANTITIES, TABLE_1
+from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
 CASE = Case.of(TABLE_1)
 STATE = State(CASE, ("linearized",), "linearized")

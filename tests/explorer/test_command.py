@@ -8,7 +8,7 @@ import pytest
 
 from erosion.cli import _status
 from erosion.explorer.server import offer
-from erosion.parameters import TABLE_1
+from erosion.parameters.parameters import TABLE_1
 
 PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "saturating_lip.py")
 

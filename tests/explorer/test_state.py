@@ -7,8 +7,8 @@ import pytest
 
 from erosion.explorer.sliders import at_position, position, range_of, text_of, unit_of, with_spin
 from erosion.explorer.state import Case, OwnNumber, State
-from erosion.parameters import QUANTITIES, TABLE_1
-from erosion.quantities import Quantity
+from erosion.parameters.parameters import QUANTITIES, TABLE_1
+from erosion.parameters.quantities import Quantity
 
 KNOWN = ("linearized", "finnie", "rotating")
 CASE = Case.of(TABLE_1)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from erosion.units import Dimension, System, UnitError, read_quantity
+from erosion.parameters.units import Dimension, System, UnitError, read_quantity
 
 REMOVALS: Mapping[str, Sequence[Dimension]] = {
     "volume": ("volume", "volume per mass"),

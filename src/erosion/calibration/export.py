@@ -14,7 +14,7 @@ from erosion.calibration.result import Calibration
 from erosion.correlations import finnie
 from erosion.engine.impact import impact
 from erosion.models import model_name
-from erosion.units import conversion_factor
+from erosion.parameters.units import conversion_factor
 from erosion.version import __version__
 
 _ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))

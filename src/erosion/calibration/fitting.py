@@ -14,8 +14,8 @@ from erosion.calibration.result import Calibration
 from erosion.model import CuttingModel
 from erosion.models import load_model
 from erosion.own_parameters import require_one_impact
-from erosion.parameters import Parameters, validate
-from erosion.units import UnitError, read_quantity
+from erosion.parameters.parameters import Parameters, validate
+from erosion.parameters.units import UnitError, read_quantity
 
 
 def calibrate(

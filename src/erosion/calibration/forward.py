@@ -17,7 +17,7 @@ from erosion.calibration.measurements import Measurements
 from erosion.engine.impact import Impact, impact
 from erosion.model import CuttingModel
 from erosion.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters.parameters import QUANTITIES, Parameters
 
 SCALE = "scale"
 """The name of the factor between the model's volume and erosion in units of its own."""

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
-from erosion.parameters import STEEPEST
-from erosion.quantities import RESULTS, Quantity
-from erosion.units import Dimension, System, check_system
+from erosion.parameters.parameters import STEEPEST
+from erosion.parameters.quantities import RESULTS, Quantity
+from erosion.parameters.units import Dimension, System, check_system
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",

@@ -13,9 +13,9 @@ from erosion.calibration.measurements import read_measurements
 from erosion.calibration.result import Calibration
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name, usable_models
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import unit_name
 from erosion.tables import Row, to_html, to_text
-from erosion.units import unit_name
 
 _SAME = 1e-5  # of the typical erosion: fits nearer than this are one curve under two names
 

@@ -15,10 +15,10 @@ from erosion.calibration.profiles import Profile, Ridge
 from erosion.model import CuttingModel
 from erosion.models import model_name
 from erosion.own_parameters import quantities
-from erosion.parameters import Parameters
-from erosion.quantities import Quantity
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import unit_name
 from erosion.tables import Row, format_number, to_html, to_text
-from erosion.units import unit_name
 
 _SCALE = Quantity("s", "measured over computed volume", "1")
 _LEVEL = 0.95  # of the intervals that standard errors are compared with

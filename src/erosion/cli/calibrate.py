@@ -118,7 +118,7 @@ def calibrate(
 
 def _as_json(fit: "Calibration", level: float) -> dict[str, Any]:
     from erosion.models import model_name
-    from erosion.units import unit_name
+    from erosion.parameters.units import unit_name
 
     return {
         **model_as_json(model_name(fit.model), fit.model),

@@ -67,11 +67,11 @@ def compare(
 
     from erosion.grids import in_words
     from erosion.netcdf import write_netcdf
-    from erosion.quantities import RESULTS
+    from erosion.parameters.quantities import RESULTS
+    from erosion.parameters.units import unit_name
     from erosion.studies import compare as compare_models
     from erosion.tables import format_number
     from erosion.trajectory.trajectory import SimulationError
-    from erosion.units import unit_name
 
     # The case's own angle goes along as one more angle.
     angles = np.union1d(np.linspace(0, np.pi / 2, 361)[1:], p.alpha)

@@ -22,7 +22,7 @@ from erosion.cli.settings import SetOption, in_full, load_set, model_as_json, se
 
 if TYPE_CHECKING:
     from erosion.optimum import Optimum
-    from erosion.parameters import Parameters
+    from erosion.parameters.parameters import Parameters
 
 
 _AT = ("angle", "", "value", "unit", "kind")
@@ -77,7 +77,7 @@ def optimum(
 
 
 def _angles(texts: tuple[str, str], p: "Parameters") -> tuple[float, float]:
-    from erosion.units import read_quantity
+    from erosion.parameters.units import read_quantity
 
     try:
         low, high = (read_quantity(text, "angle", p.units) for text in texts)
@@ -109,9 +109,9 @@ def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
     import numpy as np
 
     from erosion.objectives import MEASURES
-    from erosion.quantities import RESULTS
+    from erosion.parameters.quantities import RESULTS
+    from erosion.parameters.units import unit_name
     from erosion.tables import Row, format_number
-    from erosion.units import unit_name
 
     measure = MEASURES.get(best.objective)
     unit = "" if measure is None else unit_name(RESULTS[measure].dimension, best.p.units)

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from erosion.model import CuttingModel
-    from erosion.parameters import Parameters
+    from erosion.parameters.parameters import Parameters
 
 
 class InputError(ValueError):
@@ -49,9 +49,9 @@ class CaseOptions:
         Raises:
             InputError: one sentence naming the file or the option.
         """
-        from erosion.cases import load_case
-        from erosion.parameters import QUANTITIES, TABLE_1, validate
-        from erosion.units import read_quantity
+        from erosion.parameters.case_files import load_case
+        from erosion.parameters.parameters import QUANTITIES, TABLE_1, validate
+        from erosion.parameters.units import read_quantity
 
         with user_errors():
             p = TABLE_1 if self.case is None else load_case(self.case)
@@ -85,8 +85,8 @@ class CaseOptions:
         Raises:
             InputError: for a field that is neither.
         """
-        from erosion.cases import load_section
-        from erosion.parameters import QUANTITIES
+        from erosion.parameters.case_files import load_section
+        from erosion.parameters.parameters import QUANTITIES
 
         if self.case is None:
             return {}
@@ -100,7 +100,7 @@ class CaseOptions:
 
     def texts(self, verb: str, section: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
         """By parameter, what the verb's section and the options say of it: where, and what; options win."""
-        from erosion.parameters import QUANTITIES
+        from erosion.parameters.parameters import QUANTITIES
 
         found = {
             name: (f"{self.case}: field `{name}` of [{verb}]", section[name]) for name in QUANTITIES if name in section
@@ -245,6 +245,6 @@ def warn(message: str) -> None:
 
 def parameters_as_json(p: "Parameters") -> dict[str, Any]:
     """The parameters as plain numbers."""
-    from erosion.parameters import QUANTITIES
+    from erosion.parameters.parameters import QUANTITIES
 
     return {"units": p.units, **{name: float(getattr(p, name)) for name in QUANTITIES}}

@@ -34,11 +34,11 @@ def run(
     require_outputs(plot=plot, inputs=(case.case,))
     import numpy as np
 
-    from erosion.quantities import RESULTS
+    from erosion.parameters.quantities import RESULTS
+    from erosion.parameters.units import conversion_factor, unit_name
     from erosion.tables import Row, format_number
     from erosion.trajectory.path import path
     from erosion.trajectory.trajectory import SimulationError
-    from erosion.units import conversion_factor, unit_name
 
     trajectory = path(chosen, p)
     dvolume = trajectory.dvolume

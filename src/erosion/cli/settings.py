@@ -9,7 +9,7 @@ from erosion.cli.options import InputError, load
 
 if TYPE_CHECKING:
     from erosion.model import CuttingModel
-    from erosion.units import Dimension, System
+    from erosion.parameters.units import Dimension, System
 
 SetOption = Annotated[
     list[str] | None,
@@ -87,7 +87,7 @@ def read_settings(
 
 def load_set(name: str, said: Settings, units: "System") -> "CuttingModel":
     """The model by name or path, with its own parameters as they are said to be."""
-    from erosion.units import read_quantity
+    from erosion.parameters.units import read_quantity
 
     model = load(name)
     changes = read_settings(name, model, said, units, lambda _, text, *of: read_quantity(str(text), *of))

@@ -24,9 +24,9 @@ from erosion.cli.settings import SetOption, Settings, model_as_json, read_settin
 
 if TYPE_CHECKING:
     from erosion.model import CuttingModel
-    from erosion.parameters import Parameters
+    from erosion.parameters.parameters import Parameters
+    from erosion.parameters.units import Dimension, System
     from erosion.stream_result import Stream
-    from erosion.units import Dimension, System
 
 
 def stream(
@@ -96,7 +96,7 @@ def stream(
 
 def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
     """The scalars of the case, and what its [stream] and the options let vary; options win."""
-    from erosion.parameters import QUANTITIES
+    from erosion.parameters.parameters import QUANTITIES
 
     p = options.without_changes().parameters()
     values: dict[str, Any] = {}
@@ -118,7 +118,7 @@ def _model_and_laws(name: str, said: Settings, p: "Parameters") -> "tuple[Cuttin
 
 def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System") -> Any:
     from erosion.distributions import read_distribution
-    from erosion.units import read_quantity
+    from erosion.parameters.units import read_quantity
 
     law = read_distribution(str(text), name, dimension, units)
     return read_quantity(str(text), dimension, units) if law is None else law

@@ -25,7 +25,7 @@ from erosion.cli.progress import progress_bar
 from erosion.cli.settings import SetOption, Settings, read_settings, settings
 
 if TYPE_CHECKING:
-    from erosion.parameters import Parameters
+    from erosion.parameters.parameters import Parameters
 
 
 def sweep(
@@ -105,8 +105,8 @@ def sweep(
 
 def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
     """The scalars of the case, and what its [sweep] and the options make axes; options win."""
-    from erosion.axes import read_axis
-    from erosion.parameters import QUANTITIES
+    from erosion.parameters.parameters import QUANTITIES
+    from erosion.parameters.ranges import read_axis
 
     given = options.texts("sweep", section)
     p = options.without_changes().parameters()
@@ -122,7 +122,7 @@ def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
 
 def _own_values(model: Any, said: Settings, p: "Parameters") -> dict[str, Any]:
     """The models' own parameters that are set: of each a single value, shape (), or those of an axis."""
-    from erosion.axes import read_axis
+    from erosion.parameters.ranges import read_axis
 
     values: dict[str, Any] = {}
     if said:
@@ -183,9 +183,9 @@ def _summary(dataset: Any) -> dict[str, Any]:
 
 
 def _print_summary(dataset: Any, out: Path, summary: dict[str, Any]) -> None:
-    from erosion.quantities import RESULTS
+    from erosion.parameters.quantities import RESULTS
+    from erosion.parameters.units import unit_name
     from erosion.tables import Row, format_number
-    from erosion.units import unit_name
 
     unit = unit_name("volume", dataset.attrs["unit_system"])
     rows = [

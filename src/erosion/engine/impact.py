@@ -17,9 +17,9 @@ from erosion.engine.variational import Derivatives
 from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
 from erosion.own_parameters import quantities
-from erosion.parameters import QUANTITIES, Parameters, require_concrete, validate
-from erosion.precision import require_float64
-from erosion.quantities import derivative_row, result_row
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
+from erosion.parameters.precision import require_float64
+from erosion.parameters.quantities import derivative_row, result_row
 from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near

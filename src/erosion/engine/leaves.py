@@ -15,7 +15,7 @@ from jax.core import Tracer
 
 from erosion.model import CuttingModel
 from erosion.own_parameters import own_parameters
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters.parameters import QUANTITIES, Parameters
 
 _NAMES = tuple(QUANTITIES)
 

@@ -7,7 +7,7 @@ import jax
 
 from erosion.engine.leaves import Layout, split
 from erosion.model import CuttingModel
-from erosion.parameters import TABLE_1
+from erosion.parameters.parameters import TABLE_1
 
 OTHER_ENDS = ("no-cut", "failed", "unfinished")
 """What may be said of an impact that no event ended."""

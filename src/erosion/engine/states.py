@@ -12,7 +12,7 @@ from erosion.engine.leaves import Layout, split
 from erosion.lanes.choice import Compiled, compile_lanes
 from erosion.lanes.lanewise import number
 from erosion.model import CuttingModel, Tip
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 
 
 class States(NamedTuple):

@@ -16,7 +16,7 @@ from jax import lax
 
 from erosion.engine.leaves import Layout
 from erosion.model import CuttingModel
-from erosion.parameters import QUANTITIES, Parameters
+from erosion.parameters.parameters import QUANTITIES, Parameters
 
 Direction = str | Any
 """A parameter's name, or (traced) the place of an element among those of all numbers; see `Layout`."""

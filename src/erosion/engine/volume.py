@@ -19,8 +19,8 @@ from erosion.lanes.choice import by_xla
 from erosion.model import CuttingModel
 from erosion.models import load_model
 from erosion.own_parameters import own_parameters
-from erosion.parameters import Parameters, require_scalars
-from erosion.precision import require_float64
+from erosion.parameters.parameters import Parameters, require_scalars
+from erosion.parameters.precision import require_float64
 
 _RTOL = 1e-11
 

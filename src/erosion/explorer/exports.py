@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from erosion.cases import dump_case
 from erosion.explorer.answers import ANGLES, SPINS, Answers
 from erosion.explorer.state import State
 from erosion.model import State as Body
-from erosion.parameters import QUANTITIES
+from erosion.parameters.case_files import dump_case
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.units import Dimension, unit_name
 from erosion.plotting.angles import plot_optimum
 from erosion.plotting.families import BestAngles, plot_best_angles
 from erosion.plotting.motion import plot_end_times, plot_trajectory
 from erosion.plotting.studies import plot_comparison
 from erosion.plotting.style import new_axes, render
-from erosion.quantities import RESULTS
 from erosion.studies import compare
 from erosion.tables import to_json
-from erosion.units import Dimension, unit_name
 
 
 def _cut(answers: Answers, state: State) -> Figure:

@@ -18,7 +18,7 @@ from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab
 from erosion.models import available_models, load_model
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.trajectory.trajectory import TurnWarning
 
 HOST = "127.0.0.1"

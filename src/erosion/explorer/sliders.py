@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from erosion.explorer.state import Case
-from erosion.units import unit_name
+from erosion.parameters.units import unit_name
 
 _FACTOR = 20.0  # either way of the first value, where that is positive
 _DIGITS = 4  # of what a slider sets

@@ -9,9 +9,9 @@ import numpy as np
 
 from erosion.model import CuttingModel
 from erosion.own_parameters import own_parameters
-from erosion.parameters import QUANTITIES, Parameters, validate
-from erosion.quantities import Quantity
-from erosion.units import System, conversion_factor, read_quantity
+from erosion.parameters.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import System, conversion_factor, read_quantity
 
 _NAMES = tuple(QUANTITIES)
 _SAID = {True: "true", False: "false"}

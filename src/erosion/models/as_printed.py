@@ -4,7 +4,7 @@ from typing import Any
 
 from erosion.model import State, Tip
 from erosion.models.rigid import CentreOfMassTip, ForceLaw, RigidErodent, TipKinematics, Torque
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.trigonometry import sincos
 
 

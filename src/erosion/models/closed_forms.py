@@ -18,7 +18,7 @@ import numpy as np
 
 from erosion.model import ZERO, ClosedForm, State
 from erosion.models.rigid import UPRIGHT
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.tracing import traced_once
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from erosion.model import CuttingModel, Scales, Tip
 from erosion.own_parameters import own_parameters
-from erosion.parameters import QUANTITIES, TABLE_1
+from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
 
 def flaw(model: CuttingModel) -> str | None:

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from erosion.model import CuttingModel, Scales, State, Tip
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.trigonometry import sincos
 
 UPRIGHT = jnp.pi / 2

@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 from erosion.engine.impact import impact
 from erosion.objectives import MEASURES
 from erosion.optimum import ASIDE, SHALLOWEST, Optimum
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import RESULTS
 from erosion.plotting.curves import describe, mark_best, star
 from erosion.plotting.style import DIM, ENDS, INK, house_style, new_axes, readable_scale, typeset
-from erosion.quantities import RESULTS
 
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
 

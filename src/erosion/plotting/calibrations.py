@@ -9,7 +9,7 @@ from scipy import stats
 
 from erosion.calibration import Calibration
 from erosion.models import model_name
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
 from erosion.plotting.style import INK, PALETTE, house_style, new_figure, readable_scale
 
 _ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))

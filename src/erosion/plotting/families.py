@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.units import System
 from erosion.plotting.curves import with_gaps
 from erosion.plotting.style import ENDS, FAINT, INK, PALETTE, angle_axis, house_style, legend_below, readable_scale
-from erosion.quantities import RESULTS
-from erosion.units import System
 
 _COLORS = (*PALETTE.values(), INK)
 _MARKERS = ("o", "s", "^", "v", "D", "P")

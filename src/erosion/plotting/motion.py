@@ -11,6 +11,8 @@ from scipy.interpolate import CubicSpline
 
 from erosion.model import ClosedForm, State
 from erosion.models import model_name
+from erosion.parameters.quantities import RESULTS, Quantity
+from erosion.parameters.units import System
 from erosion.plotting.style import (
     DIM,
     ENDS,
@@ -24,9 +26,7 @@ from erosion.plotting.style import (
     readable_scale,
     typeset,
 )
-from erosion.quantities import RESULTS, Quantity
 from erosion.trajectory.trajectory import Trajectory
-from erosion.units import System
 
 HISTORIES = (
     ("x", "x_tip", Quantity("x", "along the surface", "length")),

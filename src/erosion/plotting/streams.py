@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from erosion.nozzle import NozzleAngle
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import DIM, INK, PALETTE, house_style, new_figure, readable_scale
-from erosion.quantities import RESULTS
 from erosion.stream_result import Stream
-from erosion.units import System, unit_name
 
 
 @house_style()

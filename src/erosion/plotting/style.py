@@ -18,8 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.files import require_writable, write_whole
-from erosion.parameters import QUANTITIES
-from erosion.units import SYSTEMS, Dimension, System, unit_name
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.units import SYSTEMS, Dimension, System, unit_name
 
 # Okabe and Ito (2008), "Color universal design": told apart with any colour vision.
 PALETTE: Mapping[str, str] = {

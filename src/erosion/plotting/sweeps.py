@@ -8,10 +8,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.units import System
 from erosion.plotting.style import INK, PALETTE, house_style, new_axes, readable_scale
-from erosion.quantities import RESULTS
-from erosion.units import System
 
 _FEW = 6
 """Curves that are told apart at a glance; more values of an axis make a map."""

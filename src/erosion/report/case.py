@@ -14,14 +14,14 @@ from erosion.engine.impact import Impact, impact
 from erosion.model import ClosedForm
 from erosion.models import Linearized
 from erosion.optimum import Optimum, alpha_max
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import System
 from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
 from erosion.report.families import Families, families_of
 from erosion.report.spins import Spins, over_spins
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
-from erosion.units import System
 
 _RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
 Need = tuple[str, str]

@@ -9,11 +9,11 @@ import numpy as np
 from erosion.engine.impact import impact
 from erosion.maxima import Jump
 from erosion.optimum import alpha_max
-from erosion.parameters import MATERIALS, QUANTITIES, Parameters
+from erosion.parameters.parameters import MATERIALS, QUANTITIES, Parameters
+from erosion.parameters.units import System, conversion_factor, unit_name
 from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
 from erosion.report.text import number
-from erosion.units import System, conversion_factor, unit_name
 
 _RTOL = 1e-12
 _SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(

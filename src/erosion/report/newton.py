@@ -7,7 +7,7 @@ import numpy as np
 
 from erosion.engine.impact import impact
 from erosion.model import CuttingModel
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.trajectory.trajectory import SimulationError
 
 _STEEPEST = np.pi / 2

@@ -15,7 +15,8 @@ import jinja2
 from markupsafe import Markup
 
 from erosion.files import write_whole
-from erosion.parameters import QUANTITIES, Parameters, require_scalars, validate
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
+from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import save_figure
 from erosion.report.case import Answer, Case, question
 from erosion.report.inline import THEMES, inline_svg
@@ -23,7 +24,6 @@ from erosion.report.questions import QUESTIONS
 from erosion.report.text import number
 from erosion.tables import to_json
 from erosion.trajectory.trajectory import TurnWarning
-from erosion.units import System, unit_name
 from erosion.version import __version__
 
 _SYSTEMS: Mapping[System, str] = types.MappingProxyType(

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from erosion.optimum import alpha_max
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
 from erosion.plotting.families import BestAngles, plot_best_angles
 from erosion.plotting.style import new_axes
 from erosion.report.case import Case, Illustration

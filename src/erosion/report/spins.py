@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from erosion.grids import in_words
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.plotting.families import BestAngles
 from erosion.studies import regimes
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
+from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.style import readable_scale, superscript
-from erosion.units import Dimension, System, unit_name
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MINUS = "\N{MINUS SIGN}"

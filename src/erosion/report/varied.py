@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.units import unit_name
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Case, Illustration
 from erosion.report.families import Family
 from erosion.report.text import degrees, number, quantity, table
-from erosion.units import unit_name
 
 _NOTHING = "less than rounding"
 

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from erosion.model import CuttingModel, cuts_at_all, event_rates
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.trajectory.compiler import seldom_run
 
 MAX_STEPS = 4096

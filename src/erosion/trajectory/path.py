@@ -7,8 +7,8 @@ from erosion.engine.states import states_at
 from erosion.engine.step_control import LONGEST_CUT
 from erosion.model import CuttingModel
 from erosion.models import model_name
-from erosion.parameters import Parameters
-from erosion.precision import require_float64
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.precision import require_float64
 from erosion.trajectory.trajectory import SimulationError, Trajectory
 
 _RTOL = 1e-12

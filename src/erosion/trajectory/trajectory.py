@@ -10,8 +10,8 @@ import numpy as np
 
 from erosion.model import CuttingModel, State
 from erosion.models import model_name
-from erosion.parameters import Parameters
-from erosion.quantities import result_row
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import result_row
 from erosion.tables import Row, abbreviate, to_html, to_text
 
 

@@ -20,10 +20,10 @@ from erosion.models import (
     VelocityAligned,
 )
 from erosion.own_parameters import quantities, sizes, values, with_values
-from erosion.parameters import QUANTITIES, TABLE_1, Parameters
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
+from erosion.parameters.units import conversion_factor
 from erosion.trajectory.simulate import simulate
 from erosion.trajectory.trajectory import Trajectory
-from erosion.units import conversion_factor
 from erosion.verification.witnesses import Witnessed, has_heyoka, heyoka_witness, scipy_of_model, scipy_witness
 
 _RTOL = 1e-12

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from erosion.model import CuttingModel
 from erosion.models import available_models, load_model, model_name
-from erosion.precision import require_float64
+from erosion.parameters.precision import require_float64
 from erosion.trajectory.trajectory import TurnWarning
 from erosion.verification.checks import Subject
 from erosion.verification.result import Check, Verification

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import erosion.trajectory.diffrax_steps as flow
 from erosion.model import CuttingModel
-from erosion.parameters import Parameters
+from erosion.parameters.parameters import Parameters
 
 _LATE = 1e3  # [1/ω]; no cut of the cases is longer
 _LONGEST_STEP = 0.05  # [1/ω], so that no event hides in a step

@@ -19,10 +19,10 @@ from erosion.explorer.views.look import (
     styles,
 )
 from erosion.optimum import Optimum
+from erosion.parameters.quantities import RESULTS
 from erosion.plotting.curves import describe, with_gaps
 from erosion.plotting.motion import EVENT_LABELS
 from erosion.plotting.style import DIM, ENDS, readable_scale
-from erosion.quantities import RESULTS
 
 _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times further apart are of different crossings

@@ -7,10 +7,10 @@ import numpy as np
 from erosion.explorer.found import Found
 from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.model import State as Body
+from erosion.parameters.units import System, unit_name
 from erosion.plotting.motion import HISTORIES
 from erosion.plotting.style import PALETTE, Scale, readable_scale
 from erosion.trajectory.trajectory import Trajectory
-from erosion.units import System, unit_name
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "not computed yet"}

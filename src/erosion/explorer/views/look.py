@@ -9,7 +9,7 @@ from erosion.engine.impact import Impact
 from erosion.explorer.answers import ANGLES
 from erosion.explorer.sliders import ANGLES as ANGLE_SLIDER
 from erosion.explorer.state import State
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
 from erosion.plotting.curves import broken
 from erosion.plotting.style import STYLES
 

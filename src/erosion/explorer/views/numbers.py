@@ -8,10 +8,10 @@ import numpy as np
 from erosion.explorer.found import Found
 from erosion.explorer.views.look import styles
 from erosion.optimum import Optimum
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.curves import describe
 from erosion.plotting.style import readable_scale
-from erosion.quantities import RESULTS
-from erosion.units import Dimension, System, unit_name
 
 _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 

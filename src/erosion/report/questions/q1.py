@@ -6,6 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from erosion.models import load_model
+from erosion.parameters.units import Dimension
 from erosion.plotting.motion import plot_histories, plot_path
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import Answer, Case, Illustration
@@ -25,7 +26,6 @@ from erosion.report.text import (
 )
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import SimulationError
-from erosion.units import Dimension
 
 _MUCH = np.deg2rad(20)  # sin φ has fallen by 6 %
 _STATE: tuple[tuple[str, str, Dimension], ...] = (

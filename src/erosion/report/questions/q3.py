@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from erosion.parameters.units import conversion_factor, unit_name
 from erosion.plotting.motion import plot_removal_rate
 from erosion.plotting.style import new_axes, readable_scale
 from erosion.report.case import Answer, Case, Illustration
 from erosion.report.text import degrees, formula, join, math, number, paragraph, quantity, quantity_tex, table
-from erosion.units import conversion_factor, unit_name
 
 _PANELS = (10, 100, 1000)
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from erosion.parameters.units import unit_name
 from erosion.plotting.motion import plot_volume
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case, Illustration
@@ -22,7 +23,6 @@ from erosion.report.text import (
     quantity_tex,
     table,
 )
-from erosion.units import unit_name
 
 
 def answer(case: Case) -> Answer:

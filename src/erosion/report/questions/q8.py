@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES
 from erosion.plotting.families import BestAngles, plot_best_angles
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case, Illustration

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from erosion.arguments import check_path
-from erosion.parameters import QUANTITIES, Parameters, require_scalars
-from erosion.units import check_system, has_unit, unit_name
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
+from erosion.parameters.units import check_system, has_unit, unit_name
 
 TEXT_KEYS = ("title", "units")
 SECTIONS = ("sweep", "stream")

@@ -17,9 +17,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from erosion.quantities import Quantity
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
 from erosion.tables import Row, abbreviate, format_number, to_html, to_text
-from erosion.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from erosion.parameters.units import Dimension, System, ascii_unit, derivative_unit, unit_name
 from erosion.tables import Row, format_number
-from erosion.units import Dimension, System, ascii_unit, derivative_unit, unit_name
 
 
 @dataclass(frozen=True)

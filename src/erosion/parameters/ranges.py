@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.units import Dimension, System, UnitError, read_quantity
+from erosion.parameters.units import Dimension, System, UnitError, read_quantity
 
 
 def read_axis(value: Any, dimension: Dimension, system: System) -> np.ndarray:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from erosion.axes import read_axis
-from erosion.units import UnitError
+from erosion.parameters.ranges import read_axis
+from erosion.parameters.units import UnitError
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import erosion
-from erosion.parameters import QUANTITIES
-from erosion.units import read_quantity, unit_name
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.units import read_quantity, unit_name
 
 P = erosion.TABLE_1
-CASES = Path(__file__).parent.parent / "cases"
+CASES = Path(__file__).parents[2] / "cases"
 
 
 def test_table_1_and_its_derived_numbers():
@@ -196,7 +196,7 @@ def test_a_table_is_text_in_a_notebook_too(monkeypatch):
 def test_conversions_are_pints():
     from typing import get_args
 
-    from erosion.units import _PINT_UNITS, Dimension, _registry, conversion_factor
+    from erosion.parameters.units import _PINT_UNITS, Dimension, _registry, conversion_factor
 
     for dimension in get_args(Dimension):
         one = _registry().Quantity(1.0, _PINT_UNITS["inch-pound"][dimension])

@@ -1,0 +1,1 @@
+"""What an impact is: its parameters, their units, and the files and ranges that give them."""
