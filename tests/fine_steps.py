@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from erosion.model import CuttingModel, event_rates
+from erosion.models.base import CuttingModel, event_rates
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 STEP = 0.002

@@ -16,7 +16,7 @@ from erosion.grids import make_grid
 from erosion.models import Finnie, Linearized
 from erosion.plotting.sweeps import plot_sweep
 from erosion.sweeps import SweepInterrupted, sweep
-from tests.test_own_parameters import FRICTION, MODEL, P
+from tests.models.test_own_parameters import FRICTION, MODEL, P
 from tests.test_settings import FILE
 from tests.test_sweeps import assert_same_bits, stop_after
 

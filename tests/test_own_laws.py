@@ -18,8 +18,8 @@ from erosion.particles import Particles
 from erosion.provenance import StoreError
 from erosion.replicates import Points
 from erosion.streams import REPLICATES, stream
+from tests.models.test_own_parameters import MODEL, P, with_friction
 from tests.reference import AT_20_DEGREES, closed_form
-from tests.test_own_parameters import MODEL, P, with_friction
 from tests.test_settings import FILE
 
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}

@@ -31,18 +31,19 @@ if TYPE_CHECKING:
     from erosion.engine.impact import Impact as Impact
     from erosion.engine.impact import impact as impact
     from erosion.engine.volume import volume as volume
-    from erosion.model import ClosedForm as ClosedForm
-    from erosion.model import CuttingModel as CuttingModel
-    from erosion.model import Scales as Scales
-    from erosion.model import State as State
-    from erosion.model import Tip as Tip
     from erosion.models import ModelError as ModelError
     from erosion.models import available_models as available_models
     from erosion.models import load_model as load_model
+    from erosion.models.base import ClosedForm as ClosedForm
+    from erosion.models.base import CuttingModel as CuttingModel
+    from erosion.models.base import Scales as Scales
+    from erosion.models.base import State as State
+    from erosion.models.base import Tip as Tip
+    from erosion.models.own_parameters import own_parameter as own_parameter
+    from erosion.models.trigonometry import sincos as sincos
     from erosion.optimum import Optimum as Optimum
     from erosion.optimum import alpha_max as alpha_max
     from erosion.optimum import alpha_min as alpha_min
-    from erosion.own_parameters import own_parameter as own_parameter
     from erosion.parameters.case_files import CaseError as CaseError
     from erosion.parameters.case_files import dump_case as dump_case
     from erosion.parameters.case_files import load_case as load_case
@@ -62,7 +63,6 @@ if TYPE_CHECKING:
     from erosion.trajectory.trajectory import SimulationError as SimulationError
     from erosion.trajectory.trajectory import Trajectory as Trajectory
     from erosion.trajectory.trajectory import TurnWarning as TurnWarning
-    from erosion.trigonometry import sincos as sincos
     from erosion.verification import Verification as Verification
     from erosion.verification import verify as verify
 
@@ -83,10 +83,10 @@ _HOMES = {
     "correlations": ("CORRELATIONS", "Correlation"),
     "engine.impact": ("Impact", "impact"),
     "engine.volume": ("volume",),
-    "model": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
+    "models.base": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
     "optimum": ("Optimum", "alpha_max", "alpha_min"),
-    "own_parameters": ("own_parameter",),
+    "models.own_parameters": ("own_parameter",),
     "parameters.parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
     "provenance": ("StoreError",),
     "stream_result": ("Stream",),
@@ -95,7 +95,7 @@ _HOMES = {
     "sweeps": ("SweepInterrupted", "sweep"),
     "trajectory.simulate": ("simulate",),
     "trajectory.trajectory": ("SimulationError", "Trajectory", "TurnWarning"),
-    "trigonometry": ("sincos",),
+    "models.trigonometry": ("sincos",),
     "verification": ("Verification", "verify"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -16,10 +16,10 @@ import xarray as xr
 from erosion.arguments import check_tolerance
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
-from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_in_words, quantities, require_one_impact, with_values
 from erosion.optimum import alpha_max
-from erosion.own_parameters import own_in_words, quantities, require_one_impact, with_values
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity

@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from erosion.model import CuttingModel, Scales, Tip
+from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.parameters.parameters import Parameters
 
 

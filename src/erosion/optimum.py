@@ -21,10 +21,10 @@ from erosion.engine.impact import impact, lanes_of, pair_derivatives
 from erosion.maxima import ASIDE as ASIDE
 from erosion.maxima import SHALLOWEST as SHALLOWEST
 from erosion.maxima import STEEPEST, TIGHT, Maxima, Search
-from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
 from erosion.objectives import MEASURES, OBJECTIVES, Objective
-from erosion.own_parameters import own_parameters, quantities, sizes, values, with_values
 from erosion.parameters.parameters import Parameters, require_parameters, validate
 from erosion.parameters.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text

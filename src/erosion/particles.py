@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from erosion.distributions import Distribution
-from erosion.model import CuttingModel
-from erosion.own_parameters import quantities, with_values
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import quantities, with_values
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 _POSITIVE = tuple(name for name in QUANTITIES if name not in ("alpha", "phidot0"))

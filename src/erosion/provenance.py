@@ -12,7 +12,7 @@ from typing import Any
 
 import equinox as eqx
 
-from erosion.model import CuttingModel
+from erosion.models.base import CuttingModel
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.version import __version__

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from erosion.model import CuttingModel
 from erosion.models import model_name
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_in_words, quantities
 from erosion.nozzle import NozzleAngle
-from erosion.own_parameters import own_in_words, quantities
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS, result_row

@@ -17,11 +17,11 @@ from erosion.arguments import check_path, check_tolerance, check_whole
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
 from erosion.files import require_writable
-from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import require_one_impact
 from erosion.netcdf import read_netcdf, write_netcdf
 from erosion.nozzle import best_nozzle_angle
-from erosion.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.precision import require_float64
 from erosion.particles import Particles

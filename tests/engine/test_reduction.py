@@ -10,7 +10,7 @@ import erosion.parameters
 from erosion.engine.leaves import split
 from erosion.engine.reduction import WholeMotion, reduced
 from erosion.engine.variational import Cut
-from erosion.model import CuttingModel, State, Tip
+from erosion.models.base import CuttingModel, State, Tip
 
 _P = erosion.TABLE_1.replace(phidot0=2e4)
 

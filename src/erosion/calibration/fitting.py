@@ -11,9 +11,9 @@ from erosion.calibration.forward import Forward, check_free
 from erosion.calibration.least_squares import LOSSES, fit, make_problem
 from erosion.calibration.measurements import Measurements, read_measurements
 from erosion.calibration.result import Calibration
-from erosion.model import CuttingModel
 from erosion.models import load_model
-from erosion.own_parameters import require_one_impact
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.units import UnitError, read_quantity
 

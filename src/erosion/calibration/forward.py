@@ -15,8 +15,8 @@ import numpy as np
 
 from erosion.calibration.measurements import Measurements
 from erosion.engine.impact import Impact, impact
-from erosion.model import CuttingModel
-from erosion.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 SCALE = "scale"

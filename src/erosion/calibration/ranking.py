@@ -11,8 +11,8 @@ from erosion.calibration.fitting import calibrate
 from erosion.calibration.least_squares import CalibrationError
 from erosion.calibration.measurements import read_measurements
 from erosion.calibration.result import Calibration
-from erosion.model import CuttingModel
 from erosion.models import load_model, model_name, usable_models
+from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import unit_name
 from erosion.tables import Row, to_html, to_text

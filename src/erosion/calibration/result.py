@@ -12,9 +12,9 @@ from erosion.calibration.identifiability import Identifiability, identify
 from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.profiles import Profile, Ridge
-from erosion.model import CuttingModel
 from erosion.models import model_name
-from erosion.own_parameters import quantities
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import quantities
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import unit_name

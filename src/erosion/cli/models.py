@@ -65,7 +65,7 @@ def _print_table(found: "Mapping[str, ModelInfo]") -> None:
 
 def _own(info: "ModelInfo") -> dict[str, dict[str, Any]]:
     """Value and names of a model's own parameters; none of a model that cannot be used."""
-    from erosion.own_parameters import own_parameters
+    from erosion.models.own_parameters import own_parameters
 
     own = {} if info.error else own_parameters(info.make())
     return {

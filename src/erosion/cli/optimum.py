@@ -138,7 +138,7 @@ def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
     if jumps:
         print_table("Jumps", jumps, _AT)
     if with_sensitivities:
-        from erosion.own_parameters import quantities, sizes
+        from erosion.models.own_parameters import quantities, sizes
 
         known, size = quantities(best.model), sizes(best.model, best.p)
         rows = [

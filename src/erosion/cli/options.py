@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from erosion.model import CuttingModel
+    from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
 
 

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from erosion.cli.options import InputError, load
 
 if TYPE_CHECKING:
-    from erosion.model import CuttingModel
+    from erosion.models.base import CuttingModel
     from erosion.parameters.units import Dimension, System
 
 SetOption = Annotated[
@@ -69,7 +69,7 @@ def read_settings(
     """
     import numpy as np
 
-    from erosion.own_parameters import own_parameters
+    from erosion.models.own_parameters import own_parameters
 
     own, values = own_parameters(model), {}
     for one, (what, text) in said.items():
@@ -96,7 +96,7 @@ def load_set(name: str, said: Settings, units: "System") -> "CuttingModel":
 
 def in_full(name: str, model: "CuttingModel") -> str:
     """A model's name with its own parameters: "friction.py (friction = 0.3)"."""
-    from erosion.own_parameters import own_in_words
+    from erosion.models.own_parameters import own_in_words
 
     own = own_in_words(model)
     return f"{name} ({own})" if own else name
@@ -104,7 +104,7 @@ def in_full(name: str, model: "CuttingModel") -> str:
 
 def model_as_json(name: str, model: "CuttingModel", but: Collection[str] = ()) -> dict[str, Any]:
     """A model's name, and its own parameters as plain numbers, those named `but` left out."""
-    from erosion.own_parameters import own_parameters
+    from erosion.models.own_parameters import own_parameters
 
     own = {key: float(one.value) for key, one in own_parameters(model).items() if key not in but}
     return {"model": name, "own_parameters": own}

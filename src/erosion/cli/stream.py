@@ -23,7 +23,7 @@ from erosion.cli.progress import progress_bar
 from erosion.cli.settings import SetOption, Settings, model_as_json, read_settings, settings
 
 if TYPE_CHECKING:
-    from erosion.model import CuttingModel
+    from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
     from erosion.stream_result import Stream

@@ -14,9 +14,9 @@ from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
 from erosion.engine.outcomes import OTHER_ENDS, end_names, names_of
 from erosion.engine.variational import Derivatives
-from erosion.model import CuttingModel
 from erosion.models import load_model, model_name
-from erosion.own_parameters import quantities
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import quantities
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import derivative_row, result_row

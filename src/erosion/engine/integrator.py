@@ -19,7 +19,7 @@ from erosion.engine.reduction import WholeMotion, reduced
 from erosion.engine.step_control import ARRIVED, ENDED, NO_CUT, UNFINISHED, Control, eighth_root, first_fall
 from erosion.engine.tableau import B_CHECK, B_ERROR, A, B
 from erosion.engine.variational import Cut, Derivatives, Direction, Variational, at_event
-from erosion.model import ZERO
+from erosion.models.base import ZERO
 
 _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 _TINY = 1e-200  # keeps 0/0 away

@@ -13,8 +13,8 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from erosion.model import CuttingModel
-from erosion.own_parameters import own_parameters
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 _NAMES = tuple(QUANTITIES)

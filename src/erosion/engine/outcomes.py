@@ -6,7 +6,7 @@ from typing import Any
 import jax
 
 from erosion.engine.leaves import Layout, split
-from erosion.model import CuttingModel
+from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import TABLE_1
 
 OTHER_ENDS = ("no-cut", "failed", "unfinished")

@@ -17,7 +17,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
 from erosion.engine.leaves import Layout, numbers_of
 from erosion.engine.variational import Cut
-from erosion.model import CuttingModel
+from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 
 

@@ -11,7 +11,7 @@ from erosion.engine.integrator import solve
 from erosion.engine.leaves import Layout, split
 from erosion.lanes.choice import Compiled, compile_lanes
 from erosion.lanes.lanewise import number
-from erosion.model import CuttingModel, Tip
+from erosion.models.base import CuttingModel, Tip
 from erosion.parameters.parameters import Parameters
 
 

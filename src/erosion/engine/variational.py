@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from erosion.engine.leaves import Layout
-from erosion.model import CuttingModel
+from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 Direction = str | Any

@@ -16,9 +16,9 @@ from erosion.engine.integrator import solve
 from erosion.engine.leaves import Layout, split
 from erosion.engine.variational import Derivatives
 from erosion.lanes.choice import by_xla
-from erosion.model import CuttingModel
 from erosion.models import load_model
-from erosion.own_parameters import own_parameters
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import Parameters, require_scalars
 from erosion.parameters.precision import require_float64
 

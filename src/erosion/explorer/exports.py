@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from erosion.explorer.answers import ANGLES, SPINS, Answers
 from erosion.explorer.state import State
-from erosion.model import State as Body
+from erosion.models.base import State as Body
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS

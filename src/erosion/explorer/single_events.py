@@ -8,7 +8,7 @@ import numpy as np
 
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
-from erosion.model import CuttingModel, Scales, Tip
+from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.parameters.parameters import Parameters
 
 _PATIENCE = 12.0  # time scales; an event later than this is taken never to happen

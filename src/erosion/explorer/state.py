@@ -7,8 +7,8 @@ from urllib.parse import urlencode
 
 import numpy as np
 
-from erosion.model import CuttingModel
-from erosion.own_parameters import own_parameters
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import System, conversion_factor, read_quantity

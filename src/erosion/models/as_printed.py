@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from erosion.model import State, Tip
+from erosion.models.base import State, Tip
 from erosion.models.rigid import CentreOfMassTip, ForceLaw, RigidErodent, TipKinematics, Torque
+from erosion.models.trigonometry import sincos
 from erosion.parameters.parameters import Parameters
-from erosion.trigonometry import sincos
 
 
 class PrintedForce(ForceLaw):

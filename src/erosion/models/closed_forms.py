@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.model import ZERO, ClosedForm, State
+from erosion.models.base import ZERO, ClosedForm, State
 from erosion.models.rigid import UPRIGHT
+from erosion.models.tracing import traced_once
 from erosion.parameters.parameters import Parameters
-from erosion.tracing import traced_once
 
 
 class SineCut(ClosedForm):

@@ -1,6 +1,6 @@
 """Finnie's own model of 1958: the turn counts to first order."""
 
-from erosion.model import ClosedForm
+from erosion.models.base import ClosedForm
 from erosion.models.closed_forms import FinnieCut
 from erosion.models.rigid import (
     ConstantRatio,

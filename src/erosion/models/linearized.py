@@ -1,6 +1,6 @@
 """The erodent does not turn: the system that questions 1 to 8 are asked of."""
 
-from erosion.model import ClosedForm
+from erosion.models.base import ClosedForm
 from erosion.models.closed_forms import LinearizedCut, StraightCut
 from erosion.models.rigid import (
     CentreOfMassTip,

@@ -13,9 +13,9 @@ from pathlib import Path
 import equinox as eqx
 
 from erosion.arguments import check_path
-from erosion.model import CuttingModel
 from erosion.models.as_printed import AsPrinted
-from erosion.models.contract import flaw
+from erosion.models.base import CuttingModel
+from erosion.models.check import flaw
 from erosion.models.finnie import Finnie
 from erosion.models.linearized import Linearized
 from erosion.models.rigid import FullTorque, TanAlpha, VelocityAligned

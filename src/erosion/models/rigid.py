@@ -11,9 +11,9 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from erosion.model import CuttingModel, Scales, State, Tip
+from erosion.models.base import CuttingModel, Scales, State, Tip
+from erosion.models.trigonometry import sincos
 from erosion.parameters.parameters import Parameters
-from erosion.trigonometry import sincos
 
 UPRIGHT = jnp.pi / 2
 

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from scipy.interpolate import CubicSpline
 
-from erosion.model import ClosedForm, State
 from erosion.models import model_name
+from erosion.models.base import ClosedForm, State
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import System
 from erosion.plotting.style import (

@@ -11,8 +11,8 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from erosion.engine.impact import Impact, impact
-from erosion.model import ClosedForm
 from erosion.models import Linearized
+from erosion.models.base import ClosedForm
 from erosion.optimum import Optimum, alpha_max
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import System

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from erosion.model import CuttingModel, cuts_at_all, event_rates
+from erosion.models.base import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters.parameters import Parameters
 from erosion.trajectory.compiler import seldom_run
 

@@ -5,8 +5,8 @@ import numpy as np
 from erosion.engine.outcomes import end_names
 from erosion.engine.states import states_at
 from erosion.engine.step_control import LONGEST_CUT
-from erosion.model import CuttingModel
 from erosion.models import model_name
+from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
 from erosion.trajectory.trajectory import SimulationError, Trajectory

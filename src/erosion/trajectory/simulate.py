@@ -19,9 +19,9 @@ import numpy as np
 
 import erosion.trajectory.diffrax_steps as flow
 from erosion.arguments import check_tolerance, check_whole
-from erosion.model import CuttingModel, Tip
 from erosion.models import load_model, model_name
-from erosion.own_parameters import require_one_impact
+from erosion.models.base import CuttingModel, Tip
+from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
 from erosion.trajectory.events import find_root, first_fall

@@ -8,8 +8,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from erosion.model import CuttingModel, State
 from erosion.models import model_name
+from erosion.models.base import CuttingModel, State
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import result_row
 from erosion.tables import Row, abbreviate, to_html, to_text

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.engine.impact import Impact, impact, pair_derivatives
-from erosion.model import CuttingModel
 from erosion.models import (
     CentreOfMassTip,
     ConstantRatio,
@@ -19,7 +18,8 @@ from erosion.models import (
     TanAlpha,
     VelocityAligned,
 )
-from erosion.own_parameters import quantities, sizes, values, with_values
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import quantities, sizes, values, with_values
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
 from erosion.parameters.units import conversion_factor
 from erosion.trajectory.simulate import simulate

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from erosion.model import CuttingModel
 from erosion.models import available_models, load_model, model_name
+from erosion.models.base import CuttingModel
 from erosion.parameters.precision import require_float64
 from erosion.trajectory.trajectory import TurnWarning
 from erosion.verification.checks import Subject

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import erosion.trajectory.diffrax_steps as flow
-from erosion.model import CuttingModel
+from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 
 _LATE = 1e3  # [1/ω]; no cut of the cases is longer

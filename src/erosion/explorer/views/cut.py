@@ -6,7 +6,7 @@ import numpy as np
 
 from erosion.explorer.found import Found
 from erosion.explorer.views.look import LEGEND, Option, axis, line
-from erosion.model import State as Body
+from erosion.models.base import State as Body
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.motion import HISTORIES
 from erosion.plotting.style import PALETTE, Scale, readable_scale

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.model import CuttingModel, Scales, Tip
-from erosion.own_parameters import own_parameters
+from erosion.models.base import CuttingModel, Scales, Tip
+from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.tracing import traced_once
+from erosion.models.tracing import traced_once
 
 # π/2 in three parts; the first two have 33 significant bits, so that their products with
 # the number of quarter turns (below 2^20) are exact.

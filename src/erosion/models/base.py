@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from erosion.own_parameters import converted, replaced
+from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
 
 Scalar = Float[Array | np.ndarray, ""]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.model import event_rates
+from erosion.models.base import event_rates
 
 P = erosion.TABLE_1
-FILES = sorted(Path(__file__).parent.parent.joinpath("models").glob("*.py"))
+FILES = sorted(Path(__file__).parents[2].joinpath("models").glob("*.py"))
 NAMES = [*erosion.available_models(), *map(str, FILES)]
 CASES = [P, P.replace(alpha=0.9, phidot0=0.3 * P.v0 / P.r), P.to("si").replace(alpha=0.1)]
 

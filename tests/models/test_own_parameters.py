@@ -10,9 +10,9 @@ import erosion
 from erosion.cli.optimum import _print as print_optimum
 from erosion.engine import batch
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
-from erosion.models.contract import flaw
+from erosion.models.check import flaw
+from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.objectives import EndTime
-from erosion.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.verification.checks import Subject
 from tests.reference import closed_form
 

@@ -15,7 +15,7 @@ from tests.reference import closed_form
 
 P = erosion.TABLE_1
 CASES = [P, P.replace(alpha=0.9, phidot0=0.2 * P.v0 / P.r)]
-FOLDER = Path(__file__).parent.parent / "models"
+FOLDER = Path(__file__).parents[2] / "models"
 FILES = sorted(FOLDER.glob("*.py"))
 
 
