@@ -15,8 +15,8 @@ from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.models import ForceLaw, Linearized
 from erosion.particles import Particles
-from erosion.provenance import StoreError
 from erosion.replicates import Points
+from erosion.storage.identity import StoreError
 from erosion.streams import REPLICATES, stream
 from tests.models.test_own_parameters import MODEL, P, with_friction
 from tests.reference import AT_20_DEGREES, closed_form

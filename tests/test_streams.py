@@ -11,8 +11,8 @@ from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Unif
 from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
 from erosion.particles import Particles
-from erosion.provenance import StoreError
 from erosion.replicates import Estimate, Points
+from erosion.storage.identity import StoreError
 from erosion.streams import StreamInterrupted, stream
 from erosion.tallies import BIN_RATIO, Tally
 

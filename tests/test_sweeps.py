@@ -13,7 +13,7 @@ import xarray as xr
 import erosion
 from erosion.grids import make_grid
 from erosion.partition import block_shape, regions
-from erosion.provenance import StoreError
+from erosion.storage.identity import StoreError
 from erosion.stores import MemoryStore
 from erosion.sweeps import SweepInterrupted, sweep
 
@@ -166,7 +166,7 @@ def test_another_version_and_foreign_files_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "out.nc"
     sweep("linearized", P, store=path, alpha=[0.2])
     with monkeypatch.context() as patch:
-        patch.setattr("erosion.provenance.__version__", "9.9")
+        patch.setattr("erosion.storage.identity.__version__", "9.9")
         with pytest.raises(StoreError, match="another version"):
             sweep("linearized", P, store=path, alpha=[0.2])
     path.write_text("notes")

@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from erosion.models.base import Tip as Tip
     from erosion.models.own_parameters import own_parameter as own_parameter
     from erosion.models.trigonometry import sincos as sincos
-    from erosion.optimum import Optimum as Optimum
-    from erosion.optimum import alpha_max as alpha_max
-    from erosion.optimum import alpha_min as alpha_min
+    from erosion.optimum.alpha_max import Optimum as Optimum
+    from erosion.optimum.alpha_max import alpha_max as alpha_max
+    from erosion.optimum.alpha_max import alpha_min as alpha_min
     from erosion.parameters.case_files import CaseError as CaseError
     from erosion.parameters.case_files import dump_case as dump_case
     from erosion.parameters.case_files import load_case as load_case
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from erosion.parameters.parameters import TABLE_1 as TABLE_1
     from erosion.parameters.parameters import Parameters as Parameters
     from erosion.parameters.parameters import validate as validate
-    from erosion.provenance import StoreError as StoreError
+    from erosion.storage.identity import StoreError as StoreError
     from erosion.stream_result import Stream as Stream
     from erosion.streams import StreamInterrupted as StreamInterrupted
     from erosion.streams import stream as stream
@@ -85,10 +85,10 @@ _HOMES = {
     "engine.volume": ("volume",),
     "models.base": ("ClosedForm", "CuttingModel", "Scales", "State", "Tip"),
     "models": ("ModelError", "available_models", "load_model"),
-    "optimum": ("Optimum", "alpha_max", "alpha_min"),
+    "optimum.alpha_max": ("Optimum", "alpha_max", "alpha_min"),
     "models.own_parameters": ("own_parameter",),
     "parameters.parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
-    "provenance": ("StoreError",),
+    "storage.identity": ("StoreError",),
     "stream_result": ("Stream",),
     "streams": ("StreamInterrupted", "stream"),
     "studies": ("compare", "regimes"),

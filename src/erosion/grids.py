@@ -19,13 +19,13 @@ from erosion.engine.outcomes import end_names
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words, quantities, require_one_impact, with_values
-from erosion.optimum import alpha_max
+from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import System, ascii_unit, derivative_unit
 from erosion.partition import Region
-from erosion.provenance import digest, identity
+from erosion.storage.identity import digest, identity
 from erosion.version import __version__
 
 Model = CuttingModel | str | Path

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from erosion.engine.impact import impact
-from erosion.optimum import alpha_max
+from erosion.optimum.alpha_max import alpha_max
 from erosion.particles import Particles
 from erosion.replicates import Estimate, Points
 

@@ -16,9 +16,9 @@ import xarray as xr
 
 from erosion.files import require_writable, written_whole
 from erosion.grids import Grid
-from erosion.netcdf import read_netcdf, write_netcdf
 from erosion.partition import Region, regions
-from erosion.provenance import IDENTITY, StoreError, require_same
+from erosion.storage.identity import IDENTITY, StoreError, require_same
+from erosion.storage.netcdf import read_netcdf, write_netcdf
 
 
 class Store(ABC):

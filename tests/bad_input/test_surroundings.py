@@ -17,8 +17,8 @@ import erosion
 from erosion.cli import _status
 from erosion.files import write_whole
 from erosion.grids import make_grid
-from erosion.netcdf import write_netcdf
 from erosion.plotting.style import save_plot
+from erosion.storage.netcdf import write_netcdf
 from erosion.stores import ZarrStore
 
 CONTENT = np.random.default_rng(1).random(10_000)

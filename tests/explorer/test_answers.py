@@ -20,7 +20,7 @@ from erosion.explorer.single_events import SingleEvent, end_times
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.views.spins import sensitivities
 from erosion.models import Linearized, load_model
-from erosion.optimum import alpha_max
+from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
 CASE = Case.of(TABLE_1)

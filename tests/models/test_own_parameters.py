@@ -12,7 +12,7 @@ from erosion.engine import batch
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.check import flaw
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
-from erosion.objectives import EndTime
+from erosion.optimum.objectives import EndTime
 from erosion.verification.checks import Subject
 from tests.reference import closed_form
 

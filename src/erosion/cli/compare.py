@@ -66,9 +66,9 @@ def compare(
     import numpy as np
 
     from erosion.grids import in_words
-    from erosion.netcdf import write_netcdf
     from erosion.parameters.quantities import RESULTS
     from erosion.parameters.units import unit_name
+    from erosion.storage.netcdf import write_netcdf
     from erosion.studies import compare as compare_models
     from erosion.tables import format_number
     from erosion.trajectory.trajectory import SimulationError
@@ -129,7 +129,7 @@ def compare(
 
 def _require_comparison(path: Path) -> None:
     """Only a comparison is replaced by a comparison: a sweep took longer."""
-    from erosion.netcdf import read_netcdf
+    from erosion.storage.netcdf import read_netcdf
 
     with user_errors():
         read_netcdf(path, _COMPARISON)

@@ -21,7 +21,7 @@ from erosion.cli.options import (
 from erosion.cli.settings import SetOption, in_full, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
-    from erosion.optimum import Optimum
+    from erosion.optimum.alpha_max import Optimum
     from erosion.parameters.parameters import Parameters
 
 
@@ -54,7 +54,7 @@ def optimum(
     between = None if alpha_range is None else _angles(alpha_range, p)
     require_outputs(plot=plot, inputs=(case.case,))
     start_engine()
-    from erosion.optimum import alpha_max, alpha_min
+    from erosion.optimum.alpha_max import alpha_max, alpha_min
 
     with user_errors():
         best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
@@ -108,7 +108,7 @@ def _as_json(model: str, best: "Optimum", *, with_sensitivities: bool) -> dict[s
 def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
     import numpy as np
 
-    from erosion.objectives import MEASURES
+    from erosion.optimum.objectives import MEASURES
     from erosion.parameters.quantities import RESULTS
     from erosion.parameters.units import unit_name
     from erosion.tables import Row, format_number

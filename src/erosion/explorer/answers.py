@@ -10,7 +10,7 @@ from erosion.engine.impact import Impact, impact
 from erosion.explorer.single_events import end_times
 from erosion.explorer.state import Case
 from erosion.models.base import CuttingModel
-from erosion.optimum import Optimum, alpha_max
+from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
 

@@ -13,7 +13,7 @@ from erosion.explorer.answers import Answer, Answers, Spins
 from erosion.explorer.preparation import Preparation, sentence
 from erosion.explorer.state import Case, State
 from erosion.explorer.threads import in_thread
-from erosion.optimum import Optimum
+from erosion.optimum.alpha_max import Optimum
 from erosion.trajectory.trajectory import Trajectory
 
 # s; a model that has no answer then is left out until it has one.

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from erosion.engine.impact import impact
-from erosion.objectives import MEASURES
-from erosion.optimum import ASIDE, SHALLOWEST, Optimum
+from erosion.optimum.alpha_max import ASIDE, SHALLOWEST, Optimum
+from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.plotting.curves import describe, mark_best, star

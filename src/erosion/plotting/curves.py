@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from erosion.maxima import Jump
-from erosion.optimum import ASIDE, Optimum
+from erosion.optimum.alpha_max import ASIDE, Optimum
+from erosion.optimum.maxima import Jump
 from erosion.plotting.style import INK, PALETTE
 
 

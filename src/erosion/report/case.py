@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from erosion.engine.impact import Impact, impact
 from erosion.models import Linearized
 from erosion.models.base import ClosedForm
-from erosion.optimum import Optimum, alpha_max
+from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import System
 from erosion.plotting.curves import broken_at

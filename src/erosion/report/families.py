@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from erosion.engine.impact import impact
-from erosion.maxima import Jump
-from erosion.optimum import alpha_max
+from erosion.optimum.alpha_max import alpha_max
+from erosion.optimum.maxima import Jump
 from erosion.parameters.parameters import MATERIALS, QUANTITIES, Parameters
 from erosion.parameters.units import System, conversion_factor, unit_name
 from erosion.plotting.curves import broken_at

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from erosion.optimum import alpha_max
+from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.parameters import QUANTITIES
 from erosion.plotting.families import BestAngles, plot_best_angles
 from erosion.plotting.style import new_axes

@@ -18,7 +18,7 @@ from erosion.explorer.views.look import (
     line,
     styles,
 )
-from erosion.optimum import Optimum
+from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
 from erosion.plotting.curves import describe, with_gaps
 from erosion.plotting.motion import EVENT_LABELS

@@ -7,7 +7,7 @@ import numpy as np
 
 from erosion.explorer.found import Found
 from erosion.explorer.views.look import styles
-from erosion.optimum import Optimum
+from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.curves import describe

@@ -8,7 +8,7 @@ import h5py
 import xarray as xr
 
 from erosion.files import write_whole
-from erosion.provenance import IDENTITY, StoreError, require_same
+from erosion.storage.identity import IDENTITY, StoreError, require_same
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path, identity: Mapping[str, str]) -> None:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from erosion.scan import Nodes, Scan, is_jump, scan
+from erosion.optimum.resolve import Nodes, Scan, is_jump, scan
 
 ANGLES = np.linspace(0.1, 1.5, 40)
 PLACES = np.array([0.3, 0.7000123, 1.2])

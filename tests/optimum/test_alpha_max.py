@@ -3,8 +3,8 @@ import pytest
 
 import erosion
 from erosion.engine.leaves import split
-from erosion.maxima import Search
-from erosion.scan import Cells, Scan, joined
+from erosion.optimum.maxima import Search
+from erosion.optimum.resolve import Cells, Scan, joined
 from tests.reference import closed_form
 
 P = erosion.TABLE_1

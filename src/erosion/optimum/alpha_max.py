@@ -18,13 +18,13 @@ import numpy as np
 
 from erosion.engine.batch import threads
 from erosion.engine.impact import impact, lanes_of, pair_derivatives
-from erosion.maxima import ASIDE as ASIDE
-from erosion.maxima import SHALLOWEST as SHALLOWEST
-from erosion.maxima import STEEPEST, TIGHT, Maxima, Search
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
-from erosion.objectives import MEASURES, OBJECTIVES, Objective
+from erosion.optimum.maxima import ASIDE as ASIDE
+from erosion.optimum.maxima import SHALLOWEST as SHALLOWEST
+from erosion.optimum.maxima import STEEPEST, TIGHT, Maxima, Search
+from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
 from erosion.parameters.quantities import result_row
 from erosion.tables import Row, format_number, to_html, to_text
@@ -148,7 +148,7 @@ def alpha_max(
         alpha_range: ends of the range of angles [rad]; all of (0, π/2] without it.
         objective: "volume", "volume per mass", "t_c", "depth" (where the tip first stops
             going deeper), or a function that turns a model into one with another
-            `removal_rate`, as those of `erosion.objectives` do.
+            `removal_rate`, as those of `erosion.optimum.objectives` do.
 
     Returns:
         The certified optimum; see `Optimum`.

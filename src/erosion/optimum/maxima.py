@@ -8,8 +8,8 @@ import numpy as np
 from erosion.engine.batch import Results, integrate
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import names_of
+from erosion.optimum.resolve import Cells, Nodes, Scan, is_jump, joined, polish, scan
 from erosion.parameters.parameters import QUANTITIES
-from erosion.scan import Cells, Nodes, Scan, is_jump, joined, polish, scan
 
 SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0
 STEEPEST = np.pi / 2
