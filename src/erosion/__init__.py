@@ -52,13 +52,13 @@ if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters as Parameters
     from erosion.parameters.parameters import validate as validate
     from erosion.storage.identity import StoreError as StoreError
-    from erosion.stream_result import Stream as Stream
-    from erosion.streams import StreamInterrupted as StreamInterrupted
-    from erosion.streams import stream as stream
-    from erosion.studies import compare as compare
-    from erosion.studies import regimes as regimes
-    from erosion.sweeps import SweepInterrupted as SweepInterrupted
-    from erosion.sweeps import sweep as sweep
+    from erosion.streams.result import Stream as Stream
+    from erosion.streams.stream import StreamInterrupted as StreamInterrupted
+    from erosion.streams.stream import stream as stream
+    from erosion.sweeps.studies import compare as compare
+    from erosion.sweeps.studies import regimes as regimes
+    from erosion.sweeps.sweep import SweepInterrupted as SweepInterrupted
+    from erosion.sweeps.sweep import sweep as sweep
     from erosion.trajectory.simulate import simulate as simulate
     from erosion.trajectory.trajectory import SimulationError as SimulationError
     from erosion.trajectory.trajectory import Trajectory as Trajectory
@@ -89,10 +89,10 @@ _HOMES = {
     "models.own_parameters": ("own_parameter",),
     "parameters.parameters": ("MATERIALS", "TABLE_1", "Parameters", "validate"),
     "storage.identity": ("StoreError",),
-    "stream_result": ("Stream",),
-    "streams": ("StreamInterrupted", "stream"),
-    "studies": ("compare", "regimes"),
-    "sweeps": ("SweepInterrupted", "sweep"),
+    "streams.result": ("Stream",),
+    "streams.stream": ("StreamInterrupted", "stream"),
+    "sweeps.studies": ("compare", "regimes"),
+    "sweeps.sweep": ("SweepInterrupted", "sweep"),
     "trajectory.simulate": ("simulate",),
     "trajectory.trajectory": ("SimulationError", "Trajectory", "TurnWarning"),
     "models.trigonometry": ("sincos",),

@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.cli import _status
 from erosion.files import write_whole
-from erosion.grids import make_grid
 from erosion.plotting.style import save_plot
 from erosion.storage.netcdf import write_netcdf
-from erosion.stores import ZarrStore
+from erosion.sweeps.grid import make_grid
+from erosion.sweeps.stores import ZarrStore
 
 CONTENT = np.random.default_rng(1).random(10_000)
 

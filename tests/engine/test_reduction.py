@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import erosion
-import erosion.parameters
 from erosion.engine.leaves import split
 from erosion.engine.reduction import WholeMotion, reduced
 from erosion.engine.variational import Cut
 from erosion.models.base import CuttingModel, State, Tip
+from erosion.parameters.parameters import QUANTITIES
 
 _P = erosion.TABLE_1.replace(phidot0=2e4)
 
@@ -149,7 +149,7 @@ def test_nothing_left_to_integrate():
 
 @pytest.mark.parametrize("name", ["linearized", "rotating"])
 def test_a_parameter_that_is_not_finite_fails_whether_it_matters_or_not(name):
-    names = list(erosion.parameters.parameters.QUANTITIES)
+    names = list(QUANTITIES)
     for bad in (np.nan, np.inf):
         cases = {q: np.where(np.arange(len(names)) == i, bad, float(getattr(_P, q))) for i, q in enumerate(names)}
         found = erosion.impact(name, _P.replace(**cases))

@@ -65,11 +65,11 @@ def compare(
     start_engine()
     import numpy as np
 
-    from erosion.grids import in_words
     from erosion.parameters.quantities import RESULTS
     from erosion.parameters.units import unit_name
     from erosion.storage.netcdf import write_netcdf
-    from erosion.studies import compare as compare_models
+    from erosion.sweeps.grid import in_words
+    from erosion.sweeps.studies import compare as compare_models
     from erosion.tables import format_number
     from erosion.trajectory.trajectory import SimulationError
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
-    from erosion.stream_result import Stream
+    from erosion.streams.result import Stream
 
 
 def stream(
@@ -64,7 +64,7 @@ def stream(
     said = settings(own, section, f"{options.case}: `set` of [stream]")
     chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), said, p)
     start_engine()
-    from erosion.streams import StreamInterrupted, prepare_stream
+    from erosion.streams.stream import StreamInterrupted, prepare_stream
 
     with user_errors(TypeError):
         job = prepare_stream(

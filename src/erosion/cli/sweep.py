@@ -68,8 +68,8 @@ def sweep(
     given = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     axes |= {name: values for name, values in given.items() if values.ndim}
     start_engine()
-    from erosion.grids import make_grid
-    from erosion.sweeps import prepare_sweep
+    from erosion.sweeps.grid import make_grid
+    from erosion.sweeps.sweep import prepare_sweep
 
     arguments: dict[str, Any] = {
         "paired": tuple(paired.replace(" ", "").split(",")) if paired else section.get("paired", ()),
@@ -151,7 +151,7 @@ def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
     try:
         from distributed import Client
 
-        from erosion.cluster import local_cluster
+        from erosion.sweeps.cluster import local_cluster
     except ImportError as error:
         raise InputError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
     if workers is not None and workers < 1:

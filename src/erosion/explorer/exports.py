@@ -20,7 +20,7 @@ from erosion.plotting.families import BestAngles, plot_best_angles
 from erosion.plotting.motion import plot_end_times, plot_trajectory
 from erosion.plotting.studies import plot_comparison
 from erosion.plotting.style import new_axes, render
-from erosion.studies import compare
+from erosion.sweeps.studies import compare
 from erosion.tables import to_json
 
 

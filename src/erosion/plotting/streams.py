@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from erosion.nozzle import NozzleAngle
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import DIM, INK, PALETTE, house_style, new_figure, readable_scale
-from erosion.stream_result import Stream
+from erosion.streams.nozzle import NozzleAngle
+from erosion.streams.result import Stream
 
 
 @house_style()

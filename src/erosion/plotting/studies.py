@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from erosion.grids import in_words
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System
 from erosion.plotting.curves import Best, broken, describe, mark_best
 from erosion.plotting.style import ENDS, INK, STYLES, house_style, new_axes, new_figure, readable_scale, typeset
+from erosion.sweeps.grid import in_words
 
 
 @house_style()

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.grids import in_words
 from erosion.parameters.parameters import Parameters
 from erosion.plotting.families import BestAngles
-from erosion.studies import regimes
+from erosion.sweeps.grid import in_words
+from erosion.sweeps.studies import regimes
 
 TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both components"}
 """What the models of a body that turns are called, by their names."""

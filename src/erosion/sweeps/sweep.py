@@ -14,11 +14,11 @@ from typing import Any
 import xarray as xr
 
 from erosion.arguments import check_path
-from erosion.grids import Grid, Model, make_grid
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
-from erosion.partition import Region, block_shape
-from erosion.stores import Store, ZarrStore, open_store, write_block
+from erosion.sweeps.chunks import Region, block_shape
+from erosion.sweeps.grid import Grid, Model, make_grid
+from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
 
 _LEAST_BLOCK = 10_000
 _STORED_BLOCK = 2**17  # impacts: a fraction of a second's work, a megabyte a variable
@@ -131,7 +131,7 @@ class SweepJob:
     def _compute(self, todo: list[Region], advance: Callable[[int], None]) -> None:
         # Without the import there is no active cluster.
         if isinstance(self.place, ZarrStore) and "distributed" in sys.modules:
-            from erosion.cluster import active_client, run_blocks
+            from erosion.sweeps.cluster import active_client, run_blocks
 
             client = active_client()
             if client is not None:

@@ -13,7 +13,7 @@ from erosion.cli.options import InputError
 from erosion.cli.settings import in_full, load_set, read_settings, settings
 from erosion.parameters.units import read_quantity
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 P = erosion.TABLE_1
 FILE = """
 import erosion

@@ -10,8 +10,8 @@ import erosion
 from erosion.calibration.forward import Forward
 from erosion.cli import _status
 from erosion.models import Linearized
+from tests.cli.test_settings import FILE
 from tests.models.test_own_parameters import FRICTION, MODEL, P
-from tests.test_settings import FILE
 
 DEGREES = np.arange(8.0, 56.0, 3.0)
 TRUTH = {"psi": 0.035, "friction": 0.35}

@@ -10,14 +10,14 @@ import xarray as xr
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words, quantities
-from erosion.nozzle import NozzleAngle
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS, result_row
-from erosion.particles import Particles
-from erosion.replicates import Estimate
+from erosion.streams.nozzle import NozzleAngle
+from erosion.streams.particles import Particles
+from erosion.streams.replicates import Estimate
+from erosion.streams.tally import Tally
 from erosion.tables import Row, to_html, to_text
-from erosion.tallies import Tally
 from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -12,13 +12,13 @@ import erosion
 from erosion import grids
 from erosion.cli import _status
 from erosion.engine import impact as engine
-from erosion.grids import make_grid
 from erosion.models import Finnie, Linearized
 from erosion.plotting.sweeps import plot_sweep
-from erosion.sweeps import SweepInterrupted, sweep
+from erosion.sweeps.grid import make_grid
+from erosion.sweeps.sweep import SweepInterrupted, sweep
+from tests.cli.test_settings import FILE
 from tests.models.test_own_parameters import FRICTION, MODEL, P
-from tests.test_settings import FILE
-from tests.test_sweeps import assert_same_bits, stop_after
+from tests.sweeps.test_sweep import assert_same_bits, stop_after
 
 ANGLES = np.deg2rad([10.0, 20.0, 30.0])
 # One program for the whole file, that of derivatives along any parameter.

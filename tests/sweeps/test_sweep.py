@@ -11,11 +11,11 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.grids import make_grid
-from erosion.partition import block_shape, regions
 from erosion.storage.identity import StoreError
-from erosion.stores import MemoryStore
-from erosion.sweeps import SweepInterrupted, sweep
+from erosion.sweeps.chunks import block_shape, regions
+from erosion.sweeps.grid import make_grid
+from erosion.sweeps.stores import MemoryStore
+from erosion.sweeps.sweep import SweepInterrupted, sweep
 
 P = erosion.TABLE_1
 # 24 000 impacts: two blocks of the least size.
@@ -121,7 +121,7 @@ def test_an_interrupted_sweep_is_readable_and_goes_on(whole, tmp_path, monkeypat
     path = tmp_path / f"out.{suffix}"
     arguments: dict[str, Any] = {"store": path, **AXES, **({"chunks": CHUNKS} if suffix == "zarr" else {})}
     # In memory too, blocks of half the grid.
-    monkeypatch.setattr("erosion.sweeps._MEMORY_BLOCK", 12_000)
+    monkeypatch.setattr("erosion.sweeps.sweep._MEMORY_BLOCK", 12_000)
     with pytest.raises(SweepInterrupted, match=r"holds 12,000 of 24,000 impacts; the same command goes on"):
         sweep("linearized", P, progress=stop_after(1), **arguments)
     partial = xr.load_dataset(path) if suffix == "nc" else xr.open_zarr(path, consolidated=False)
@@ -179,7 +179,7 @@ def test_another_version_and_foreign_files_are_refused(tmp_path, monkeypatch):
 
 def test_a_plug_in_is_known_by_its_file(tmp_path):
     plug_in = tmp_path / "lip.py"
-    shutil.copy(Path(__file__).parent.parent / "models/saturating_lip.py", plug_in)
+    shutil.copy(Path(__file__).parents[2] / "models/saturating_lip.py", plug_in)
     grid = make_grid(str(plug_in), P, {"alpha": [0.2]})
     before = grid.identity()
     plug_in.write_text(plug_in.read_text() + "\n# changed\n")

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.grids import Model
 from erosion.parameters.parameters import Parameters, require_scalars
-from erosion.sweeps import sweep
+from erosion.sweeps.grid import Model
+from erosion.sweeps.sweep import sweep
 
 _ANGLES = 360  # quarters of a degree
 _SPINS = 91  # s from -0.9 to 0.9

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import erosion
-import erosion.parameters
+from erosion.parameters.parameters import QUANTITIES
 from tests.fine_steps import wrong_ends
 
 COUNT = 100_000
-PLUG_INS = [str(path) for path in sorted((Path(__file__).parent.parent / "models").glob("*.py"))]
+PLUG_INS = [str(path) for path in sorted((Path(__file__).parents[2] / "models").glob("*.py"))]
 
 
 def random_impacts(count: int) -> erosion.Parameters:
@@ -47,7 +47,7 @@ def test_random_impacts_all_end(name):
     if name != "as-printed":  # whose volume is of the centre of mass, which may move back
         assert (found.volume >= 0).all()
     # The same at a thousandth of the tolerance: other steps, the same ends.
-    some = P.replace(**{q: getattr(P, q)[::20] for q in erosion.parameters.parameters.QUANTITIES})
+    some = P.replace(**{q: getattr(P, q)[::20] for q in QUANTITIES})
     tight = erosion.impact(name, some, rtol=1e-12)
     # Rounding may be above that tolerance, as for a tip that grazes the surface with no width.
     met = tight.ended_by != "failed"
@@ -60,7 +60,7 @@ def test_random_impacts_all_end(name):
 
 @pytest.mark.parametrize("name", ["rotating", "rotating-full-torque"])
 def test_random_ends_are_those_of_small_steps(name):
-    few = P.replace(**{q: getattr(P, q)[::200] for q in erosion.parameters.parameters.QUANTITIES})
+    few = P.replace(**{q: getattr(P, q)[::200] for q in QUANTITIES})
     wrong, near = wrong_ends(erosion.load_model(name), few, erosion.impact(name, few).ended_by)
     assert wrong == 0
     assert near <= 2

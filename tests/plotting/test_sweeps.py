@@ -9,13 +9,13 @@ from matplotlib.collections import QuadMesh
 
 import erosion
 from erosion.distributions import LogNormal
-from erosion.nozzle import NozzleAngle
 from erosion.plotting.streams import plot_nozzle_angle, plot_stream
 from erosion.plotting.style import new_axes
 from erosion.plotting.sweeps import plot_sweep
-from erosion.replicates import Estimate
-from erosion.streams import stream
-from erosion.sweeps import sweep
+from erosion.streams.nozzle import NozzleAngle
+from erosion.streams.replicates import Estimate
+from erosion.streams.stream import stream
+from erosion.sweeps.sweep import sweep
 
 P = erosion.TABLE_1
 

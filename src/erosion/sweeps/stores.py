@@ -15,10 +15,10 @@ import numpy as np
 import xarray as xr
 
 from erosion.files import require_writable, written_whole
-from erosion.grids import Grid
-from erosion.partition import Region, regions
 from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
+from erosion.sweeps.chunks import Region, regions
+from erosion.sweeps.grid import Grid
 
 
 class Store(ABC):

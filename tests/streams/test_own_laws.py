@@ -14,13 +14,13 @@ import erosion
 from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.models import ForceLaw, Linearized
-from erosion.particles import Particles
-from erosion.replicates import Points
 from erosion.storage.identity import StoreError
-from erosion.streams import REPLICATES, stream
+from erosion.streams.particles import Particles
+from erosion.streams.replicates import Points
+from erosion.streams.stream import REPLICATES, stream
+from tests.cli.test_settings import FILE
 from tests.models.test_own_parameters import MODEL, P, with_friction
 from tests.reference import AT_20_DEGREES, closed_form
-from tests.test_settings import FILE
 
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
 LAWS: dict[str, Any] = {"friction": Uniform(0.1, 0.3), "v0": LogNormal(4400.0, 0.1)}

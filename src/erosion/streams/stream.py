@@ -20,15 +20,15 @@ from erosion.files import require_writable
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
-from erosion.nozzle import best_nozzle_angle
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.precision import require_float64
-from erosion.particles import Particles
-from erosion.replicates import Estimate, Points
 from erosion.storage.identity import identity
 from erosion.storage.netcdf import read_netcdf, write_netcdf
-from erosion.stream_result import Stream
-from erosion.tallies import Tally
+from erosion.streams.nozzle import best_nozzle_angle
+from erosion.streams.particles import Particles
+from erosion.streams.replicates import Estimate, Points
+from erosion.streams.result import Stream
+from erosion.streams.tally import Tally
 from erosion.trajectory.trajectory import SimulationError
 
 MISS = "miss"

@@ -12,8 +12,8 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.sweeps import sweep
-from tests.test_sweeps import assert_same_bits
+from erosion.sweeps.sweep import sweep
+from tests.sweeps.test_sweep import assert_same_bits
 
 distributed = pytest.importorskip("distributed")
 
@@ -29,7 +29,7 @@ def whole() -> xr.Dataset:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator:
-    from erosion.cluster import local_cluster
+    from erosion.sweeps.cluster import local_cluster
 
     with local_cluster(2) as cluster, distributed.Client(cluster) as client:
         yield client
@@ -70,7 +70,7 @@ def test_the_death_of_a_worker_is_no_matter(client, whole, tmp_path):
 def test_workers_of_several_threads_are_refused(tmp_path):
     from distributed import Client, LocalCluster
 
-    from erosion.cluster import active_client
+    from erosion.sweeps.cluster import active_client
 
     with (
         LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address="localhost:0") as cluster,
@@ -104,5 +104,5 @@ erosion.sweep("linearized", erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS
 
 
 def test_importing_the_cluster_leaves_jax_alone():
-    code = "import sys, erosion.cluster; sys.exit('jax' in sys.modules)"
+    code = "import sys, erosion.sweeps.cluster; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0

@@ -10,11 +10,11 @@ import erosion
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
 from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
-from erosion.particles import Particles
-from erosion.replicates import Estimate, Points
 from erosion.storage.identity import StoreError
-from erosion.streams import StreamInterrupted, stream
-from erosion.tallies import BIN_RATIO, Tally
+from erosion.streams.particles import Particles
+from erosion.streams.replicates import Estimate, Points
+from erosion.streams.stream import StreamInterrupted, stream
+from erosion.streams.tally import BIN_RATIO, Tally
 
 P = erosion.TABLE_1
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
@@ -134,7 +134,7 @@ def test_spread_of_the_angle_moves_the_best_angle():
 
 
 def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("erosion.streams._BLOCK", 2**8)
+    monkeypatch.setattr("erosion.streams.stream._BLOCK", 2**8)
     whole = stream("linearized", P, n=3 * 2**12, **FEW, **LAWS)
     path = tmp_path / "jet.nc"
 

@@ -24,8 +24,8 @@ from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import System, ascii_unit, derivative_unit
-from erosion.partition import Region
 from erosion.storage.identity import digest, identity
+from erosion.sweeps.chunks import Region
 from erosion.version import __version__
 
 Model = CuttingModel | str | Path

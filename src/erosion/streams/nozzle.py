@@ -14,8 +14,8 @@ from scipy.optimize import minimize_scalar
 
 from erosion.engine.impact import impact
 from erosion.optimum.alpha_max import alpha_max
-from erosion.particles import Particles
-from erosion.replicates import Estimate, Points
+from erosion.streams.particles import Particles
+from erosion.streams.replicates import Estimate, Points
 
 _ANGLES = np.deg2rad(np.linspace(2.0, 90.0, 45))
 _DRAWN = 2**11  # particles of a replicate

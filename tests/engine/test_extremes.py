@@ -5,7 +5,7 @@ import pytest
 
 import erosion
 from erosion.models.closed_forms import LinearizedCut
-from tests.test_random_impacts import random_impacts
+from tests.engine.test_random_impacts import random_impacts
 
 BASE = erosion.TABLE_1.to("si")
 LENGTHS = np.array([1e-6, 1e-3, 1.0])[:, None, None]  # of r [m]

@@ -12,7 +12,7 @@ import xarray as xr
 import erosion
 from erosion.cli import _status
 
-CASE = (Path(__file__).parent.parent / "cases/table-1.toml").read_text()
+CASE = (Path(__file__).parents[2] / "cases/table-1.toml").read_text()
 
 
 @pytest.fixture
@@ -142,9 +142,9 @@ def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, capsys, 
 
 
 def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monkeypatch):
-    from erosion import sweeps
+    from erosion.sweeps import sweep
 
-    solve = sweeps.Grid.solve
+    solve = sweep.Grid.solve
     calls: list[Any] = []
 
     def interrupted(grid: Any) -> Any:
@@ -153,8 +153,8 @@ def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monke
             raise KeyboardInterrupt
         return solve(grid)
 
-    monkeypatch.setattr(sweeps.Grid, "solve", interrupted)
-    monkeypatch.setattr(sweeps, "_MEMORY_BLOCK", 4)
+    monkeypatch.setattr(sweep.Grid, "solve", interrupted)
+    monkeypatch.setattr(sweep, "_MEMORY_BLOCK", 4)
     out = tmp_path / "out.nc"
     assert _status(["sweep", case, "-o", str(out)]) == 130
     said = capsys.readouterr().err
@@ -164,7 +164,7 @@ def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monke
     assert json.loads(capsys.readouterr().out)["ended_by"] == {"rebound": 8}
 
 
-@pytest.mark.parametrize(("verb", "part"), [("sweep", "sweeps.Grid.solve"), ("stream", "streams._tally")])
+@pytest.mark.parametrize(("verb", "part"), [("sweep", "sweeps.sweep.Grid.solve"), ("stream", "streams.stream._tally")])
 def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, capsys, monkeypatch, verb, part):
     def broken(*arguments: Any) -> Any:
         raise ValueError("all the king's horses")
@@ -177,9 +177,9 @@ def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, capsys, mon
 
 @pytest.mark.parametrize("drawn", [0, 1])
 def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatch, drawn):
-    from erosion import streams
+    from erosion.streams import stream
 
-    tally, left = streams._tally, drawn
+    tally, left = stream._tally, drawn
 
     def interrupted(*arguments: Any) -> Any:
         nonlocal left
@@ -188,8 +188,8 @@ def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatc
         left -= 1
         return tally(*arguments)
 
-    monkeypatch.setattr(streams, "_tally", interrupted)
-    monkeypatch.setattr(streams, "_BLOCK", 16)
+    monkeypatch.setattr(stream, "_tally", interrupted)
+    monkeypatch.setattr(stream, "_BLOCK", 16)
     out = tmp_path / "jet.nc"
     assert _status(["stream", case, "-o", str(out), "--json"]) == 130
     said = capsys.readouterr()

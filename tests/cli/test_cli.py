@@ -9,7 +9,7 @@ import pytest
 from erosion.cli import _status
 from erosion.cli.options import print_table
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def erosion(*arguments, **options):

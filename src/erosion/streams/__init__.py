@@ -1,0 +1,1 @@
+"""Many particles whose parameters follow laws of probability: means, and their sampling errors."""

@@ -1,0 +1,1 @@
+"""Impacts on a grid of parameters, kept in chunks, by several processes or machines."""
