@@ -1,6 +1,7 @@
 """The report: right numbers for any case, one whole page that needs nothing else, safe files."""
 
 import csv
+import dataclasses
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -11,13 +12,12 @@ import numpy as np
 import pytest
 
 from erosion.models.closed_forms import LinearizedCut
-from erosion.parameters.parameters import TABLE_1, Parameters
+from erosion.parameters.parameters import TABLE_1
 from erosion.report import write_report
-from erosion.report.case import Case, question
-from erosion.report.newton import Jet, greatest
-from erosion.report.questions import QUESTIONS, a1
-from erosion.report.text import degrees, formula, math, number, number_tex, quantity, quantity_tex
-from erosion.trajectory.trajectory import SimulationError
+from erosion.report.case import Answer, Case, question
+from erosion.report.questions import QUESTIONS, a1, text_file
+from erosion.report.template import write_text
+from erosion.report.text import degrees
 
 CLOSED = LinearizedCut()
 CASES = {
@@ -307,23 +307,36 @@ def test_a_normal_impact_cuts_nothing_and_says_so(tmp_path: Path) -> None:
     assert answers["q4"]["alpha_max"] == pytest.approx(np.arctan(2.0) / 2, abs=1e-10)
 
 
+BACKWARD = TABLE_1.replace(phidot0=-1.2 * TABLE_1.v0 / TABLE_1.r)
+
+
 def test_where_the_tip_moves_backward_nothing_is_cut_and_that_is_said(tmp_path: Path) -> None:
-    p = TABLE_1.replace(phidot0=-1.2 * TABLE_1.v0 / TABLE_1.r)
-    text = write_report(p, tmp_path, only=["a2"]).read_text(encoding="utf-8")
+    text = write_report(BACKWARD, tmp_path, only=["a2"]).read_text(encoding="utf-8")
     assert "nothing is cut at all with this spin" in text
     assert numbers(tmp_path)["answers"]["a2"]["rotating"]["kind"] == "none"
-    # Without the maps over all spins, which take long.
-    case = Case(p, "backward")
-    found = {model: {"volume_max": float(case.optimum(model).volume)} for model in a1.TORQUES}
-    assert "nothing is cut" in a1._sentence(case, found)
-    assert "has no jump" in a1._jumps(case, found)
 
 
-def test_a_body_that_hardly_turns_is_told_as_one() -> None:
-    case = Case(TABLE_1.replace(inertia=50.0), "heavy")
-    turn, best = a1._turns(case), float(case.optimum("rotating").alpha)
-    assert abs(turn["at_best"]) < np.deg2rad(5)
-    assert "the linearization is fair" in a1._turn_text(case, {"turn": turn, "rotating": {"alpha_max": best}})
+@pytest.fixture(scope="module")
+def backward() -> tuple[Case, Answer]:
+    case = Case(BACKWARD, "backward")
+    return case, a1.answer(case)
+
+
+def test_rotation_that_cuts_nothing_has_no_best_angle_and_no_jump(backward: tuple[Case, Answer]) -> None:
+    text = write_text(text_file("a1"), *backward)
+    assert "<strong>nothing is cut</strong>" in text.sentence
+    assert "has no jump" in text.derivation
+    assert "The body turns by" not in text.derivation
+
+
+def test_a_body_that_hardly_turns_is_told_as_one(backward: tuple[Case, Answer]) -> None:
+    heavy = Case(TABLE_1.replace(inertia=50.0), "heavy")
+    turn, alpha = a1.turns(heavy)["at_best"], float(heavy.optimum("rotating").alpha)
+    assert abs(turn) < np.deg2rad(5)
+    case, answer = backward
+    turned = {**answer.fields, "turned": [(turn, alpha)], "farthest": abs(turn), "greatest_volume": 1.0}
+    text = write_text(text_file("a1"), case, dataclasses.replace(answer, fields=turned))
+    assert f"The body turns by {degrees(abs(turn), 4)} at {degrees(alpha)}: so little" in text.derivation
 
 
 def test_headings_are_the_scenarios() -> None:
@@ -336,62 +349,5 @@ def test_a_case_name_is_text_not_html(tmp_path: Path) -> None:
     assert "<b>a" not in page
 
 
-def test_every_question_answers_under_its_own_key() -> None:
-    for key in ("q2", "q3"):
-        assert QUESTIONS[key].answer(Case(TABLE_1, "Table 1")).key == key
-
-
-def closed_jet(p: Parameters) -> Jet:
-    def jet(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        q = p.replace(alpha=angles)
-        return np.asarray(CLOSED.volume(q)), np.asarray(CLOSED.dvolume(q)), np.asarray(CLOSED.d2volume(q))
-
-    return jet
-
-
-@pytest.mark.parametrize("k", [1e-4, 0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 1e3, 1e6])
-def test_newton_finds_the_greatest_volume_for_any_k(k: float) -> None:
-    steps = greatest(closed_jet(TABLE_1.replace(k=k)))
-    assert steps[-1].alpha == pytest.approx(np.arctan(k) / 2, abs=1e-11)
-    assert len(steps) < 30
-    assert steps[-1].kind == "Newton"
-
-
-def test_newton_refuses_what_it_cannot_answer() -> None:
-    def falling(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return np.cos(angles), -np.sin(angles) - 0.1, -np.cos(angles)
-
-    def failing(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return np.where(angles > 0.7, np.nan, angles), angles, angles
-
-    with pytest.raises(SimulationError, match="vanishes"):
-        greatest(falling)
-    with pytest.raises(SimulationError, match=r"α = 45°|could not be computed"):
-        greatest(failing)
-
-
-def test_numbers_read_well() -> None:
-    plain = str.maketrans("\N{NO-BREAK SPACE}", " ")
-    assert number(1.81643635e-4).translate(plain) == "1.8164 × 10⁻⁴"
-    assert number(-752.4442) == "−752.44"
-    assert number(99999.96, 5).translate(plain) == "100000"
-    assert number(0.0) == number(-0.0) == "0"
-    assert number(200e3, 7, strip=True) == "200000"
-    assert number(200e3, 6, strip=True) == "200000"
-    assert number(2.855e-7, 7, strip=True).translate(plain) == "2.855 × 10⁻⁷"
-    assert number_tex(-1.5e9) == r"-1.5000\times 10^{9}"
-    assert quantity(6.635e-5, "time", "si", like=6.6e-5).translate(plain) == "66.350 µs"
-    assert quantity(6.635e-5, "time", "si").translate(plain) == "6.6350 × 10⁻⁵ s"
-    assert quantity_tex(2e-4, "volume", "inch-pound", 2) == r"2.0\times 10^{-4}\,\text{in}^{3}"
-    assert degrees(np.deg2rad(20)) == "20°"
-    assert degrees(np.arctan(2) / 2) == "31.717°"
-
-
-def test_formulas_are_sound_mathml() -> None:
-    for tex in (r"k\cot\alpha=\pm\dot{x}/2", r"\begin{align*} a&=b\\c&=d\end{align*}", r"\sin^2\alpha\left(1\right)"):
-        root = ET.fromstring(math(tex))
-        assert root.tag.endswith("math")
-    assert "<mo>&#x000B1;</mo>" in math(r"\pm")
-    assert math(r"k\sin x").count("<mspace") == 2
-    assert math(r"\cdot\sin(x)").count("<mspace") == 0
-    assert formula("x").startswith('<div class="math"')
+def test_every_question_has_its_text_and_every_text_its_question() -> None:
+    assert {path.stem for path in text_file("q1").parent.glob("*.md")} == set(QUESTIONS)

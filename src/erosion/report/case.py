@@ -4,10 +4,9 @@ import functools
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from erosion.engine.impact import Impact, impact
@@ -30,41 +29,19 @@ Need = tuple[str, str]
 _ASIDE = {"slips": "On the source", "models": "In closing"}
 
 
-class Illustration(NamedTuple):
-    """A figure of the report.
-
-    Args:
-        name: of its files, without suffix.
-        figure: what to draw.
-        caption: HTML below it.
-        description: plain text for those who cannot see it.
-    """
-
-    name: str
-    figure: Figure
-    caption: Markup
-    description: str
-
-
 @dataclass(frozen=True)
 class Answer:
-    """The answer to one question.
+    """What is computed for one question; its text, a Markdown file beside the question's module, shows it.
 
     Args:
-        key: "q1", as in `only` and in numbers.json.
-        title: the question in a few words.
-        sentence: the answer in one sentence (HTML).
-        figures: what shows it.
-        derivation: why it is so (HTML).
-        numbers: everything computed, by name, for numbers.json.
+        numbers: by name, for numbers.json and as fields of the text.
+        figures: by the names of their files, without suffix.
+        fields: what else the text uses, by name.
     """
 
-    key: str
-    title: str
-    sentence: Markup
-    figures: tuple[Illustration, ...]
-    derivation: Markup
-    numbers: dict[str, Any] = field(default_factory=dict)
+    numbers: dict[str, Any]
+    figures: Mapping[str, Figure]
+    fields: Mapping[str, Any] = field(default_factory=dict)
 
 
 def question(key: str) -> str:

@@ -3,6 +3,7 @@
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ _SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(
 )
 _FACTORS = {0.25: "¼ ", 0.5: "½ ", 1.0: "", 2.0: "2 ", 4.0: "4 "}
 _CONTACTS = (0.01, 0.1, 0.5, 2.0, 4.9)  # of (0, 5), as the source recommends
-_RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # likewise (0.1, 10)
+_RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # of (0.1, 10), as it recommends too
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,28 @@ class Family:
     ended_by: np.ndarray
     jumps: tuple[tuple[Jump, ...], ...]
     reach: np.ndarray
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The answer for each value, as a table has it."""
+        columns = ("label", "value", "alpha", "volume", "kind", "ended_by")
+        answers = zip(self.labels, self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)
+        return [dict(zip(columns, row, strict=True)) for row in answers]
+
+    @property
+    def named(self) -> bool:
+        """Whether the labels say more than the values."""
+        return any("=" not in label for label in self.labels)
+
+    @property
+    def least(self) -> float:
+        """The least V_max."""
+        return float(self.volume.min())
+
+    @property
+    def greatest(self) -> float:
+        """The greatest V_max."""
+        return float(self.volume.max())
 
     @property
     def spread(self) -> float:

@@ -18,9 +18,10 @@ from erosion.files import write_whole
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import save_figure
-from erosion.report.case import Answer, Case, question
+from erosion.report.case import Case, question
 from erosion.report.inline import THEMES, inline_svg
-from erosion.report.questions import QUESTIONS
+from erosion.report.questions import QUESTIONS, text_file
+from erosion.report.template import Text, write_text
 from erosion.report.text import number
 from erosion.tables import to_json
 from erosion.trajectory.trajectory import TurnWarning
@@ -97,7 +98,8 @@ def _pool() -> Iterator[ThreadPoolExecutor]:
 
 
 def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, int, int], None]) -> Path:
-    answers = []
+    numbers: dict[str, Any] = {}
+    texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
     # Filters are the process's, not the thread's: set once, around all threads.
     with warnings.catch_warnings(), _pool() as pool:
@@ -105,16 +107,18 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, 
         case.prepare(pool, (need for key in keys for need in QUESTIONS[key].needs))
         for done, key in enumerate(keys):
             progress(question(key), done, len(keys))
-            answers.append(QUESTIONS[key].answer(case))
-            for illustration in answers[-1].figures:
-                svg, _ = save_figure(illustration.figure, out / "figures" / illustration.name)
-                drawings[illustration.name] = inline_svg(svg, illustration.description)
+            answer = QUESTIONS[key].answer(case)
+            numbers[key] = answer.numbers
+            texts[key] = write_text(text_file(key), case, answer)
+            for name, _, description in texts[key].illustrations:
+                svg, _ = save_figure(answer.figures[name], out / "figures" / name)
+                drawings[name] = inline_svg(svg, description)
     progress("The page", len(keys), len(keys))
-    record = _record(case, answers)
+    record = _record(case, numbers)
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
     write_whole(out / "numbers.csv", _csv(record).encode())
     page = out / "index.html"
-    write_whole(page, _page(case, answers, drawings).encode())
+    write_whole(page, _page(case, texts, drawings).encode())
     return page
 
 
@@ -129,7 +133,7 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
     return [key for key in QUESTIONS if key in only]
 
 
-def _page(case: Case, answers: Sequence[Answer], drawings: Mapping[str, Markup]) -> str:
+def _page(case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup]) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("erosion.report", "."),
         autoescape=True,
@@ -142,7 +146,7 @@ def _page(case: Case, answers: Sequence[Answer], drawings: Mapping[str, Markup])
         case_name=case.name,
         system=_SYSTEMS[case.units],
         parameters=_parameter_rows(case.p),
-        answers=answers,
+        texts=texts,
         question=question,
         themes=THEMES,
         drawings=drawings,
@@ -161,13 +165,13 @@ def _parameter_rows(p: Parameters) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def _record(case: Case, answers: Sequence[Answer]) -> dict[str, Any]:
+def _record(case: Case, numbers: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "erosion": __version__,
         "case": case.name,
         "units": case.units,
         "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
-        "answers": {answer.key: answer.numbers for answer in answers},
+        "answers": numbers,
     }
 
 

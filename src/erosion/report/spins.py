@@ -23,7 +23,7 @@ class Spins:
     """A model over angle and spin; arrays have shape (spins,).
 
     Args:
-        map: what `regimes` found.
+        map: the dataset of `regimes`.
         s: r φ̇₀/v₀.
         alpha: of the greatest removal [rad], NaN where nothing is cut.
         volume: there.
@@ -38,9 +38,11 @@ class Spins:
     ended_by: np.ndarray
 
     @property
-    def told(self) -> np.ndarray:
-        """Which of them the page tells in a table."""
-        return np.flatnonzero(np.isin(self.s, _TOLD))
+    def rows(self) -> list[dict[str, Any]]:
+        """The maxima at the spins that the page tells in a table."""
+        columns = ("s", "alpha", "kind", "ended_by")
+        maxima = zip(self.s, self.alpha, self.kind, self.ended_by, strict=True)
+        return [dict(zip(columns, maximum, strict=True)) for maximum in maxima if maximum[0] in _TOLD]
 
     @property
     def jumps(self) -> int:
@@ -64,12 +66,12 @@ class Spins:
 
 def over_spins(model: str, p: Parameters) -> Spins:
     """The case with every spin of the sweep instead of its own."""
-    found = regimes(model, p, phidot0=_SPINS * float(p.v0 / p.r))
+    dataset = regimes(model, p, phidot0=_SPINS * float(p.v0 / p.r))
     return Spins(
-        map=found,
+        map=dataset,
         s=_SPINS,
-        alpha=found.alpha_max.values,
-        volume=found.volume_max.values,
-        kind=in_words(found.alpha_max_kind),
-        ended_by=in_words(found.alpha_max_ended_by),
+        alpha=dataset.alpha_max.values,
+        volume=dataset.volume_max.values,
+        kind=in_words(dataset.alpha_max_kind),
+        ended_by=in_words(dataset.alpha_max_ended_by),
     )

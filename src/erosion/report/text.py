@@ -1,11 +1,10 @@
-"""Numbers, units, formulas and tables as a reader sees them."""
+"""Numbers, units and formulas as a reader sees them."""
 
 import math as maths
 import re
-from collections.abc import Sequence
 
 from latex2mathml.converter import convert
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.style import readable_scale, superscript
@@ -15,7 +14,6 @@ _MINUS = "\N{MINUS SIGN}"
 _FUNCTION = r"(?:\\(?:sin|cos|tan|cot|arcsin|arccos|arctan)(?![a-zA-Z])(?:\^(?:\{[^{}]*\}|\w))?|\\mathrm\{arcosh\})"
 _BEFORE_FUNCTION = re.compile(rf"(?<!\\cdot)(?<!\\propto)(?<=[\w}})])\s*(?={_FUNCTION})")
 _AFTER_FUNCTION = re.compile(rf"({_FUNCTION})\s*(?!\s*(?:\(|\\left|\^))")
-_UNIT = re.compile(r"\[.*?\]")
 
 
 def _parts(value: float, digits: int, strip: bool) -> tuple[str, int | None]:
@@ -107,7 +105,10 @@ def math(tex: str, *, display: bool = False) -> Markup:
     """LaTeX as MathML, within a line of text or displayed."""
     # MathML sets "A sin x" without gaps, for the converter does not mark functions as operators.
     tex = _AFTER_FUNCTION.sub(r"\1\\,", _BEFORE_FUNCTION.sub(r"\\,", tex))
-    mathml = convert(tex, display="block" if display else "inline")
+    try:
+        mathml = convert(tex, display="block" if display else "inline")
+    except Exception as error:  # latex2mathml's errors have no base class and mostly no text
+        raise ValueError(f"The formula {tex!r} cannot be read ({type(error).__name__}).") from error
     for written, meant in _CORRECTIONS:
         mathml = mathml.replace(written, meant)
     return Markup(mathml)
@@ -119,42 +120,3 @@ def formula(tex: str) -> Markup:
     return Markup('<div class="math" tabindex="0">{}</div>').format(
         Markup("").join(math(piece, display=True) for piece in pieces)
     )
-
-
-def paragraph(*parts: str) -> Markup:
-    """A paragraph of text and inline formulas; plain strings are escaped."""
-    return Markup("<p>{}</p>").format(Markup("").join(parts))
-
-
-def note(*parts: str) -> Markup:
-    """A paragraph set apart, on where the source and this page differ."""
-    return Markup('<p class="note">{}</p>').format(Markup("").join(parts))
-
-
-def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
-    """A table with numbers aligned to the right; the first column names the row."""
-    top = Markup("").join(Markup("<th scope='col'>{}</th>").format(_UNIT.sub(_unbroken, cell)) for cell in head)
-    body = Markup("").join(
-        Markup("<tr><th scope='row'>{}</th>{}</tr>").format(
-            row[0], Markup("").join(Markup("<td>{}</td>").format(cell) for cell in row[1:])
-        )
-        for row in rows
-    )
-    return Markup(
-        '<div class="table" tabindex="0"><table><caption>{}</caption><thead><tr>{}</tr></thead>'
-        "<tbody>{}</tbody></table></div>"
-    ).format(caption, top, body)
-
-
-def _unbroken(match: re.Match[str]) -> str:
-    return match[0].replace(" ", _NO_BREAK)
-
-
-def wordy_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
-    """A table of words: they break into lines and are aligned to the left."""
-    return Markup('<div class="wordy">{}</div>').format(table(caption, head, rows))
-
-
-def join(*parts: str) -> Markup:
-    """Blocks of HTML, one after another."""
-    return Markup("\n").join(escape(part) for part in parts)

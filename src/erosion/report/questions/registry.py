@@ -1,7 +1,8 @@
-"""The questions by key, in the order of the page: a new one is a module and a line here."""
+"""The questions by key, in the order of the page: a new one is a module, a text beside it and a line here."""
 
 import types
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 from erosion.report.case import Answer, Case, Need
@@ -32,3 +33,8 @@ QUESTIONS: Mapping[str, Question] = types.MappingProxyType(
         "models": Question(models.answer, models.NEEDS),
     }
 )
+
+
+def text_file(key: str) -> Path:
+    """The Markdown file with a question's text."""
+    return Path(__file__).with_name(f"{key}.md")

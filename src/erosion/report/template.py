@@ -1,0 +1,149 @@
+"""The text of a question: a Markdown file with fields, filled in with what was computed."""
+
+import functools
+import math
+import re
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jinja2
+import jinja2.ext
+from markupsafe import Markup
+
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.units import Dimension, System, unit_name
+from erosion.plotting.style import Scale, readable_scale
+from erosion.report.case import Answer, Case
+from erosion.report.markdown import blocks, inline, to_html
+from erosion.report.text import degrees, degrees_tex, number, number_tex, quantity, quantity_tex
+
+_FOLDER = Path(__file__).parent
+_IMAGE = re.compile(r"!\[(?P<description>.*?)\]\((?P<name>[^)]*)\)\s*(?P<caption>.*)", re.DOTALL)
+_DERIVATION = re.compile(r"^## .*$", re.MULTILINE)
+_TAG_AFTER_TEXT = re.compile(r"(?m)^(?!\s*\{%(?:(?!%\}).)*%\}$)(.*)%\}$")
+
+
+class TextError(RuntimeError):
+    """A question's text cannot be used as it is written."""
+
+
+class Illustration(NamedTuple):
+    """A figure as the page shows it.
+
+    Args:
+        name: of its files, without suffix.
+        caption: HTML below it.
+        description: plain text for those who cannot see it.
+    """
+
+    name: str
+    caption: Markup
+    description: str
+
+
+class Text(NamedTuple):
+    """The text of one question.
+
+    Args:
+        title: the question in a few words.
+        sentence: the answer in one sentence (HTML).
+        illustrations: what shows it.
+        derivation: why it is so (HTML).
+    """
+
+    title: str
+    sentence: Markup
+    illustrations: tuple[Illustration, ...]
+    derivation: Markup
+
+
+def write_text(path: Path, case: Case, answer: Answer) -> Text:
+    """Fill in a question's text and divide it into its parts.
+
+    Args:
+        path: of the Markdown file.
+        case: a field of the text, `case`.
+        answer: its numbers and fields are fields of the text by their own names, the numbers also as `numbers`.
+
+    Raises:
+        TextError: for a field that does not exist, or a wrong form; it names the file, the line and the reason.
+    """
+    fields = {"case": case, "numbers": answer.numbers, **answer.numbers, **answer.fields}
+    try:
+        return _parts(_fill(path, fields, case.units), answer.figures)
+    except Exception as error:  # a field may call any function
+        raise TextError(f"{_place(path, error)}: {str(error).rstrip('.')}.") from error
+
+
+def _place(path: Path, error: Exception) -> str:
+    """The text's file and, where the error has one, its line."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.endswith(".md")]
+    return f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else str(path)
+
+
+def _fill(path: Path, fields: Mapping[str, Any], units: System) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader([path.parent, _FOLDER]),
+        extensions=[_KeepNewlines],
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= _filters(units)
+    environment.globals["parameters"] = QUANTITIES
+    return environment.get_template(path.name).render(fields)
+
+
+class _KeepNewlines(jinja2.ext.Extension):
+    """Lines of tags alone leave no empty line; a tag at the end of a line of text does not join it to the next."""
+
+    def preprocess(self, source: str, name: str | None, filename: str | None = None) -> str:
+        return _TAG_AFTER_TEXT.sub(r"\1+%}", source)
+
+
+def _filters(units: System) -> dict[str, Callable[..., Any]]:
+    def scale(largest: float, dimension: Dimension) -> Scale:
+        return readable_scale(dimension, units, largest)
+
+    def fixed(value: float, places: int) -> str:
+        return f"{value:.{places}f}"
+
+    of_number: dict[str, Callable[..., Any]] = {
+        "number": number,
+        "number_tex": number_tex,
+        "degrees": degrees,
+        "degrees_tex": degrees_tex,
+        "to_degrees": math.degrees,
+        "fixed": fixed,
+        "quantity": functools.partial(quantity, units=units),
+        "quantity_tex": functools.partial(quantity_tex, units=units),
+        "scale": scale,
+    }
+    filters = {name: _from_float(function) for name, function in of_number.items()}
+    return {**filters, "unit": lambda dimension: unit_name(dimension, units)}
+
+
+def _from_float(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Take any number first; `float` refuses a field that does not exist."""
+    return lambda value, *args, **options: function(float(value), *args, **options)
+
+
+def _parts(text: str, figures: Mapping[str, Any]) -> Text:
+    answer, *derivation = _DERIVATION.split(text)
+    title, *paragraphs = blocks(answer)
+    images = [_IMAGE.fullmatch(block) for block in paragraphs]
+    sentences = [block for block, image in zip(paragraphs, images, strict=True) if image is None]
+    if not title.startswith("# ") or len(sentences) != 1 or len(derivation) != 1:
+        raise ValueError('A text must be "# title", one paragraph, the figures, "## Derivation" and the derivation.')
+    illustrations = [
+        Illustration(image["name"], inline(image["caption"]), " ".join(image["description"].split()))
+        for image in images
+        if image is not None
+    ]
+    for illustration in illustrations:
+        if illustration.name not in figures:
+            raise ValueError(f"The figure {illustration.name!r} is unknown; there are {', '.join(figures) or 'none'}.")
+    return Text(title.removeprefix("# "), inline(sentences[0]), tuple(illustrations), to_html(derivation[0]))
