@@ -260,37 +260,3 @@ def test_one_program_serves_whatever_the_impacts_share(monkeypatch):
     for changed in ({"k": angles}, {"alpha": angles, "m": angles * 1e-4}, {}):
         erosion.impact("rotating", P.replace(**changed), derivatives=1)
         erosion.impact("rotating", P.replace(**changed), derivatives=1, rtol=1e-8)
-
-
-def test_a_volume_that_was_asked_for_compiles_nothing_more():
-    def slope(alpha):
-        return jax.grad(lambda a: erosion.volume("rotating", P.replace(alpha=a)))(alpha)
-
-    compiled = []
-
-    def listen(event, *_, **__):
-        if "backend_compile" in event:
-            compiled.append(event)
-
-    first = erosion.volume("rotating", P), slope(0.3)
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    later = erosion.volume("rotating", P.replace(k=1.5)), slope(0.4)
-    assert not compiled
-    assert first != later
-    jax.jit(lambda x: x + 1.25)(1.0)
-    assert compiled
-
-
-def test_volumes_of_many_angles_are_the_impacts():
-    angles = np.linspace(0.05, 1.5, 300)
-    hits = erosion.impact("rotating", P.replace(alpha=angles), derivatives=2, rtol=1e-11)
-
-    def one(alpha):
-        return erosion.volume("rotating", P.replace(alpha=alpha))
-
-    assert np.array_equal(
-        jax.jit(jax.vmap(one))(angles), erosion.impact("rotating", P.replace(alpha=angles), rtol=1e-11).volume
-    )
-    assert np.asarray(jax.vmap(jax.grad(one))(angles)) == pytest.approx(hits.dvolume, rel=1e-9, abs=1e-13)
-    nested = jax.vmap(jax.vmap(one))(angles.reshape(3, 100))
-    assert np.asarray(nested).ravel() == pytest.approx(hits.volume, rel=1e-9)
