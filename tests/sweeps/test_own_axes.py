@@ -9,11 +9,11 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion import grids
 from erosion.cli import _status
 from erosion.engine import impact as engine
 from erosion.models import Finnie, Linearized
 from erosion.plotting.sweeps import plot_sweep
+from erosion.sweeps import grid
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import SweepInterrupted, sweep
 from tests.cli.test_settings import FILE
@@ -58,7 +58,7 @@ def test_all_values_are_one_call_of_each_verb(monkeypatch):
     assert calls == ["integrate"]
     last = erosion.impact(MODEL.replace(friction=0.5), P.replace(alpha=ANGLES))
     np.testing.assert_array_equal(found.volume[-1], last.volume)
-    monkeypatch.setattr(grids, "alpha_max", counted("alpha_max", grids.alpha_max))
+    monkeypatch.setattr(grid, "alpha_max", counted("alpha_max", grid.alpha_max))
     calls.clear()
     sweep(MODEL, P, friction=frictions[::50], optimum=True)
     assert calls.count("alpha_max") == 1

@@ -2,7 +2,10 @@
 
 import asyncio
 import atexit
+import contextlib
+import logging
 import os
+import signal
 import socket
 import sys
 import warnings
@@ -64,12 +67,15 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         all_ready(service.answers, service.start, service.preparation)
 
     app.on_startup(lambda: background_tasks.create(announce()))
-    try:
+    # What NiceGUI says where a model computes for longer than it waits for at the end.
+    logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
+    # It ends by Ctrl+C only. The interrupt itself is lost if it comes while Python looks for garbage.
+    with contextlib.suppress(KeyboardInterrupt):
         ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
-    except KeyboardInterrupt:
-        # At the interpreter's own end, a thread that is still inside XLA would abort the process.
-        atexit.register(os._exit, _INTERRUPTED)
-        raise
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # At the interpreter's own end, a thread that is still inside XLA would abort the process.
+    atexit.register(os._exit, _INTERRUPTED)
+    raise KeyboardInterrupt
 
 
 async def _listening(port: int) -> None:

@@ -1,0 +1,35 @@
+"""The names that `erosion` offers."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import erosion
+
+
+@pytest.mark.parametrize("name", dir(erosion))
+def test_a_public_name_is_listed_where_it_is_defined(name):
+    value = getattr(erosion, name)
+    module = getattr(value, "__module__", None)
+    if module is None or name.isupper():  # a module or a constant says nothing of its own
+        return
+    assert module.startswith(vars(erosion)["_MODULE_OF"][name])
+
+
+def test_a_name_that_does_not_exist_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'erosion' has no attribute 'alphamax'"):
+        getattr(erosion, "alphamax")  # noqa: B009
+
+
+def test_importing_the_package_loads_neither_jax_nor_numpy():
+    code = "import sys, erosion; sys.exit('jax' in sys.modules or 'numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_name_is_documented():
+    text = (Path(__file__).parents[1] / "docs" / "api.md").read_text()
+    missing = [name for name in dir(erosion) if not re.search(rf"\b{name}\b", text)]
+    assert missing == ["__version__"]
