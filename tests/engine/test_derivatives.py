@@ -12,6 +12,7 @@ ANGLES = np.deg2rad(np.linspace(0.3, 89.9, 300))
 SPINS = np.linspace(-0.9, 0.9, 7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in AT_20_DEGREES if n.startswith("rotating")])
 def test_derivatives_equal_differences(name):
     # Away from jumps: one angle, one spin; steps that balance rounding and truncation.

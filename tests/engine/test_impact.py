@@ -65,6 +65,7 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
     assert np.count_nonzero(hit.ended_by != exact.ended_by(p)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in AT_20_DEGREES if n.startswith("rotating")])
 def test_both_engines_agree(name):
     import warnings

@@ -25,6 +25,7 @@ def test_both_compilers_agree(function):
         assert np.array_equal(result[1], np.full_like(leaf, 7)[1])
 
 
+@pytest.mark.slow
 def test_impacts_and_volumes_are_the_same_by_xla():
     program = """
 import jax, erosion

@@ -19,6 +19,8 @@ from erosion.report.questions import QUESTIONS, a1
 from erosion.report.text import degrees, formula, math, number, number_tex, quantity, quantity_tex
 from erosion.trajectory.trajectory import SimulationError
 
+pytestmark = pytest.mark.slow
+
 CLOSED = LinearizedCut()
 CASES = {
     "Table 1": TABLE_1,
