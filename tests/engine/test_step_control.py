@@ -169,16 +169,36 @@ def test_past_an_event_it_is_located_from_the_same_start() -> None:
     assert after.high == FIRST
 
 
-@pytest.mark.parametrize(
-    ("error", "mode", "trials"), [(1e-20, UNFINISHED, 100_000), (np.nan, FAILED, 257), (2.0, FAILED, 257)]
-)
-def test_what_does_not_end_is_given_up(error: float, mode: int, trials: int) -> None:
+@pytest.mark.parametrize(("error", "factor"), [(np.nan, 0.2), (2.0, 0.8 * 2 ** (-1 / 8))])
+def test_steps_that_only_shrink_come_to_an_end(error: float, factor: float) -> None:
+    """At 1e-14 of the time scale."""
     control = start()
     while step_control.goes_on(control):
         control, _ = one_trial(control, error)
-    assert control.mode == mode
-    assert control.trials <= trials
-    assert (control.time > step_control.LONGEST_CUT * SCALE) == (mode == UNFINISHED)
+    assert control.mode == FAILED
+    assert control.trials == np.ceil(np.log(1e-14 / FIRST) / np.log(factor))
+
+
+@pytest.mark.parametrize(
+    ("time", "trials", "rejected", "mode"),
+    [
+        (0.999e4, 100, 0, ADVANCING),
+        (1e4, 100, 0, UNFINISHED),
+        (1.0, 19_999, 0, ADVANCING),
+        (1.0, 20_000, 0, UNFINISHED),
+        # Most trials are rejected where the error is rounding.
+        (1.0, 300, 256, ADVANCING),
+        (1.0, 300, 300, FAILED),
+        # 2e-6 of the time scale a trial is too slow.
+        (1e-6, 511, 0, ADVANCING),
+        (1e-6, 513, 0, FAILED),
+    ],
+)
+def test_what_does_not_end_is_given_up(time: float, trials: int, rejected: int, mode: int) -> None:
+    before = start(step=1e-6)._replace(
+        time=jnp.asarray(time), trials=jnp.asarray(trials), rejected=jnp.asarray(rejected)
+    )
+    assert one_trial(before, 0.5)[0].mode == mode
 
 
 def test_no_step_goes_beyond_the_time_asked_for() -> None:
