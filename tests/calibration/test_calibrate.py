@@ -11,6 +11,8 @@ from erosion.calibration.identifiability import identify
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 
+pytestmark = pytest.mark.slow
+
 GUESS = TABLE_1.replace(k=3.0, psi=0.06)
 DEGREES = np.linspace(5.0, 88.0, 50)
 EXACT = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(DEGREES))))
@@ -106,7 +108,6 @@ def test_noise_is_estimated_where_none_is_given(fit):
     assert np.log(high / low) / (2 * error) == pytest.approx(2.571, rel=0.1)
 
 
-@pytest.mark.slow
 def test_estimates_are_unbiased_and_intervals_cover():
     # The full demonstration, 100 seeds of each model, is benchmarks/calibration.py.
     seeds = 30
@@ -231,7 +232,6 @@ def test_speed_and_mass_by_row():
         calibrate("linearized", GUESS, table, ["v0"])
 
 
-@pytest.mark.slow
 def test_bounds_are_kept_and_said():
     found = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds={"k": (2.5, 4.0)}, starts=2)
     assert found.estimates["k"] == pytest.approx(2.5, rel=1e-6)
@@ -298,7 +298,6 @@ def turning() -> np.ndarray:
     return np.asarray(erosion.impact("rotating", p, derivatives=1, wrt=("k", "psi")).volume)
 
 
-@pytest.mark.slow
 def test_intervals_end_at_cliffs(turning):
     # Two sets in which the jump of V(α) comes upon a row within the standard error of k.
     k, psi = np.meshgrid(2.0 * np.linspace(0.87, 1.13, 105), 0.04 * np.linspace(0.94, 1.06, 73), indexing="ij")
@@ -325,7 +324,6 @@ def test_a_curve_with_a_jump_is_found_from_afar(turning):
     assert sentence.startswith("k is known better than its standard error says (V(α) jumps, or a bound)")
 
 
-@pytest.mark.slow
 def test_the_variant_that_made_the_data_comes_first(turning):
     names = ["linearized", "finnie", "rotating"]
     ranking = rank_models(GUESS, synthetic(6, turning), ["k", "psi"], models=names, starts=6)
@@ -343,7 +341,6 @@ def test_the_variant_that_made_the_data_comes_first(turning):
     assert "<th>left-out error [in³]</th>" in ranking._repr_html_()
 
 
-@pytest.mark.slow
 def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
     # With k below 2 tan α of all rows, `linearized` is `tan-alpha`: it may not come first for that.
     exact = float(TABLE_1.m * TABLE_1.v0**2 / (TABLE_1.sigma * TABLE_1.psi) / 2) * np.cos(np.deg2rad(DEGREES)) ** 2

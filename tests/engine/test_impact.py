@@ -17,6 +17,7 @@ ANGLES = np.deg2rad(np.linspace(0.3, 89.9, 300))
 SPINS = np.linspace(-0.9, 0.9, 7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", AT_20_DEGREES)
 def test_figures_of_the_physics_note(name):
     figure = AT_20_DEGREES[name]

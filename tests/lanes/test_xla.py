@@ -12,6 +12,8 @@ from erosion.lanes.lanewise import Lanewise, number
 from erosion.lanes.xla import XlaLanes
 from tests.lanes.test_lanewise import FUNCTIONS, X, Y
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_both_compilers_agree(function):
@@ -25,7 +27,6 @@ def test_both_compilers_agree(function):
         assert np.array_equal(result[1], np.full_like(leaf, 7)[1])
 
 
-@pytest.mark.slow
 def test_impacts_and_volumes_are_the_same_by_xla():
     program = """
 import jax, erosion

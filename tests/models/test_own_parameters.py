@@ -134,6 +134,7 @@ def test_derivatives_by_friction_are_those_of_the_closed_form():
     assert "coefficient of friction" in str(found)
 
 
+@pytest.mark.slow
 def test_own_parameters_stand_beside_those_of_the_case():
     both = erosion.impact(MODEL, P, derivatives=2, wrt=["k", "friction"])
     alone = erosion.impact(MODEL, P, derivatives=2, wrt="friction")

@@ -7,6 +7,8 @@ from erosion.optimum.maxima import Search
 from erosion.optimum.resolve import Cells, Scan, joined
 from tests.reference import closed_form
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 
 
@@ -47,7 +49,6 @@ def test_linearized_optimum_depends_on_the_force_ratio_alone():
         assert abs(rates[name]) < 1e-10
 
 
-@pytest.mark.slow
 def test_batch_of_optima_is_the_published_list_of_spins():
     spins = np.array([-0.5, -0.25, -0.1, 0.1, 0.25, 0.5])
     best = erosion.alpha_max("rotating", spun(spins))

@@ -59,6 +59,7 @@ def test_path_points_down_into_the_target(cut: Trajectory) -> None:
     assert abs(twice) / 2 * 1e-6 * TABLE_1.b == pytest.approx(cut.volume, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_rotating_body_shows_tip_and_centre_of_mass() -> None:
     cut = simulate("rotating", TABLE_1)
     fig = plot_trajectory(cut)
@@ -118,6 +119,7 @@ def test_bars_are_the_midpoint_rule(cut: Trajectory) -> None:
     assert bars * 1e-6 / cut.volume - 1 == pytest.approx(4.11e-5, rel=0.01)
 
 
+@pytest.mark.slow
 def test_rate_of_removal_is_the_models_own() -> None:
     class Twice(Linearized):
         """Two tips, one behind the other's back."""

@@ -8,6 +8,8 @@ from erosion.distributions import LogNormal, Normal
 from erosion.models.closed_forms import LinearizedCut
 from erosion.streams.stream import stream
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 
 

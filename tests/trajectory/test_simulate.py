@@ -8,6 +8,8 @@ import erosion
 from erosion.trajectory.trajectory import SimulationError, TurnWarning
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
 
