@@ -33,6 +33,8 @@ def test_what_changes_the_result_changes_the_identity() -> None:
         (identity({"other": friction}, P, tolerance="1e-9"), {"models"}),
     ]:
         assert differing(usual, changed) == what
+    one, other = (identity({"m": friction.replace(friction=value)}, P) for value in (0.3, 0.3 + 1e-16))
+    assert differing(one, other) == {"models"}
 
 
 def test_models_of_the_package_are_known_by_its_version_alone() -> None:
