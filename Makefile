@@ -14,11 +14,11 @@ report: $(STAMP)
 	.venv/bin/erosion report
 
 test: $(STAMP)
-	.venv/bin/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
+	.venv/bin/pytest --numprocesses 2 --dist worksteal
 
 # The lines of src/ that no test runs, by file.
 coverage: $(STAMP)
-	.venv/bin/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder --cov
+	.venv/bin/pytest --numprocesses 2 --dist worksteal --cov
 
 # Not part of the tests: minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look.
 bench: $(STAMP)

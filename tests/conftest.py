@@ -33,11 +33,3 @@ def table(tmp_path):
         return path
 
     return write
-
-
-# In `make test` one worker compiles here what most files need; the other has programs of its own meanwhile.
-_FIRST = ["test_model_contract.py", "test_page.py", "test_plug_ins.py"]
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: _FIRST.index(item.path.name) if item.path.name in _FIRST else len(_FIRST))

@@ -230,6 +230,7 @@ def raised(tmp_path_factory):
     assert [path.name for path in folder.iterdir()] == ["case.toml"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("expression", "error", "message"), ROWS, ids=[expression for expression, _, _ in ROWS])
 def test_a_bad_argument_is_one_sentence(raised, expression, error, message):
     name, said = raised[expression]

@@ -142,6 +142,7 @@ def sections(tmp_path_factory):
     assert not (folder / "out.nc").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", SECTIONS)
 def test_bad_sections_are_one_line_and_exit_2(sections, row):
     status, out, err = sections[row]

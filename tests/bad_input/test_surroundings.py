@@ -72,6 +72,7 @@ def test_a_block_that_could_not_be_written_is_computed_again(tmp_path):
 COMMAND = [sys.executable, "-m", "erosion"]
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_is_no_error():
     for arguments in (["models"], ["models", "--json"]):
         reader, writer = os.pipe()
@@ -81,6 +82,7 @@ def test_a_reader_that_leaves_is_no_error():
         assert (found.returncode, found.stderr) == (0, b"")
 
 
+@pytest.mark.slow
 def test_an_output_that_is_full_is_one_line():
     with open("/dev/full", "w") as full:  # noqa: PTH123 (a device)
         found = subprocess.run([*COMMAND, "models"], stdout=full, stderr=subprocess.PIPE, timeout=120, check=False)
@@ -91,12 +93,14 @@ def test_an_output_that_is_full_is_one_line():
         assert found.returncode == 2
 
 
+@pytest.mark.slow
 def test_a_closed_output_is_no_error():
     command = f"{' '.join(COMMAND)} models >&-"
     found = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, timeout=120, check=False)
     assert (found.returncode, found.stderr) == (0, b"")
 
 
+@pytest.mark.slow
 def test_single_precision_is_refused():
     environment = {**os.environ, "JAX_ENABLE_X64": "0"}
     found = subprocess.run([*COMMAND, "run"], env=environment, capture_output=True, text=True, timeout=120, check=False)
@@ -130,6 +134,7 @@ def heeds_ctrl_c():
     signal.signal(signal.SIGINT, usual)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("heeds_ctrl_c")
 def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
     with contextlib.ExitStack() as stack:
@@ -153,6 +158,7 @@ def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
                 xr.load_dataset(tmp_path / verb / "out.nc", engine="h5netcdf")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("heeds_ctrl_c")
 def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
     """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""

@@ -11,6 +11,8 @@ from erosion.calibration.identifiability import identify
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 
+pytestmark = pytest.mark.slow
+
 GUESS = TABLE_1.replace(k=3.0, psi=0.06)
 DEGREES = np.linspace(5.0, 88.0, 50)
 EXACT = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(DEGREES))))

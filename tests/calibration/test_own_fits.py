@@ -13,6 +13,8 @@ from erosion.models import Linearized
 from tests.cli.test_settings import FILE
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 
+pytestmark = pytest.mark.slow
+
 DEGREES = np.arange(8.0, 56.0, 3.0)
 TRUTH = {"psi": 0.035, "friction": 0.35}
 

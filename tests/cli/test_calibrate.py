@@ -9,6 +9,8 @@ from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 
+pytestmark = pytest.mark.slow
+
 GUESS = ["--k", "3", "--psi", "0.06", "--starts", "2"]
 
 

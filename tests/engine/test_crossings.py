@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from erosion.engine.crossings import Ends, cubic_error, expected_fall, is_crooked, may_hide_a_fall
+from erosion.engine.crossings import Ends, cubic_error, dip_in_step, expected_fall, is_crooked, may_hide_a_fall
 
 
 def looked_at(polynomial: np.polynomial.Polynomial, length: float, low: float, high: float) -> tuple[float, bool]:
@@ -62,3 +62,39 @@ def test_a_dip_that_the_cubic_does_not_see_may_be_there():
     assert may_hide_a_fall(start, end, 1.0, error)
     straight = [(t, 1 + 0.5 * t * (1 - t)) for t in (0.1475, 0.9247)]
     assert not is_crooked(start, end, 1.0, cubic_error(start, end, 1.0, straight))
+
+
+def dip(polynomial: np.polynomial.Polynomial, error: float = 0.0) -> tuple[float, float]:
+    """Where a step from 0 to 1 has its dip, and its lowest value there."""
+    start, end = (Ends(polynomial(t), polynomial.deriv()(t)) for t in (0.0, 1.0))
+    where, lowest = dip_in_step(start, end, 1.0, error)
+    return float(where), float(lowest)
+
+
+@pytest.mark.parametrize("theta", [0.1, 0.5, 0.83])
+@pytest.mark.parametrize("lowest", [-0.1, 0.0, 1e-4])
+def test_a_dip_near_zero_is_where_the_parabola_is_lowest(theta: float, lowest: float) -> None:
+    where, value = dip(np.polynomial.Polynomial([theta**2 + lowest, -2 * theta, 1.0]))
+    # At a step's end below zero nothing dips: the function has fallen.
+    assert where == pytest.approx(theta if (1 - theta) ** 2 + lowest > 0 else 2, abs=1e-12)
+    assert value == pytest.approx(lowest if where < 1 else np.inf, abs=1e-12)
+
+
+def test_a_dip_is_harmless_above_what_its_cubic_may_err() -> None:
+    high = np.polynomial.Polynomial([0.25 + 0.1, -1.0, 1.0])
+    assert dip(high) == (2, pytest.approx(0.1))
+    # The cubic's error at a half: θ²(1-θ)² = 1/16, doubled.
+    assert dip(high, error=0.99 * 0.8)[0] == 2
+    assert dip(high, error=1.01 * 0.8)[0] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("coefficients", [[1.0, 1.0], [1.0, -0.5], [1.0, 1.0, -1.0], [1.0, 0.0, 0.0, 1.0]])
+def test_what_rises_falls_or_humps_has_no_dip(coefficients: list[float]) -> None:
+    assert dip(np.polynomial.Polynomial(coefficients)) in ((2, np.inf), (2, 1.0))
+
+
+def test_a_step_that_ends_on_a_lowest_point_does_not_look_there_again() -> None:
+    for lowest_at in (0.0, 1.0):
+        where, value = dip(np.polynomial.Polynomial([lowest_at**2 + 1e-6, -2 * lowest_at, 1.0]))
+        assert where == 2
+        assert value == pytest.approx(1e-6, rel=1e-9)

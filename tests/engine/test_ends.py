@@ -9,6 +9,8 @@ from erosion.engine.batch import integrate
 from erosion.engine.leaves import split
 from tests.fine_steps import wrong_ends
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 ROTATING = [name for name in erosion.available_models() if name.startswith("rotating")]
 

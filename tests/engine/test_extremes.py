@@ -7,6 +7,8 @@ import erosion
 from erosion.models.closed_forms import LinearizedCut
 from tests.engine.test_random_impacts import random_impacts
 
+pytestmark = pytest.mark.slow
+
 BASE = erosion.TABLE_1.to("si")
 LENGTHS = np.array([1e-6, 1e-3, 1.0])[:, None, None]  # of r [m]
 SPEEDS = np.array([1.0, 100.0, 1e4])[:, None]  # [m/s]

@@ -12,6 +12,8 @@ from jax import lax
 
 import erosion
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 
 

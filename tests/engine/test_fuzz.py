@@ -3,6 +3,7 @@
 import tomllib
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,6 +13,8 @@ from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.ranges import read_axis
 from erosion.parameters.units import read_quantity
 from tests.parameters.test_parameters import GOOD, case_text
+
+pytestmark = pytest.mark.slow
 
 # The same examples every time.
 SAME = settings(derandomize=True, max_examples=150, deadline=None)

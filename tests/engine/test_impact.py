@@ -17,6 +17,7 @@ ANGLES = np.deg2rad(np.linspace(0.3, 89.9, 300))
 SPINS = np.linspace(-0.9, 0.9, 7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", AT_20_DEGREES)
 def test_figures_of_the_physics_note(name):
     figure = AT_20_DEGREES[name]
@@ -65,6 +66,7 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
     assert np.count_nonzero(hit.ended_by != exact.ended_by(p)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in AT_20_DEGREES if n.startswith("rotating")])
 def test_both_engines_agree(name):
     import warnings
@@ -260,37 +262,3 @@ def test_one_program_serves_whatever_the_impacts_share(monkeypatch):
     for changed in ({"k": angles}, {"alpha": angles, "m": angles * 1e-4}, {}):
         erosion.impact("rotating", P.replace(**changed), derivatives=1)
         erosion.impact("rotating", P.replace(**changed), derivatives=1, rtol=1e-8)
-
-
-def test_a_volume_that_was_asked_for_compiles_nothing_more():
-    def slope(alpha):
-        return jax.grad(lambda a: erosion.volume("rotating", P.replace(alpha=a)))(alpha)
-
-    compiled = []
-
-    def listen(event, *_, **__):
-        if "backend_compile" in event:
-            compiled.append(event)
-
-    first = erosion.volume("rotating", P), slope(0.3)
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    later = erosion.volume("rotating", P.replace(k=1.5)), slope(0.4)
-    assert not compiled
-    assert first != later
-    jax.jit(lambda x: x + 1.25)(1.0)
-    assert compiled
-
-
-def test_volumes_of_many_angles_are_the_impacts():
-    angles = np.linspace(0.05, 1.5, 300)
-    hits = erosion.impact("rotating", P.replace(alpha=angles), derivatives=2, rtol=1e-11)
-
-    def one(alpha):
-        return erosion.volume("rotating", P.replace(alpha=alpha))
-
-    assert np.array_equal(
-        jax.jit(jax.vmap(one))(angles), erosion.impact("rotating", P.replace(alpha=angles), rtol=1e-11).volume
-    )
-    assert np.asarray(jax.vmap(jax.grad(one))(angles)) == pytest.approx(hits.dvolume, rel=1e-9, abs=1e-13)
-    nested = jax.vmap(jax.vmap(one))(angles.reshape(3, 100))
-    assert np.asarray(nested).ravel() == pytest.approx(hits.volume, rel=1e-9)

@@ -57,6 +57,7 @@ def test_the_order_of_impacts_does_not_matter() -> None:
         assert erosion.impact("rotating", p.replace(alpha=p.alpha[i], phidot0=p.phidot0[i])).volume == one.volume[i]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 1, 2])
 @pytest.mark.parametrize("model", erosion.available_models())
 def test_the_place_in_a_block_does_not_matter(model: str, order: int) -> None:

@@ -13,6 +13,8 @@ import erosion
 from erosion.parameters.parameters import QUANTITIES
 from tests.fine_steps import wrong_ends
 
+pytestmark = pytest.mark.slow
+
 COUNT = 100_000
 PLUG_INS = [str(path) for path in sorted((Path(__file__).parents[2] / "models").glob("*.py"))]
 

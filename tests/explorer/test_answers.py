@@ -23,6 +23,8 @@ from erosion.models import Linearized, load_model
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
+pytestmark = pytest.mark.slow
+
 CASE = Case.of(TABLE_1)
 STATE = State(CASE, ("linearized",), "linearized")
 TIP = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")

@@ -18,6 +18,8 @@ from erosion.cli import _status
 from tests.explorer.conftest import served
 from tests.explorer.driving import SLIDE_AND_TIME, curve, enter, parameters, settle, slide, star
 
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
 # Numbers are drawn with 5 digits behind the point of readable units.
 ATOL = 1e-5
 PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")

@@ -252,6 +252,7 @@ def test_what_cannot_be_done_is_said_before_anything_runs(function, what):
     assert what in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_small_network():
     network = eqx.nn.MLP(2, "scalar", 8, 2, activation=jnp.tanh, key=jax.random.PRNGKey(0))
     weights, rest = eqx.partition(network, eqx.is_array)

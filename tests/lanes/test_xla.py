@@ -12,6 +12,8 @@ from erosion.lanes.lanewise import Lanewise, number
 from erosion.lanes.xla import XlaLanes
 from tests.lanes.test_lanewise import FUNCTIONS, X, Y
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_both_compilers_agree(function):

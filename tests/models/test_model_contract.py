@@ -12,6 +12,8 @@ import pytest
 import erosion
 from erosion.models.base import event_rates
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 FILES = sorted(Path(__file__).parents[2].joinpath("models").glob("*.py"))
 NAMES = [*erosion.available_models(), *map(str, FILES)]

@@ -113,6 +113,7 @@ def test_a_name_of_the_case_is_refused():
         erosion.load_model(Linearized(force=Blunt()))
 
 
+@pytest.mark.slow
 def test_derivatives_by_friction_are_those_of_the_closed_form():
     exact = closed_form("linearized")
     alpha = np.deg2rad([10.0, 20.0, 40.0])
@@ -133,6 +134,7 @@ def test_derivatives_by_friction_are_those_of_the_closed_form():
     assert "coefficient of friction" in str(found)
 
 
+@pytest.mark.slow
 def test_own_parameters_stand_beside_those_of_the_case():
     both = erosion.impact(MODEL, P, derivatives=2, wrt=["k", "friction"])
     alone = erosion.impact(MODEL, P, derivatives=2, wrt="friction")
@@ -199,6 +201,7 @@ def test_an_array_is_a_number_for_each_impact():
     np.testing.assert_array_equal(single, erosion.impact(model, P, derivatives=1, wrt=["friction"]).dvolume[:, 0])
 
 
+@pytest.mark.slow
 def test_best_angles_of_arrays_and_their_sensitivities_are_those_of_each():
     model = erosion.models.Rotating(force=FRICTION()).replace(friction=FRICTIONS)
     found = erosion.alpha_max(model, P)
@@ -261,6 +264,7 @@ def test_arrays_convert_too():
     assert own_parameters(model)["reach"].value == pytest.approx([0.01 * 0.0254, 0.02 * 0.0254])
 
 
+@pytest.mark.slow
 def test_the_check_of_units_knows_declared_dimensions():
     declared, nameless = (Subject("lip", Linearized(force=force), registered=False) for force in (Lip(), Nameless()))
     assert declared.worst(declared.checks()["units"]())[0] < 1e-9

@@ -7,6 +7,8 @@ from erosion.optimum.maxima import Search
 from erosion.optimum.resolve import Cells, Scan, joined
 from tests.reference import closed_form
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import erosion
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.units import read_quantity, unit_name
+from erosion.parameters.units import read_quantity
 
 P = erosion.TABLE_1
 CASES = Path(__file__).parents[2] / "cases"
@@ -51,13 +51,6 @@ def test_units_convert_both_ways():
         assert float(getattr(back, name)) == pytest.approx(float(getattr(P, name)), rel=1e-14)
     assert float(si.spin) == float(P.spin)
     assert float(si.rate) == pytest.approx(float(P.rate), rel=1e-13)
-
-
-def test_unit_names_are_as_a_person_writes_them():
-    assert unit_name("mass", "inch-pound") == "slinch"
-    assert unit_name("stress", "inch-pound") == "lbf/in²"
-    assert unit_name("volume", "si") == "m³"
-    assert unit_name("1", "si") == ""
 
 
 def test_a_material_comes_in_the_units_of_the_parameters():
@@ -133,12 +126,6 @@ def test_a_case_without_units_is_si(tmp_path):
     assert float(p.v0) == pytest.approx(111.76)
 
 
-def test_spins_may_be_in_turns():
-    assert read_quantity("60 rpm", "angular speed", "si") == pytest.approx(2 * math.pi)
-    assert read_quantity("360 deg/s", "angular speed", "si") == pytest.approx(2 * math.pi)
-    assert read_quantity("0.5 turn", "angle", "si") == pytest.approx(math.pi)
-
-
 def test_a_byte_order_mark_does_no_harm(tmp_path):
     (tmp_path / "bom.toml").write_text(case_text(), encoding="utf-8-sig")
     assert erosion.load_case(tmp_path / "bom.toml").units == "inch-pound"
@@ -191,16 +178,3 @@ def test_a_table_is_text_in_a_notebook_too(monkeypatch):
     outside = str(P)
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
     assert str(P) == outside
-
-
-def test_conversions_are_pints():
-    from typing import get_args
-
-    from erosion.parameters.units import _PINT_UNITS, Dimension, _registry, conversion_factor
-
-    for dimension in get_args(Dimension):
-        one = _registry().Quantity(1.0, _PINT_UNITS["inch-pound"][dimension])
-        factor = one.to(_PINT_UNITS["si"][dimension]).magnitude
-        assert conversion_factor(dimension, "inch-pound", "si") == pytest.approx(factor, rel=1e-14)
-        assert conversion_factor(dimension, "si", "inch-pound") == pytest.approx(1 / factor, rel=1e-14)
-        assert conversion_factor(dimension, "si", "si") == 1

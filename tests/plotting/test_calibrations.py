@@ -50,6 +50,7 @@ def test_data_fit_band_and_residuals(fit):
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
 
 
+@pytest.mark.slow
 def test_a_profile_shows_where_it_crosses(fit):
     ax = plot_profile(new_axes()[1], fit, "k", 0.9)
     profile = fit.profile("k")

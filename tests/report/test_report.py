@@ -19,6 +19,8 @@ from erosion.report.questions import QUESTIONS, a1, text_file
 from erosion.report.template import write_text
 from erosion.report.text import degrees
 
+pytestmark = pytest.mark.slow
+
 CLOSED = LinearizedCut()
 CASES = {
     "Table 1": TABLE_1,

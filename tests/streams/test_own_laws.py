@@ -22,6 +22,8 @@ from tests.cli.test_settings import FILE
 from tests.models.test_own_parameters import MODEL, P, with_friction
 from tests.reference import AT_20_DEGREES, closed_form
 
+pytestmark = pytest.mark.slow
+
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
 LAWS: dict[str, Any] = {"friction": Uniform(0.1, 0.3), "v0": LogNormal(4400.0, 0.1)}
 

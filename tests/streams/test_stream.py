@@ -1,4 +1,4 @@
-"""Streams: means with their errors against closed forms, tallies, and what is left when one is interrupted."""
+"""Streams: means with their errors against closed forms, and what is left when one is interrupted."""
 
 from typing import Any
 
@@ -12,9 +12,7 @@ from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
 from erosion.storage.identity import StoreError
 from erosion.streams.particles import Particles
-from erosion.streams.replicates import Estimate, Points
 from erosion.streams.stream import StreamInterrupted, stream
-from erosion.streams.tally import BIN_RATIO, Tally
 
 P = erosion.TABLE_1
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
@@ -101,38 +99,6 @@ def test_sensitivities_are_those_of_a_product():
         assert abs(total.value - variances[name] * (1 + other) / whole) < 5 * total.error + 1e-3
 
 
-def test_the_best_angle_of_a_narrow_stream_is_the_particles():
-    # The linearized model's α_max depends on k alone: neither speeds nor masses move it.
-    found = stream("linearized", P, n=64, sensitivities=False, v0=LogNormal(4400.0, 0.3))
-    assert found.nozzle is not None
-    exact = np.arctan(2.0) / 2
-    # The search ends within 1e-5 rad; V is flat there, known to 1e-9: √1e-9 = 3e-5.
-    assert found.nozzle.alpha.value == pytest.approx(exact, abs=1e-4)
-    assert found.nozzle.single_alpha == pytest.approx(exact, rel=1e-9)
-    assert not found.nozzle.at_edge
-    assert found.nozzle.curve.argmax() == np.abs(found.nozzle.angles - exact).argmin()
-    dataset = found.to_dataset()
-    assert float(dataset.alpha_max) == found.nozzle.alpha.value
-    assert "α_max" in str(found)
-
-
-def test_spread_of_the_angle_moves_the_best_angle():
-    """V(α) falls more slowly than it rises: a wide jet is best aimed steeper than a particle."""
-    spread = 0.2
-    found = stream("linearized", P, n=64, sensitivities=False, alpha=Normal(0.35, spread))
-    # By Gauss-Hermite quadrature of the closed form, with misses and reflections.
-    nodes, weights = np.polynomial.hermite_e.hermegauss(200)
-    angles = np.linspace(0.4, 0.8, 4001)
-    each = angles[:, None] + spread * nodes
-    folded = np.where(each > np.pi / 2, np.pi - each, each)
-    volume = np.where(folded > 0, np.asarray(LinearizedCut().volume(P.replace(alpha=np.abs(folded) + 1e-12))), 0)
-    best = angles[(volume @ weights).argmax()]
-    assert found.nozzle is not None
-    assert found.nozzle.alpha.value == pytest.approx(best, abs=3e-3)
-    assert found.nozzle.alpha.low - 1e-3 < best < found.nozzle.alpha.high + 1e-3
-    assert best > np.arctan(2.0) / 2 + 0.01
-
-
 def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr("erosion.streams.stream._BLOCK", 2**8)
     whole = stream("linearized", P, n=3 * 2**12, **FEW, **LAWS)
@@ -153,48 +119,6 @@ def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
         np.testing.assert_array_equal(getattr(found.tally, name), getattr(whole.tally, name))
     with pytest.raises(StoreError, match="another distributions"):
         stream("linearized", P, n=2**12, store=path, **FEW, v0=LogNormal(4400.0, 0.2))
-
-
-@pytest.mark.parametrize("points", ["sobol", "random"])
-def test_points_go_on_where_they_stopped(points):
-    whole = Points(points, 3, 7, 2).take(64)
-    np.testing.assert_array_equal(Points(points, 3, 7, 2, skip=16).take(16), whole[:, 16:32])
-    assert ((whole > 0) & (whole < 1)).all()
-    assert not np.array_equal(whole[0], whole[1])
-
-
-def test_tallies_add_up():
-    generator = np.random.default_rng(5)
-    volume = np.exp(generator.normal(-9, 1, (2, 3000)))
-    volume[:, :30], volume[:, 30:40] = 0.0, np.nan
-    ends = np.where(np.isnan(volume), "failed", np.where(volume == 0, "no-cut", "stop"))
-    mass = generator.uniform(1, 2, (2, 3000))
-
-    def of(part: slice) -> Tally:
-        return Tally.of(volume[:, part], mass[:, part], ends[:, part], ("stop", "no-cut", "failed"), 1e-4)
-
-    parts = of(slice(0, 35)) + of(slice(35, 1000)) + of(slice(1000, 3000))
-    known = volume[:, 40:].ravel()
-    known = np.concatenate([known, np.zeros(60)])
-    np.testing.assert_allclose(parts.mean, np.nanmean(volume, axis=1), rtol=1e-12)
-    assert parts.deviation == pytest.approx(known.std(), rel=1e-12)
-    np.testing.assert_array_equal(parts.ends, [[2960, 30, 10]] * 2)
-    for share in (0.05, 0.5, 0.95):
-        exact = np.quantile(known, share, method="inverted_cdf")
-        assert parts.quantile(share) == pytest.approx(exact, rel=BIN_RATIO - 1)
-    assert parts.quantile(0.005) == 0
-    again = Tally.from_dataset(parts.to_dataset())
-    assert again.mean.tobytes() == parts.mean.tobytes()
-    edges, shares = parts.histogram()
-    assert len(edges) == len(shares) + 1
-    assert shares.sum() == pytest.approx(2960 / 2990, rel=0.003)
-
-
-def test_an_estimate_is_students():
-    found = Estimate.of(np.array([1.0, 2.0, 3.0, 4.0]))
-    assert found.value == 2.5
-    assert found.error == pytest.approx(np.sqrt(5 / 3) / 2)
-    assert found.high - found.value == pytest.approx(3.182446 * found.error, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ import erosion
 from erosion.sweeps.sweep import sweep
 from tests.sweeps.test_sweep import assert_same_bits
 
+pytestmark = pytest.mark.slow
+
 distributed = pytest.importorskip("distributed")
 
 P = erosion.TABLE_1

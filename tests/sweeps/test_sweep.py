@@ -1,7 +1,6 @@
 """Sweeps: the labels, the same bits however a grid is cut and kept, and what happens when it is interrupted."""
 
 import json
-import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,7 @@ import xarray as xr
 
 import erosion
 from erosion.storage.identity import StoreError
-from erosion.sweeps.chunks import block_shape, regions
 from erosion.sweeps.grid import make_grid
-from erosion.sweeps.stores import MemoryStore
 from erosion.sweeps.sweep import SweepInterrupted, sweep
 
 P = erosion.TABLE_1
@@ -220,33 +217,6 @@ def test_models_must_differ_and_the_case_be_scalar():
         sweep("finnie", P.replace(alpha=[0.1, 0.2]), k=[1.0])
 
 
-@pytest.mark.parametrize("usual", [1, 7, 1000, 10**6])
-@pytest.mark.parametrize("lengths", [(1,), (100,), (3, 50), (10, 20, 30)])
-def test_blocks_cover_the_grid_once(usual, lengths):
-    axes = {name: np.linspace(0.1, 1, n) for name, n in zip(("alpha", "k", "v0"), lengths, strict=False)}
-    grid = make_grid("linearized", P, axes)
-    block = block_shape(grid.lengths, None, 1, usual)
-    assert math.prod(block) <= max(usual, 1)
-    assert math.prod(block) >= min(usual, math.prod(lengths)) / 4
-    covered = np.zeros(lengths, int)
-    for region in regions(grid.shape, block):
-        covered[region] += 1
-        assert grid[region].shape == covered[region].shape
-    assert (covered == 1).all()
-
-
-def test_chunks_must_be_of_use():
-    grid = make_grid("linearized", P, {"alpha": np.linspace(0.1, 1, 300), "k": np.linspace(1, 3, 100)})
-    assert block_shape(grid.lengths, {"alpha": 100}, 10_000, 0) == (100, 100)
-    for chunks, message in [
-        ({"alpha": 99}, "at least 10,000 impacts, but makes blocks of 9,900"),
-        ({"beta": 1}, r"name dimensions \(alpha, k\)"),
-        ({"alpha": 0}, "positive whole numbers"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            block_shape(grid.lengths, chunks, 10_000, 0)
-
-
 def test_identities_are_words(tmp_path):
     path = tmp_path / "out.nc"
     found = sweep("linearized", P, store=path, alpha=[0.2])
@@ -254,13 +224,3 @@ def test_identities_are_words(tmp_path):
     assert set(json.loads(found.attrs["identity"])) == {
         "version", "case", "models", "axes", "derivatives", "optimum", "tolerance",
     }  # fmt: skip
-
-
-def test_a_block_counts_only_when_all_of_it_is_there():
-    grid = make_grid("linearized", erosion.TABLE_1, {"alpha": np.linspace(0.1, 1.4, 4)})
-    store = MemoryStore(grid, (4,))
-    half = (slice(0, 2),)
-    store.write(half, grid[half].solve())
-    assert store.missing() == [(slice(0, 4),)]
-    store.write((slice(2, 4),), grid[(slice(2, 4),)].solve())
-    assert store.missing() == []

@@ -5,9 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.trajectory.events import Fall, find_root
 from erosion.trajectory.trajectory import SimulationError, TurnWarning
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
+
+pytestmark = pytest.mark.slow
 
 P = erosion.TABLE_1
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
@@ -209,27 +210,6 @@ def test_a_far_turn_is_said_in_plain_words():
         cut = erosion.simulate("rotating-tan-alpha", P)
     assert len(cut.warnings) == 1
     assert not quietly("rotating", P).warnings
-
-
-@pytest.mark.parametrize("root", [2.3681748354496e-05, 0.5, 3.0])
-@pytest.mark.parametrize("off", [0.0, 1e-15, -1e-15, 1e-9, -1e-9])
-def test_where_newton_has_found_the_end_no_one_looks_further(root, off):
-    looked = []
-
-    def event(t):
-        looked.append(t)
-        # At the root a rest remains, as it does where the value comes from an integration.
-        return root - t + 1e-17 * root, -1.0
-
-    found = find_root(event, Fall(root * (1 + off), root * 0.9, root * 1.1, "stop"))
-    assert found == pytest.approx(root, rel=2e-15)
-    assert len(looked) <= 3
-
-
-def test_without_a_slope_to_follow_the_end_is_bracketed():
-    # A fall that lies flat at zero, and one whose slope leads out of the bracket at first.
-    for event in (lambda t: ((1 - t) ** 3, -3 * (1 - t) ** 2), lambda t: (np.arctan(20 * (1 - t)), -0.01)):
-        assert find_root(event, Fall(0.6, 0.5, 1.7, "stop")) == pytest.approx(1, abs=1e-5)
 
 
 def test_other_solvers_and_controllers_agree():

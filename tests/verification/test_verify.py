@@ -12,6 +12,8 @@ from erosion.verification.result import BOUNDS, Check, Verification
 from erosion.verification.witnesses import EQUATIONS_OF, has_heyoka, heyoka_witness, scipy_witness
 from tests.reference import AS_PRINTED, AT_20_DEGREES
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 FIGURES = {name: one[:3] for name, one in AT_20_DEGREES.items()} | {"as-printed": AS_PRINTED}
 

@@ -1,0 +1,64 @@
+"""Figures as files: units that can be read, the same bytes each time, and nothing half written."""
+
+import pytest
+
+from erosion.plotting.motion import plot_path, plot_trajectory
+from erosion.plotting.style import new_axes, new_figure, readable_scale, save_figure, save_plot
+from erosion.trajectory.trajectory import Trajectory
+
+
+@pytest.mark.parametrize(
+    ("dimension", "units", "largest", "size", "unit"),
+    [
+        ("time", "inch-pound", 6.6e-5, 1e-6, "µs"),
+        ("time", "si", 0.0, 1.0, "s"),
+        ("length", "inch-pound", 0.032, 1e-3, "10⁻³ in"),
+        ("length", "si", 8e-4, 1e-3, "mm"),
+        ("length", "si", 2e-12, 1e-12, "10⁻¹² m"),
+        ("speed", "inch-pound", 4400.0, 1.0, "in/s"),
+        ("volume", "inch-pound", 2.1e-4, 1e-4, "10⁻⁴ in³"),
+        ("volume", "inch-pound", 1e-4, 1e-4, "10⁻⁴ in³"),
+        ("volume", "si", 3e-9, 1e-9, "mm³"),
+        ("volume", "si", 7e-11, 1e-9, "mm³"),
+    ],
+)
+def test_units_make_numbers_readable(dimension, units, largest, size, unit) -> None:
+    scale = readable_scale(dimension, units, largest)
+    assert scale.unit == unit
+    assert scale.size == pytest.approx(size, rel=1e-15)
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
+def test_files_are_the_same_each_time_and_undated(cut: Trajectory, tmp_path, suffix: str) -> None:
+    contents = {save_plot(plot_trajectory(cut), tmp_path / f"{n}.{suffix}").read_bytes() for n in range(2)}
+    assert len(contents) == 1
+    assert b"Date" not in contents.pop()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"0.{suffix}", f"1.{suffix}"]
+
+
+def test_style_does_not_depend_on_the_users_settings(cut: Trajectory, tmp_path) -> None:
+    import matplotlib as mpl
+
+    usual = save_plot(plot_trajectory(cut), tmp_path / "a.svg").read_bytes()
+    with mpl.rc_context({"font.size": 20, "axes.facecolor": "red", "svg.fonttype": "none"}):
+        before = mpl.rcParams["font.size"]
+        assert save_plot(plot_trajectory(cut), tmp_path / "b.svg").read_bytes() == usual
+        assert mpl.rcParams["font.size"] == before
+
+
+def test_save_figure_writes_both_kinds(cut: Trajectory, tmp_path) -> None:
+    fig, ax = new_axes()
+    plot_path(ax, cut)
+    assert [path.name for path in save_figure(fig, tmp_path / "v1.2")] == ["v1.2.svg", "v1.2.png"]
+
+
+@pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svg.gz"])
+def test_other_suffixes_are_refused_before_anything_is_written(tmp_path, name: str) -> None:
+    with pytest.raises(ValueError, match=r"must end in \.svg, \.png or \.pdf\.$"):
+        save_plot(new_figure(), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"missing/plot\.png"):
+        save_plot(new_figure(), tmp_path / "missing" / "plot.png")

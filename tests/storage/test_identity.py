@@ -1,0 +1,80 @@
+import json
+from pathlib import Path
+
+import pytest
+
+import erosion
+from erosion.models import Linearized
+from erosion.storage.identity import StoreError, digest, identity, require_same
+
+P = erosion.TABLE_1
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def differing(one: dict[str, str], other: dict[str, str]) -> set[str]:
+    return {name for name in one if one[name] != other[name]}
+
+
+def test_an_identity_is_the_same_for_the_same_result() -> None:
+    one, other = (identity({"m": erosion.load_model("rotating")}, P, tolerance="1e-9") for _ in range(2))
+    assert one == other
+    assert set(one) == {"version", "case", "models", "tolerance"}
+
+
+def test_what_changes_the_result_changes_the_identity() -> None:
+    friction = erosion.load_model(MODELS / "coulomb_tip.py")
+    usual = identity({"m": friction}, P, tolerance="1e-9")
+    for changed, what in [
+        (identity({"m": friction}, P.replace(k=2 + 1e-15), tolerance="1e-9"), {"case"}),
+        (identity({"m": friction}, P.to("si"), tolerance="1e-9"), {"case"}),
+        (identity({"m": friction}, P, tolerance="1e-8"), {"tolerance"}),
+        (identity({"m": friction.replace(friction=0.3)}, P, tolerance="1e-9"), {"models"}),
+        (identity({"m": erosion.load_model("rotating")}, P, tolerance="1e-9"), {"models"}),
+        (identity({"other": friction}, P, tolerance="1e-9"), {"models"}),
+    ]:
+        assert differing(usual, changed) == what
+    one, other = (identity({"m": friction.replace(friction=value)}, P) for value in (0.3, 0.3 + 1e-16))
+    assert differing(one, other) == {"models"}
+
+
+def test_models_of_the_package_are_known_by_its_version_alone() -> None:
+    """And those of a file by its bytes, too."""
+    assert digest(b"") not in identity({"m": Linearized()}, P)["models"]
+    file = (MODELS / "coulomb_tip.py").read_bytes()
+    assert identity({"m": erosion.load_model(MODELS / "coulomb_tip.py")}, P)["models"].endswith(f" {digest(file)}")
+
+
+def test_a_model_without_a_file_has_no_identity() -> None:
+    scope: dict = {"__name__": "typed"}
+    exec("from erosion.models import Linearized\nclass Typed(Linearized): pass", scope)
+    with pytest.raises(ValueError, match="`model` must come from a file where a store is given, but Typed does not"):
+        identity({"m": scope["Typed"]()}, P)
+
+
+def test_a_digest_is_of_the_bytes() -> None:
+    # SHA-256 of nothing, as its standard's examples have it.
+    assert digest(b"") == "e3b0c44298fc1c14"
+    assert digest(b"a") != digest(b"b")
+
+
+def test_a_store_of_the_same_identity_passes() -> None:
+    wanted = {"case": "k = 2", "models": "m"}
+    require_same(Path("out.nc"), json.dumps(wanted), wanted)
+    require_same(Path("out.nc"), json.dumps(wanted).encode(), wanted)
+
+
+@pytest.mark.parametrize(
+    ("there", "message"),
+    [
+        ('{"case": "k = 3", "models": "m"}', r"another result \(of another case\)"),
+        ('{"case": "k = 3"}', r"another result \(of another case and models\)"),
+        ("{", "holds something else"),
+        ("[1]", "holds something else"),
+        (None, "holds something else"),
+        (3.0, "holds something else"),
+    ],
+)
+def test_another_store_is_refused_by_name(there, message: str) -> None:
+    with pytest.raises(StoreError, match=r"^out\.nc: is there already and holds .*; it is left as it is\.$") as caught:
+        require_same(Path("out.nc"), there, {"case": "k = 2", "models": "m"})
+    assert caught.match(message)

@@ -1,0 +1,55 @@
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from erosion.storage.identity import StoreError
+from erosion.storage.netcdf import read_netcdf, write_netcdf
+
+DATASET = xr.Dataset(
+    {
+        "volume": (("alpha", "k"), np.array([[0.1, np.nan, 1e-300], [np.inf, -0.0, 1 / 3]]), {"units": "in^3"}),
+        "ended_by": ("alpha", np.array([1, 2], np.int8)),
+    },
+    {"alpha": [0.2, 0.3]},
+    {"model": "linearized"},
+)
+IDENTITY = {"case": "k = 2\n", "models": "α: linearized"}
+
+
+def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path: Path) -> None:
+    path = tmp_path / "out.nc"
+    write_netcdf(DATASET, path, IDENTITY)
+    there = read_netcdf(path, IDENTITY)
+    # In memory: the file may change.
+    path.write_bytes(b"")
+    assert set(there.variables) == set(DATASET.variables)
+    for name, variable in DATASET.variables.items():
+        assert there[name].values.tobytes() == variable.values.tobytes()
+        assert (there[name].dtype, there[name].dims) == (variable.dtype, variable.dims)
+    assert there.volume.attrs["units"] == "in^3"
+
+
+def test_the_dataset_that_is_written_stays_as_it_is(tmp_path: Path) -> None:
+    write_netcdf(DATASET, tmp_path / "out.nc", IDENTITY)
+    assert DATASET.attrs == {"model": "linearized"}
+
+
+def test_another_result_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "out.nc"
+    write_netcdf(DATASET, path, IDENTITY)
+    with pytest.raises(StoreError, match=r"out\.nc: .* \(of another case\); it is left as it is\.$"):
+        read_netcdf(path, {**IDENTITY, "case": "k = 3\n"})
+
+
+def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
+    foreign, text = tmp_path / "foreign.nc", tmp_path / "text.nc"
+    with h5py.File(foreign, "w") as file:
+        file["volume"] = [1.0]
+    text.write_text("volume 1.0")
+    with pytest.raises(StoreError, match="holds something else"):
+        read_netcdf(foreign, IDENTITY)
+    with pytest.raises(StoreError, match="no netCDF file"):
+        read_netcdf(text, IDENTITY)

@@ -1,0 +1,98 @@
+"""Tallies: the numbers of all particles at once, whatever parts they come in."""
+
+import numpy as np
+import pytest
+
+from erosion.streams.tally import BIN_RATIO, Tally
+
+SCALE = 1e-4
+ENDS = ("stop", "no-cut", "failed")
+
+
+def particles() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Volumes, masses and ends of two replicates: lognormal, some zero, some unknown."""
+    generator = np.random.default_rng(5)
+    volume = np.exp(generator.normal(-9, 1, (2, 3000)))
+    volume[:, :30], volume[:, 30:40] = 0.0, np.nan
+    ends = np.where(np.isnan(volume), "failed", np.where(volume == 0, "no-cut", "stop"))
+    return volume, generator.uniform(1, 2, (2, 3000)), ends
+
+
+VOLUME, MASS, ENDED_BY = particles()
+KNOWN = VOLUME[np.isfinite(VOLUME)]
+
+
+def tally_of(part: slice) -> Tally:
+    return Tally.of(VOLUME[:, part], MASS[:, part], ENDED_BY[:, part], ENDS, SCALE)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Tally:
+    return tally_of(slice(None))
+
+
+def test_a_tally_counts_and_adds(whole: Tally) -> None:
+    assert whole.drawn == 3000
+    np.testing.assert_array_equal(whole.counted, [2990, 2990])
+    np.testing.assert_array_equal(whole.ends, [[2960, 30, 10]] * 2)
+    np.testing.assert_allclose(whole.mean, np.nanmean(VOLUME, axis=1), rtol=1e-13)
+    np.testing.assert_allclose(whole.squares, 2990 * np.nanvar(VOLUME, axis=1), rtol=1e-12)
+    # Of particles whose volume is known.
+    np.testing.assert_allclose(whole.mass, MASS[:, :30].sum(axis=1) + MASS[:, 40:].sum(axis=1), rtol=1e-13)
+    assert whole.deviation == pytest.approx(KNOWN.std(), rel=1e-12)
+
+
+@pytest.mark.parametrize("cuts", [(35, 1000), (1, 2), (32, 38)])
+def test_parts_add_up_to_the_whole(whole: Tally, cuts: tuple[int, int]) -> None:
+    """Also where in one part all volumes are zero or unknown."""
+    first, second = cuts
+    parts = tally_of(slice(0, first)) + tally_of(slice(first, second)) + tally_of(slice(second, None))
+    for name in ("drawn", "counted", "ends", "bins"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    for name in ("mean", "squares", "mass"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-12)
+
+
+def test_squares_keep_their_digits_far_from_zero() -> None:
+    """Volumes of 1 that differ by 1e-9: sums of squares alone would lose all of the deviation."""
+    volume = 1 + 1e-9 * np.arange(4.0).reshape(1, 4)
+    one, other = (
+        Tally.of(part, np.ones((1, 2)), np.full((1, 2), "stop"), ENDS, 1.0) for part in np.split(volume, 2, 1)
+    )
+    assert (one + other).deviation == pytest.approx(1e-9 * np.sqrt(1.25), rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
+def test_quantiles_are_those_of_the_volumes_to_half_a_bin(whole: Tally, share: float) -> None:
+    exact = np.quantile(KNOWN, share, method="inverted_cdf")
+    assert abs(np.log(whole.quantile(share) / exact)) <= np.log(BIN_RATIO) / 2 * (1 + 1e-9)
+
+
+def test_those_that_remove_nothing_are_the_lowest(whole: Tally) -> None:
+    assert whole.quantile(0.99 * 30 / 2990) == 0
+    assert whole.quantile(1.01 * 30 / 2990) > 0
+
+
+@pytest.mark.parametrize(("volume", "quantile"), [(1e-40, 1e-24), (1e40, 1e6)])
+def test_volumes_beyond_the_histogram_are_in_its_last_bins(volume: float, quantile: float) -> None:
+    alone = Tally.of(np.full((1, 5), volume), np.ones((1, 5)), np.full((1, 5), "stop"), ENDS, 1.0)
+    assert alone.quantile(0.5) == pytest.approx(quantile, rel=BIN_RATIO - 1)
+    assert alone.mean == pytest.approx([volume])
+
+
+def test_a_histogram_shares_out_the_middle(whole: Tally) -> None:
+    edges, shares = whole.histogram(bins=20)
+    assert 10 <= len(shares) <= 20
+    assert len(edges) == len(shares) + 1
+    ratios = edges[1:] / edges[:-1]
+    np.testing.assert_allclose(ratios, ratios[0])
+    # An edge of the histogram is one of the fine bins', so that each particle is on its own side.
+    counts, _ = np.histogram(KNOWN, edges)
+    np.testing.assert_allclose(shares, counts / KNOWN.size, atol=1e-12)
+    assert shares.sum() == pytest.approx(0.998 * 2960 / 2990, abs=2e-3)
+
+
+def test_a_dataset_holds_all_of_a_tally(whole: Tally) -> None:
+    again = Tally.from_dataset(whole.to_dataset())
+    for name, values in vars(whole).items():
+        assert np.asarray(getattr(again, name)).tobytes() == np.asarray(values).tobytes(), name
