@@ -111,7 +111,7 @@ def main(lanes: int, models: list[str]) -> None:
             sample = np.flatnonzero(cut)[:_BY_SCIPY]
             # Those of similar length together.
             sample = sample[np.argsort(exact.t_c[sample])]
-            groups = np.array_split(sample, _GROUPS)
+            groups = np.array_split(sample, min(_GROUPS, len(sample)))
             names, times = map(np.concatenate, zip(*(by_scipy(_of(p, group)) for group in groups), strict=True))
             wrong = np.sum(hits.ended_by[sample] != names)
             worst = np.max(np.abs(hits.t_c[sample] / times - 1))
