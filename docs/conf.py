@@ -92,12 +92,19 @@ def copy_notebooks(app: Sphinx, failed: Exception | None) -> None:
             shutil.copy(notebook, copy)
 
 
+def copy_examples() -> None:
+    """Put the notebooks of examples/ where Sphinx reads: it sees its own folder only."""
+    shutil.rmtree(HERE / "examples", ignore_errors=True)
+    shutil.copytree(HERE.parent / "examples", HERE / "examples", ignore=shutil.ignore_patterns(".*"))
+
+
 def _notebooks(app: Sphinx) -> Path:
     return Path(app.outdir).parent / "jupyter_execute"
 
 
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    copy_examples()
     app.connect("source-read", complete_model_page)
     app.connect("html-page-context", offer_notebook)
     app.connect("build-finished", copy_notebooks)
