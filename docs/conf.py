@@ -77,6 +77,11 @@ def complete_model_page(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = f"{NOTEBOOK}{source[0]}{cells}"
 
 
+def point_to_examples(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Have links to the notebooks of the repository lead to their pages here."""
+    source[0] = source[0].replace("](../examples/", "](examples/")
+
+
 def offer_notebook(app: Sphinx, pagename: str, templatename: str, context: dict[str, Any], doctree: Any) -> None:
     """Tell the page's template where the executed notebook is."""
     if doctree is not None and (_notebooks(app) / f"{pagename}.ipynb").is_file():
@@ -106,5 +111,6 @@ def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     copy_examples()
     app.connect("source-read", complete_model_page)
+    app.connect("source-read", point_to_examples)
     app.connect("html-page-context", offer_notebook)
     app.connect("build-finished", copy_notebooks)
