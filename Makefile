@@ -42,7 +42,7 @@ format: $(STAMP)
 	.venv/bin/ruff format .
 
 clean:
-	rm -rf .venv .uv report docs/_build
+	rm -rf .venv .uv report docs/_build docs/examples
 
 $(STAMP): pyproject.toml uv.lock | $(UV)
 	$(UV) sync --locked --all-extras --compile-bytecode --python $(PYTHON)

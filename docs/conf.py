@@ -55,7 +55,7 @@ autodoc_typehints = "signature"
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", r"(collections|diffrax|distributed|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray)\..*|ndarray"),
-    ("py:class", r"erosion\.(calibration\.least_squares|particles|quantities|tables|tallies)\..*"),
+    ("py:class", r"erosion\.(calibration\.least_squares|parameters\.quantities|streams\.(particles|tally)|tables)\..*"),
 ]
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
@@ -77,6 +77,11 @@ def complete_model_page(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = f"{NOTEBOOK}{source[0]}{cells}"
 
 
+def point_to_examples(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Have links to the notebooks of the repository lead to their pages here."""
+    source[0] = source[0].replace("](../examples/", "](examples/")
+
+
 def offer_notebook(app: Sphinx, pagename: str, templatename: str, context: dict[str, Any], doctree: Any) -> None:
     """Tell the page's template where the executed notebook is."""
     if doctree is not None and (_notebooks(app) / f"{pagename}.ipynb").is_file():
@@ -92,12 +97,20 @@ def copy_notebooks(app: Sphinx, failed: Exception | None) -> None:
             shutil.copy(notebook, copy)
 
 
+def copy_examples() -> None:
+    """Put the notebooks of examples/ where Sphinx reads: it sees its own folder only."""
+    shutil.rmtree(HERE / "examples", ignore_errors=True)
+    shutil.copytree(HERE.parent / "examples", HERE / "examples", ignore=shutil.ignore_patterns(".*"))
+
+
 def _notebooks(app: Sphinx) -> Path:
     return Path(app.outdir).parent / "jupyter_execute"
 
 
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    copy_examples()
     app.connect("source-read", complete_model_page)
+    app.connect("source-read", point_to_examples)
     app.connect("html-page-context", offer_notebook)
     app.connect("build-finished", copy_notebooks)

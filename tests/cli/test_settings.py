@@ -73,7 +73,7 @@ def test_run_takes_own_parameters(harder, capsys):
     assert _status(["run", "--model", harder, "--set", "factor=2", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["model"], found["own_parameters"]) == (harder, {"factor": 2.0, "speed": 100.0})
-    assert found["volume"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # PHYSICS.md, section 6; V ∝ 1/σ
+    assert found["volume"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # golden; V ∝ 1/σ
 
 
 def test_a_stream_of_another_model_is_another_stream(harder, capsys):

@@ -19,7 +19,7 @@ SPINS = np.linspace(-0.9, 0.9, 7)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", AT_20_DEGREES)
-def test_figures_of_the_physics_note(name):
+def test_golden_numbers(name):
     figure = AT_20_DEGREES[name]
     hit = erosion.impact(name, P, derivatives=2, rtol=1e-12)
     assert hit.ended_by == figure.ended_by

@@ -1,6 +1,6 @@
 """10⁵ random impacts of every model: each ends, ends rightly, and has a number.
 
-By the scaling laws V/V* depends on α, k, rω/v₀, s and β alone (physics note, section 5), so these
+By the scaling laws V/V* depends on α, k, rω/v₀, s and β alone (docs/physics.md), so these
 are drawn, and the sizes from micrometres to metres and speeds from 1 m/s to 10 km/s beside them.
 """
 

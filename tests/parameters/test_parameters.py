@@ -16,7 +16,7 @@ CASES = Path(__file__).parents[2] / "cases"
 
 
 def test_table_1_and_its_derived_numbers():
-    # Physics note, section 1 and 4.
+    # docs/physics.md: ω = √(kc/m) and V*.
     assert float(P.rate) == pytest.approx(47346, rel=1e-5)
     assert float(P.volume_scale) == pytest.approx(6.9091e-4, rel=1e-5)
     assert float(P.moment_of_inertia) == pytest.approx(0.5 * 2.855e-7 * 0.04**2)

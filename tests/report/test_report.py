@@ -104,7 +104,7 @@ def test_numbers_are_those_of_the_closed_forms(reports: dict[str, Path], name: s
 
 def test_table_1_reproduces_the_settled_figures(reports: dict[str, Path]) -> None:
     answers = numbers(reports["Table 1"])["answers"]
-    # PHYSICS.md, section 6, as printed there.
+    # docs/golden-numbers.md, as printed there.
     assert answers["q2"]["t_c"] == pytest.approx(6.6353363429e-5, rel=1e-10)
     assert answers["q3"]["volume"] == pytest.approx(1.816436352531e-4, rel=1e-12)
     assert np.rad2deg(answers["q4"]["alpha_max"]) == pytest.approx(31.717474411, abs=1e-8)
@@ -138,7 +138,7 @@ def test_families_follow_the_laws_of_the_linearized_model(reports: dict[str, Pat
     for quantity_, power in (("v0", 2), ("m", 1), ("r", 0), ("sigma", -1), ("psi", -1)):
         family = families[quantity_]
         assert len(family["values"]) >= 5
-        # PHYSICS.md, section 4; V″ turns the 1e-12 of V′ into an angle.
+        # docs/physics.md, closed forms; V″ turns the 1e-12 of V′ into an angle.
         np.testing.assert_allclose(family["alpha_max"], np.arctan(p.k) / 2, rtol=0, atol=1e-10)
         expected = scale * (np.array(family["values"]) / float(getattr(p, quantity_))) ** power * (np.sqrt(5) - 1) / 4
         np.testing.assert_allclose(family["volume_max"], expected, rtol=1e-10)
@@ -151,7 +151,7 @@ def test_families_follow_the_laws_of_the_linearized_model(reports: dict[str, Pat
 
 def test_rotation_answers_with_the_settled_figures(whole: Path) -> None:
     answers = numbers(whole)["answers"]
-    # PHYSICS.md, sections 6 and 7, as printed there.
+    # docs/golden-numbers.md, as printed there.
     a1 = answers["a1"]
     assert np.rad2deg(a1["rotating"]["alpha_max"]) == pytest.approx(25.571827308, abs=1e-8)
     assert np.rad2deg(a1["rotating-full-torque"]["alpha_max"]) == pytest.approx(23.884236296, abs=1e-8)
@@ -174,7 +174,7 @@ def test_rotation_answers_with_the_settled_figures(whole: Path) -> None:
 
 def test_other_force_ratios_and_the_printed_equations(whole: Path) -> None:
     answers = numbers(whole)["answers"]
-    # PHYSICS.md, sections 2, 4 and 6.
+    # docs/golden-numbers.md.
     assert answers["a2"]["kind"] == "boundary"
     assert not answers["a2"]["attained"]
     assert answers["a2"]["supremum"] == pytest.approx(3.45455e-4, rel=1e-6)

@@ -137,9 +137,7 @@ def test_the_command_line_takes_axes_of_own_parameters(tmp_path, monkeypatch, ca
     assert _status([*words, "--set", "speed=5 m/s", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["dimensions"] == {"alpha": 2, "factor": 2}
     found = xr.load_dataset("out.nc")
-    assert found.volume[0].values == pytest.approx(
-        1.816436352531e-4 / np.array([1, 2]), rel=1e-8
-    )  # PHYSICS.md, 6; V ∝ 1/σ
+    assert found.volume[0].values == pytest.approx(1.816436352531e-4 / np.array([1, 2]), rel=1e-8)  # golden; V ∝ 1/σ
     assert found.attrs["own_parameters"] == "speed = 196.8503937007874"
     assert _status([*words, "--set", "speed=6 m/s"]) == 2
     assert "holds another result (of another models)" in capsys.readouterr().err

@@ -24,7 +24,7 @@ def quietly(model, p, **options):
 
 
 @pytest.mark.parametrize("name", AT_20_DEGREES)
-def test_figures_of_the_physics_note(name):
+def test_golden_numbers(name):
     figure = AT_20_DEGREES[name]
     cut = quietly(name, P)
     assert cut.ended_by == figure.ended_by
@@ -197,7 +197,7 @@ def test_grazing_impacts_with_spin_keep_their_digits(alpha):
 
 
 def test_a_graze_that_step_ends_cannot_see():
-    # Physics note, section 7: the jump of the rotating model at k = 1.
+    # docs/golden-numbers.md: the jump of the rotating model at k = 1.
     p = P.replace(k=1.0)
     jump = np.deg2rad(39.99624582)
     below, above = (quietly("rotating", p.replace(alpha=jump + d)) for d in (-1e-6, 1e-6))

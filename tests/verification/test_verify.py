@@ -53,7 +53,7 @@ def test_the_equations_are_typed_a_second_time_for_every_registered_model():
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_witnesses_know_the_figures_of_the_physics_note(name):
+def test_witnesses_know_the_golden_numbers(name):
     volume, t_c, ended_by = FIGURES[name]
     found = [scipy_witness(name, P)]
     if has_heyoka():

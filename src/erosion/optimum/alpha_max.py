@@ -157,7 +157,7 @@ def alpha_max(
         ValueError: for parameters or a range out of bounds, or an unknown objective.
 
     References:
-        Laverty asks for Newton's method on dV/dα; PHYSICS, section 7, says why that is not
+        Laverty asks for Newton's method on dV/dα; docs/optimum.md says why that is not
         enough. For the linearized model α_max = ½ arctan k.
     """
     return _optimum(model, p, alpha_range, objective, least=False)
