@@ -8,6 +8,7 @@ import pytest
 
 from erosion.cli import _status
 from erosion.cli.options import print_table
+from erosion.parameters.quantities import QUANTITIES
 
 ROOT = Path(__file__).parents[2]
 
@@ -158,3 +159,13 @@ def test_a_table_keeps_units_and_names_whole(capsys):
     assert "Title [m]" in printed
     assert "V [in³]" in printed
     assert row[0] in printed
+
+
+def test_every_parameter_of_an_impact_is_an_option(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    assert _status(["run", "--help"]) == 0
+    printed = capsys.readouterr().out
+    for name, quantity in QUANTITIES.items():
+        assert f"--{name} STR" in printed
+        assert f"{quantity.symbol}, {quantity.meaning}" in printed
+    assert 'v₀, impact speed: "4400 in/s".' in printed

@@ -1,4 +1,7 @@
+import dataclasses
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -8,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import erosion
-from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import read_quantity, unit_name
 
 P = erosion.TABLE_1
@@ -204,3 +207,10 @@ def test_conversions_are_pints():
         assert conversion_factor(dimension, "inch-pound", "si") == pytest.approx(factor, rel=1e-14)
         assert conversion_factor(dimension, "si", "inch-pound") == pytest.approx(1 / factor, rel=1e-14)
         assert conversion_factor(dimension, "si", "si") == 1
+
+
+def test_the_table_of_quantities_loads_without_jax_and_is_the_fields():
+    code = "import sys, erosion.parameters.quantities; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
+    fields = {field.name: field.metadata.get("quantity") for field in dataclasses.fields(P)}
+    assert fields == {**QUANTITIES, "units": None}

@@ -47,7 +47,7 @@ def optimum(
 ) -> None:
     """Find the angle at which most is removed, certified: jumps and ends of the range compete."""
     case = case or CaseOptions()
-    if case.alpha is not None:
+    if "alpha" in case.given():
         raise InputError("Option `--alpha` has no meaning here: all angles are searched, or those of --alpha-range.")
     p = case.parameters()
     chosen = load_set(model, settings(own), p.units)
