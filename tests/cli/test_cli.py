@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -90,6 +91,25 @@ def test_models_table_fits_the_terminal(capsys, monkeypatch, columns):
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= columns
     assert any("rotating-velocity-aligned-full-torque " in line for line in lines)
+
+
+@pytest.fixture
+def far_model(tmp_path):
+    """A model file whose path has more than 150 characters, in parts that a table would fold at hyphens and spaces."""
+    folder = tmp_path / "-".join(["long"] * 20) / " ".join(["name"] * 10)
+    folder.mkdir(parents=True)
+    return Path(shutil.copy(ROOT / "models/coulomb_tip.py", folder))
+
+
+@pytest.mark.parametrize("columns", ["80", "120"])
+@pytest.mark.parametrize("words", ["models --path", "run --model", "optimum --model", "compare --models finnie"])
+def test_a_long_path_is_never_broken(far_model, capsys, monkeypatch, words, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert len(str(far_model)) > 150
+    assert _status([*words.split(), str(far_model.parent if words.startswith("models") else far_model)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(str(far_model) in line for line in lines)
+    assert all(len(line) <= int(columns) for line in lines if str(far_model) not in line)
 
 
 def test_help_comes_without_jax():

@@ -92,7 +92,7 @@ def test_a_stream_of_another_model_is_another_stream(harder, capsys):
 
 
 def test_models_lists_them(capsys, tmp_path, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "300")  # or long paths break the lines
+    monkeypatch.setenv("COLUMNS", "120")
     shutil.copy(ROOT / "models/coulomb_tip.py", tmp_path)
     assert _status(["models", "--path", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

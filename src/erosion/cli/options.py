@@ -222,29 +222,22 @@ def print_json(content: Mapping[str, Any]) -> None:
 
 def print_table(
     title: str,
-    rows: "Sequence[Sequence[str]]",
+    rows: "Sequence[Sequence[Any]]",
     headings: "Sequence[str] | None" = None,
     numbers: "Collection[int]" = (2,),
 ) -> None:
     """A table on stdout, in colour where it is a terminal; the columns `numbers` are flush right."""
-    from erosion.tables import HEADINGS, to_rich
-
-    print_rich(to_rich(title, rows, headings or HEADINGS, numbers))
-
-
-def print_rich(table: Any) -> None:
-    """A rich table on stdout."""
     from rich.console import Console
 
-    from erosion.tables import WIDTH
+    from erosion.tables import HEADINGS, WIDTH, to_lines
 
     console = Console(highlight=False)
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        # Where no one says how wide it is, nothing need be shortened.
-        console.width = WIDTH
+    # Where no one says how wide it is, nothing need be shortened.
+    width = console.width if console.is_terminal or "COLUMNS" in os.environ else WIDTH
     # rich would end the process, with status 1, where the reader of a pipe has gone.
     with console.capture() as captured:
-        console.print(table)
+        for line in to_lines(title, rows, headings or HEADINGS, numbers, width):
+            console.print(line, soft_wrap=True)
     print(captured.get(), end="")
 
 
