@@ -66,7 +66,7 @@ def test_what_is_not_determined_is_a_warning(table, capsys):
 
 
 def test_several_models_are_ranked(table, capsys):
-    arguments = ["calibrate", str(table), "--models", "linearized,tan-alpha", "--free", "psi", *GUESS]
+    arguments = ["calibrate", str(table), "--model", "linearized,tan-alpha", "--free", "psi", *GUESS]
     assert _status([*arguments, "--json"]) == 0
     captured = capsys.readouterr()
     assert [one["model"] for one in json.loads(captured.out)["ranking"]] == ["linearized", "tan-alpha"]

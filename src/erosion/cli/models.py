@@ -20,9 +20,10 @@ def models(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List every model: name, what it says, the source's equations, and its own parameters (for --set).
+    """List every model with its equations and its own parameters (for --set).
 
-    A model that cannot be used is listed with the reason, and the exit status is then 1.
+    A model that cannot be used is listed with the reason; the exit status is
+    then 1.
     """
     from erosion.models import available_models
 

@@ -127,10 +127,9 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
     return options if file is None else dataclasses.replace(options, case=file)
 
 
-ModelOption = Annotated[
-    str, Parameter(name="--model", help="A model's name (see `erosion models`), or the path of a Python file.")
+JsonOption = Annotated[
+    bool, Parameter(name="--json", negative="", show_default=False, help="Print JSON and nothing else.")
 ]
-JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON and nothing else.")]
 
 
 def read_whole(number: Any) -> int:
@@ -195,8 +194,12 @@ def sentence(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
+_OPTIONS = {"models": "Option `--model`", "store": "Option `--output`", "data": "The table"}
+"""Python's arguments that have another name on the command line."""
+
+
 def _as_option(argument: re.Match[str]) -> str:
-    return f"Option `--{argument[1].replace('_', '-')}`"
+    return _OPTIONS.get(argument[1], f"Option `--{argument[1].replace('_', '-')}`")
 
 
 def start_engine() -> None:
