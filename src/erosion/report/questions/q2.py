@@ -78,8 +78,7 @@ def _figure(case: Case) -> Illustration:
         np.asarray(case.closed.t_c(p)),
         units=case.units,
         real_part=real_part,
-        cusp=(case.cusp, np.pi / case.omega),
-        case=(case.alpha, case.t_c),
+        marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
     )
     return Illustration(
         "figure-9-end-of-cut",
