@@ -1,14 +1,17 @@
 """Results as a person or a program reads them: tables in text and HTML, JSON."""
 
 import html
-import io
 import json
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jax.core import Tracer
+
+if TYPE_CHECKING:
+    from rich.text import Text
 
 HEADINGS = ("quantity", "", "value", "unit", "meaning")
 WIDTH = 120  # characters of a line of text
@@ -53,33 +56,98 @@ def abbreviate(value: Any) -> str:
 
 def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
     """An aligned table under a title, without colour, ending without a newline."""
-    from rich.console import Console
-
-    buffer = io.StringIO()
-    # In a notebook rich would show the table there and leave the buffer empty.
-    console = Console(file=buffer, width=WIDTH, highlight=False, color_system=None, force_jupyter=False)
-    console.print(to_rich(title, rows, headings))
-    return "\n".join(line.rstrip() for line in buffer.getvalue().rstrip().splitlines())
+    return "\n".join(line.plain.rstrip() for line in to_lines(title, rows, headings)).rstrip()
 
 
-def to_rich(
-    title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS, numbers: Collection[int] = (2,)
-) -> Any:
-    """The same as a rich table, for the terminal; the columns `numbers` are flush right."""
-    from rich import box
-    from rich.table import Table
+def to_lines(
+    title: str,
+    rows: Sequence[Sequence[Any]],
+    headings: Sequence[str] = HEADINGS,
+    numbers: Collection[int] = (2,),
+    width: int = WIDTH,
+) -> "list[Text]":
+    """A table as lines of rich text for a terminal.
+
+    To fit into the width, the last column wraps between words, and a long name in the first column gets
+    a line of its own. The title and names are never broken, as they may hold paths.
+
+    Args:
+        title: above the table; none where it is empty.
+        rows: cells, as text or rich text.
+        headings: of the columns.
+        numbers: the columns that are flush right.
+        width: of the terminal, in characters.
+    """
     from rich.text import Text
 
-    # As `Text`, because rich takes what is in brackets, like a unit, for its own markup.
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, title_style="bold", pad_edge=False)
-    for i, heading in enumerate(headings):
-        last = i == len(headings) - 1
-        side = "right" if i in numbers else "left"
-        keep, style = i > 0 and not last, "dim" if last else ""
-        table.add_column(Text(heading), justify=side, no_wrap=keep, overflow="fold", style=style)
-    for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
-    return table
+    table = [[Text(heading, "bold") for heading in headings]]
+    table += [[*map(_cell, row[:-1]), _cell(row[-1], "dim")] for row in rows]
+    widths = _column_widths([[cell.cell_len for cell in row] for row in table], numbers, width)
+    head, *body = (_row_lines(row, widths, numbers) for row in table)
+    rule = Text(" " + "─" * (sum(widths) + len(_GAP) * (len(widths) - 1)))
+    titles = [Text(title, "bold")] if title else []
+    return [*titles, Text(), *head, rule, *(line for lines in body for line in lines), Text()]
+
+
+_GAP = "   "  # between two columns
+_LEAST_WORDS = 24  # characters to which the last column shrinks
+
+
+def _cell(cell: Any, style: str = "") -> "Text":
+    from rich.text import Text
+
+    return cell if isinstance(cell, Text) else Text(cell, style)
+
+
+def _column_widths(lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int) -> list[int]:
+    """The widths of two or more columns; the first one's is that of the names which fit."""
+    names, *others = zip(*lengths, strict=True)
+    *middle, last = (max(column) for column in others)
+    wraps = len(others) not in numbers
+    room = width - 1 - len(_GAP) * len(others) - sum(middle)
+    least = min(last, _LEAST_WORDS) if wraps else last
+    first = max((length for length in names if length <= room - least), default=0)
+    if wraps:
+        last = max(least, min(last, room - first))
+    return [first, *middle, last]
+
+
+def _row_lines(cells: "Sequence[Text]", widths: Sequence[int], numbers: Collection[int]) -> "list[Text]":
+    """One row: a name that is too long alone, then the cells, of which the last may take several lines."""
+    from rich.text import Text
+
+    name, *middle, last = cells
+    lines = []
+    if name.cell_len > widths[0]:
+        lines.append(Text.assemble(" ", name))
+        name = Text()
+    row = [name, *middle]
+    for words in _wrapped(last, widths[-1]):
+        padded = [_padded(cell, widths[i], left=i in numbers) for i, cell in enumerate((*row, words))]
+        lines.append(Text.assemble(" ", Text(_GAP).join(padded)))
+        lines[-1].rstrip()
+        row = [Text()] * len(row)
+    return lines
+
+
+def _padded(cell: "Text", width: int, *, left: bool) -> "Text":
+    cell = cell.copy()
+    (cell.pad_left if left else cell.pad_right)(max(0, width - cell.cell_len))
+    return cell
+
+
+def _wrapped(text: "Text", width: int) -> "list[Text]":
+    """Lines of whole words."""
+    from rich.cells import cell_len
+
+    begins = [0]
+    for word in re.finditer(r"\S+", text.plain):
+        if word.start() > begins[-1] and cell_len(text.plain[begins[-1] : word.end()]) > width:
+            begins.append(word.start())
+    lines = list(text.divide(begins[1:]))
+    for line in lines:
+        line.rstrip()
+    return lines
 
 
 def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:

@@ -30,18 +30,18 @@ def test_a_fit_as_json_with_files(table, tmp_path, capsys):
     options = ["--plot", str(files[0]), "--openfoam", str(files[1]), "--fluent", str(files[2]), "--profile", "k"]
     assert _status(["calibrate", str(table), "--free", "k,psi", "--json", *options, *GUESS]) == 0
     captured = capsys.readouterr()
-    found = json.loads(captured.out)
+    printed = json.loads(captured.out)
     assert captured.err == ""
-    assert found["model"] == "linearized"
-    assert found["estimates"]["k"] == pytest.approx(2, abs=0.15)
-    low, high = found["intervals"]["k"]
-    assert low < found["estimates"]["k"] < high
-    rise = dict(zip(found["profile"]["values"], found["profile"]["rise"], strict=True))
-    assert rise[found["estimates"]["k"]] == 0
+    assert printed["model"] == "linearized"
+    assert printed["estimates"]["k"] == pytest.approx(2, abs=0.15)
+    low, high = printed["intervals"]["k"]
+    assert low < printed["estimates"]["k"] < high
+    rise = dict(zip(printed["profile"]["values"], printed["profile"]["rise"], strict=True))
+    assert rise[printed["estimates"]["k"]] == 0
     assert all((one > 3.84) == (not low < value < high) for value, one in rise.items())
-    assert found["parameters"]["k"] == found["estimates"]["k"]
-    assert found["parameters"]["r"] == 0.04
-    assert found["erosion_unit"] == "in³"
+    assert printed["parameters"]["k"] == printed["estimates"]["k"]
+    assert printed["parameters"]["r"] == 0.04
+    assert printed["erosion_unit"] == "in³"
     assert files[0].read_text().startswith("<?xml")
     assert "type        particleErosion;" in files[1].read_text()
     assert "angle [deg],f [-]" in files[2].read_text()
@@ -62,13 +62,13 @@ def test_what_is_not_determined_is_a_warning(table, capsys):
     assert captured.err.startswith("warning: psi and sigma cannot be told apart: only psi·sigma is determined.")
     assert "not determined" in captured.out
     assert _status(["calibrate", str(table), "--free", "psi,sigma", "--json", *GUESS]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["undetermined"] == ["psi", "sigma"]
-    assert found["standard_errors"] == {"psi": None, "sigma": None}  # JSON has no infinity
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["undetermined"] == ["psi", "sigma"]
+    assert printed["standard_errors"] == {"psi": None, "sigma": None}  # JSON has no infinity
 
 
 def test_several_models_are_ranked(table, capsys):
-    arguments = ["calibrate", str(table), "--models", "linearized,tan-alpha", "--free", "psi", *GUESS]
+    arguments = ["calibrate", str(table), "--model", "linearized,tan-alpha", "--free", "psi", *GUESS]
     assert _status([*arguments, "--json"]) == 0
     captured = capsys.readouterr()
     assert [one["model"] for one in json.loads(captured.out)["ranking"]] == ["linearized", "tan-alpha"]

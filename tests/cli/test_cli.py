@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from erosion.cli import _status
 from erosion.cli.options import print_table
+from erosion.parameters.quantities import QUANTITIES
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,22 +22,22 @@ def erosion(*arguments, **options):
 
 def test_run_prints_the_reference_as_json(capsys):
     assert _status(["run", "--case", str(ROOT / "cases/table-1.toml"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["volume"] == pytest.approx(1.816436352531e-04, rel=1e-10)
-    assert found["ended_by"] == "rebound"
-    assert found["t_c"] == pytest.approx(6.6353363429e-05, rel=1e-10)
-    assert found["dvolume"] == pytest.approx(3.072135725e-4, rel=1e-9)
-    assert found["volume_m3"] == pytest.approx(found["volume"] * 0.0254**3, rel=1e-12)
-    assert found["units"]["volume"] == "in³"
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["volume"] == pytest.approx(1.816436352531e-04, rel=1e-10)
+    assert printed["ended_by"] == "rebound"
+    assert printed["t_c"] == pytest.approx(6.6353363429e-05, rel=1e-10)
+    assert printed["dvolume"] == pytest.approx(3.072135725e-4, rel=1e-9)
+    assert printed["volume_m3"] == pytest.approx(printed["volume"] * 0.0254**3, rel=1e-12)
+    assert printed["units"]["volume"] == "in³"
 
 
 def test_run_takes_a_model_and_parameters(capsys):
     assert _status(["run", "--model", "rotating", "--alpha", "20deg", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["volume"] == pytest.approx(1.014085387462e-04, rel=1e-10)
     assert _status(["run", "--case", str(ROOT / "cases/table-1-si.toml"), "--v0", "8800 in/s", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["volume"] == pytest.approx(4 * 1.816436352531e-04 * 0.0254**3, rel=1e-10)
-    assert found["parameters"]["units"] == "si"
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["volume"] == pytest.approx(4 * 1.816436352531e-04 * 0.0254**3, rel=1e-10)
+    assert printed["parameters"]["units"] == "si"
 
 
 def test_run_prints_a_table_and_draws(capsys, tmp_path):
@@ -62,9 +64,9 @@ def test_models_lists_them_all(capsys):
 
 def test_a_material_replaces_the_flow_stress(capsys):
     assert _status(["run", "--units", "si", "--material", "copper", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["parameters"]["sigma"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
-    assert found["volume_m3"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["parameters"]["sigma"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
+    assert printed["volume_m3"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
 
 
 def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch, tmp_path):
@@ -73,13 +75,13 @@ def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch
     (tmp_path / "good.py").write_text('"""One of mine."""\nimport erosion\nmodel = erosion.models.Rotating()\n')
     assert _status(["models", "--path", str(tmp_path), "--json"]) == 1
     captured = capsys.readouterr()
-    found = json.loads(captured.out)
-    assert "ZeroDivisionError" in found[str(tmp_path / "a_bad.py")]["error"]
+    printed = json.loads(captured.out)
+    assert "ZeroDivisionError" in printed[str(tmp_path / "a_bad.py")]["error"]
     good = {"summary": "One of mine.", "equations": "plug-in", "error": None, "own_parameters": {}}
-    assert found[str(tmp_path / "good.py")] == good
+    assert printed[str(tmp_path / "good.py")] == good
     assert captured.err == "erosion: 1 of 13 models cannot be used.\n"
     assert _status(["models", "--help"]) == 0
-    assert "run as Python" in " ".join(capsys.readouterr().out.split())
+    assert "run as Python" in " ".join(capsys.readouterr().out.replace("│", " ").split())
 
 
 @pytest.mark.parametrize("columns", [80, 120])
@@ -91,18 +93,37 @@ def test_models_table_fits_the_terminal(capsys, monkeypatch, columns):
     assert any("rotating-velocity-aligned-full-torque " in line for line in lines)
 
 
+@pytest.fixture
+def far_model(tmp_path):
+    """A model file whose path has more than 150 characters, in parts that a table would fold at hyphens and spaces."""
+    folder = tmp_path / "-".join(["long"] * 20) / " ".join(["name"] * 10)
+    folder.mkdir(parents=True)
+    return Path(shutil.copy(ROOT / "models/coulomb_tip.py", folder))
+
+
+@pytest.mark.parametrize("columns", ["80", "120"])
+@pytest.mark.parametrize("words", ["models --path", "run --model", "optimum --model", "compare --model finnie --model"])
+def test_a_long_path_is_never_broken(far_model, capsys, monkeypatch, words, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert len(str(far_model)) > 150
+    assert _status([*words.split(), str(far_model.parent if words.startswith("models") else far_model)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(str(far_model) in line for line in lines)
+    assert all(len(line) <= int(columns) for line in lines if str(far_model) not in line)
+
+
 def test_help_comes_without_jax():
     code = "import sys; from erosion.cli import main\ntry: main(['--help'])\nfinally: assert 'jax' not in sys.modules"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert found.returncode == 0, found.stderr
-    assert "Commands" in found.stdout
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert process.returncode == 0, process.stderr
+    assert "Commands" in process.stdout
 
 
 def test_an_optimum_comes_without_what_it_does_not_use():
     unused = {"diffrax", "matplotlib", "pandas", "pint", "rich", "scipy", "xarray"}
     code = f"import sys, erosion, erosion.cli; erosion.alpha_max; sys.exit({unused} & {{*sys.modules}} or 0)"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert found.returncode == 0, found.stderr
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert process.returncode == 0, process.stderr
 
 
 def test_the_process_exits_with_the_status():
@@ -121,17 +142,17 @@ def test_optimum_is_printed_and_drawn(capsys, tmp_path):
 
 def test_optimum_as_json_has_everything(capsys):
     assert _status(["optimum", "--model", "rotating", "--json", "--sensitivities"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert np.rad2deg(found["alpha"]) == pytest.approx(25.571827308, abs=1e-8)
-    assert found["kind"] == "interior"
-    assert found["certified"] is True
-    assert len(found["jumps"]) == 1
-    assert set(found["sensitivities"]) == {"k", "psi", "r", "b", "m", "v0", "sigma", "phidot0", "inertia"}
+    printed = json.loads(capsys.readouterr().out)
+    assert np.rad2deg(printed["alpha"]) == pytest.approx(25.571827308, abs=1e-8)
+    assert printed["kind"] == "interior"
+    assert printed["certified"] is True
+    assert len(printed["jumps"]) == 1
+    assert set(printed["sensitivities"]) == {"k", "psi", "r", "b", "m", "v0", "sigma", "phidot0", "inertia"}
 
 
 def test_compare_lists_models_at_the_case_and_at_their_best(capsys, tmp_path):
     curves = tmp_path / "curves.nc"
-    assert _status(["compare", "--models", "linearized", "rotating", "--output", str(curves), "--json"]) == 0
+    assert _status(["compare", "--model", "linearized,rotating", "--output", str(curves), "--json"]) == 0
     one, other = json.loads(capsys.readouterr().out)["models"]
     assert one["volume"] == pytest.approx(1.816436352531e-4, rel=1e-9)
     assert other["volume_max"] == pytest.approx(1.050019817361e-4, rel=1e-9)
@@ -141,7 +162,7 @@ def test_compare_lists_models_at_the_case_and_at_their_best(capsys, tmp_path):
 def test_compare_prints_a_table(capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "120")
     plot = tmp_path / "models.svg"
-    assert _status(["compare", "--models", "linearized", "tan-alpha", "--plot", str(plot)]) == 0
+    assert _status(["compare", "--model", "linearized", "--model", "tan-alpha", "--plot", str(plot)]) == 0
     out = capsys.readouterr().out
     assert "Models at α = 20° and at their best" in out
     assert "31.717474°" in out
@@ -158,3 +179,13 @@ def test_a_table_keeps_units_and_names_whole(capsys):
     assert "Title [m]" in printed
     assert "V [in³]" in printed
     assert row[0] in printed
+
+
+def test_every_parameter_of_an_impact_is_an_option(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    assert _status(["run", "--help"]) == 0
+    printed = capsys.readouterr().out
+    for name, quantity in QUANTITIES.items():
+        assert f"--{name} STR" in printed
+        assert f"{quantity.symbol}, {quantity.meaning}" in printed
+    assert 'v₀, impact speed: "4400 in/s".' in printed

@@ -71,9 +71,9 @@ def test_quantities_are_read_in_the_units_of_the_case(harder):
 
 def test_run_takes_own_parameters(harder, capsys):
     assert _status(["run", "--model", harder, "--set", "factor=2", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["model"], found["own_parameters"]) == (harder, {"factor": 2.0, "speed": 100.0})
-    assert found["volume"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # golden; V ∝ 1/σ
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["model"], printed["own_parameters"]) == (harder, {"factor": 2.0, "speed": 100.0})
+    assert printed["volume"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # golden; V ∝ 1/σ
 
 
 def test_a_stream_of_another_model_is_another_stream(harder, capsys):
@@ -81,9 +81,9 @@ def test_a_stream_of_another_model_is_another_stream(harder, capsys):
     case = erosion.dump_case(P) + "\n[stream]\nset.factor = 2\n"
     Path("case.toml").write_text(case)
     assert _status([*words, "--case", "case.toml", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["own_parameters"] == {"factor": 2.0, "speed": 100.0}
-    assert found["mean_volume"] == pytest.approx(1.816436352531e-4 / 2, rel=0.01)
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["own_parameters"] == {"factor": 2.0, "speed": 100.0}
+    assert printed["mean_volume"] == pytest.approx(1.816436352531e-4 / 2, rel=0.01)
     import xarray as xr
 
     assert xr.load_dataset("jet.nc").attrs["own_parameters"] == "factor = 2, speed = 100"
@@ -92,13 +92,13 @@ def test_a_stream_of_another_model_is_another_stream(harder, capsys):
 
 
 def test_models_lists_them(capsys, tmp_path, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "300")  # or long paths break the lines
+    monkeypatch.setenv("COLUMNS", "120")
     shutil.copy(ROOT / "models/coulomb_tip.py", tmp_path)
     assert _status(["models", "--path", str(tmp_path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     friction = {"value": 0.2, "symbol": "μ", "meaning": "coefficient of friction"}
-    assert found[str(tmp_path / "coulomb_tip.py")]["own_parameters"] == {"friction": friction}
-    assert found["rotating"]["own_parameters"] == {}
+    assert printed[str(tmp_path / "coulomb_tip.py")]["own_parameters"] == {"friction": friction}
+    assert printed["rotating"]["own_parameters"] == {}
     assert _status(["models", "--path", str(tmp_path)]) == 0
     assert "friction = 0.2  μ, coefficient of friction" in capsys.readouterr().out
 

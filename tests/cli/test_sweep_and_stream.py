@@ -29,12 +29,12 @@ def case(tmp_path) -> str:
 def test_a_case_file_may_hold_a_sweep(case, tmp_path, capsys):
     out = tmp_path / "out.nc"
     assert _status(["sweep", case, "-o", str(out), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["dimensions"] == {"alpha": 4, "v0": 2}
-    assert found["ended_by"] == {"rebound": 8}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["dimensions"] == {"alpha": 4, "v0": 2}
+    assert printed["ended_by"] == {"rebound": 8}
     stored = xr.load_dataset(out, engine="h5netcdf")
     assert float(stored.volume.isel(alpha=1, v0=1)) == pytest.approx(1.816436352531e-4, rel=1e-8)
-    assert found["volume_greatest"] == float(stored.volume.max())
+    assert printed["volume_greatest"] == float(stored.volume.max())
     # The same case serves the other verbs.
     assert erosion.load_case(case).v0 == 4400
 
@@ -72,13 +72,13 @@ def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
     plot = tmp_path / "stream.svg"
     arguments = ["stream", case, "--no-best-angle", "-o", str(tmp_path / "jet.nc"), "--plot", str(plot), "--json"]
     assert _status(arguments) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["particles"] == 1024
-    assert found["units"]["erosion"] == "in^3/slinch"
-    assert found["mean_volume"] == pytest.approx(1.83e-4, rel=0.01)
-    assert set(found["sensitivities"]) == {"v0", "alpha"}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["particles"] == 1024
+    assert printed["units"]["erosion"] == "in^3/slinch"
+    assert printed["mean_volume"] == pytest.approx(1.83e-4, rel=0.01)
+    assert set(printed["sensitivities"]) == {"v0", "alpha"}
     assert plot.read_text().startswith("<?xml")
-    assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == found["mean_volume"]
+    assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == printed["mean_volume"]
 
 
 def test_a_stream_is_told_as_a_table(case, capsys):

@@ -70,9 +70,9 @@ def curve(page: Page, view: str, model: str) -> np.ndarray:
     """What is drawn of a model, shape (points, 2), without the gaps."""
     # On a busy machine a model may be late, and left out until it answers.
     page.wait_for_function(f"([view, model]) => ({SERIES})(view).some((one) => one.name === model)", arg=[view, model])
-    found = [one for one in page.evaluate(SERIES, view) if one["name"] == model]
-    assert len(found) == 1
-    return np.array([point for point in found[0]["data"] if None not in point], dtype=float)
+    series = [one for one in page.evaluate(SERIES, view) if one["name"] == model]
+    assert len(series) == 1
+    return np.array([point for point in series[0]["data"] if None not in point], dtype=float)
 
 
 def star(page: Page, model: str) -> Any:

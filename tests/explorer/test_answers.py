@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from erosion.engine.impact import impact
-from erosion.explorer import found as finding
+from erosion.explorer import computed as computing
 from erosion.explorer.answers import ANGLES, Answer, Answers
+from erosion.explorer.computed import Computed
 from erosion.explorer.exports import case_toml, curves_csv, python_lines, results_json
-from erosion.explorer.found import Found
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.single_events import SingleEvent, end_times
@@ -38,9 +38,9 @@ def test_a_single_event_is_the_closed_forms_candidate(event: str) -> None:
     p = TABLE_1.replace(alpha=ANGLES[::10])
     exact = end_times(Linearized(), p)[event]
     hits = impact(SingleEvent(model=Linearized(), event=event), p)
-    found = np.where(hits.ended_by == event, hits.t_c, np.nan)
+    computed = np.where(hits.ended_by == event, hits.t_c, np.nan)
     # 1e-9 is the kernel's tolerance; where the event never happens both say so.
-    np.testing.assert_allclose(found, exact, rtol=1e-9)
+    np.testing.assert_allclose(computed, exact, rtol=1e-9)
     assert np.isnan(exact).any() == (event == "stop")
 
 
@@ -120,7 +120,7 @@ def test_preparation_begins_once_and_says_what_failed() -> None:
 
 
 def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(finding, "PATIENCE_AT_ONCE", 0.2)
+    monkeypatch.setattr(computing, "PATIENCE_AT_ONCE", 0.2)
     answers, preparation = Answers({"linearized": Linearized(), "plug_in": Linearized()}), Preparation(CASE)
     goes_on = threading.Event()
     compiled = Answer(lambda model, case: "compiled")
@@ -135,21 +135,21 @@ def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytes
     while not (preparation.ready(compiled, "linearized") and preparation.ready(compiled, "plug_in")):
         pass
 
-    def found_at_once() -> Found:
-        found = Found(both)
-        for stage in finding.stages(answers, found):
-            finding.at_once(found, stage, preparation)
-        return found
+    def computed_at_once() -> Computed:
+        computed = Computed(both)
+        for stage in computing.stages(answers, computed):
+            computing.at_once(computed, stage, preparation)
+        return computed
 
-    found = found_at_once()
-    assert (list(found.curves), list(found.points), found.cut) == (["linearized"], ["linearized"], True)
+    computed = computed_at_once()
+    assert (list(computed.curves), list(computed.points), computed.cut) == (["linearized"], ["linearized"], True)
     assert preparation.failure("plug_in") == "plug_in: no answer in 0.2 s; left out until it comes"
     assert not preparation.ready(compiled, "plug_in")
     goes_on.set()
     while not preparation.ready(compiled, "plug_in"):
         pass
     assert preparation.failure("plug_in") is None
-    assert set(found_at_once().curves) == {"linearized", "plug_in"}
+    assert set(computed_at_once().curves) == {"linearized", "plug_in"}
 
 
 def test_python_lines_compute_the_same(capsys: pytest.CaptureFixture) -> None:
@@ -178,9 +178,9 @@ def test_answers_are_of_the_own_parameters_of_the_case() -> None:
 
 
 def test_own_parameters_move_the_best_angle_too() -> None:
-    found, answers = Found(SLID), Answers(MODELS)
-    found.sensitivities = rates = answers.sensitivities("tip", PLUGGED)
-    option, _, said = sensitivities(found, MODELS)
+    computed, answers = Computed(SLID), Answers(MODELS)
+    computed.sensitivities = rates = answers.sensitivities("tip", PLUGGED)
+    option, _, said = sensitivities(computed, MODELS)
     assert option["yAxis"]["data"][0] == "μ"
     move = np.rad2deg(0.01 * 0.35 * rates["friction"])
     assert option["series"][0]["data"][0] == pytest.approx(move, abs=1e-6)

@@ -232,19 +232,19 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
 
     def download(title: str) -> Path:
         page.get_by_role("button", name="Export").click()
-        with page.expect_download() as found:
+        with page.expect_download() as download:
             page.get_by_text(title, exact=True).click()
-        path = tmp_path / found.value.suggested_filename
-        found.value.save_as(path)
+        path = tmp_path / download.value.suggested_filename
+        download.value.save_as(path)
         return path
 
     exported = json.loads(download("All numbers (JSON)").read_text())
     case = download("The case (TOML)")
     capsys.readouterr()
     assert _status(["run", "--case", str(case), "--model", "rotating", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["parameters"] == exported["parameters"]
-    assert exported["models"]["rotating"]["volume"] == pytest.approx(found["volume"], rel=1e-9)
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["parameters"] == exported["parameters"]
+    assert exported["models"]["rotating"]["volume"] == pytest.approx(printed["volume"], rel=1e-9)
     lines = download("Curves over α (CSV)").read_text().splitlines()
     assert lines[0].split(",")[:2] == ["alpha [deg]", "linearized volume [in³]"]
     assert float(lines[1].split(",")[1]) == exported["models"]["linearized"]["curve"]["volume"][0]
@@ -307,15 +307,15 @@ def test_only_this_machine_is_spoken_to(page: Page, server: tuple, address: str)
 def listening_on(pid: int) -> set[tuple[str, int]]:
     """Addresses that a process listens on, from Linux's own tables."""
     own = {str(path.readlink()) for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()}
-    found = set()
+    addresses = set()
     for table in ("tcp", "tcp6"):
         for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
             place, state, inode = (line.split()[i] for i in (1, 3, 9))
             if state == "0A" and f"socket:[{inode}]" in own:
                 ip, port = place.split(":")
                 numeric = socket.inet_ntoa(bytes.fromhex(ip)[::-1]) if table == "tcp" else ip
-                found.add((numeric, int(port, 16)))
-    return found
+                addresses.add((numeric, int(port, 16)))
+    return addresses
 
 
 def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:

@@ -34,11 +34,11 @@ def test_a_link_is_exact(units: str) -> None:
 
 
 def test_a_link_may_say_little_and_use_units() -> None:
-    found = read("alpha=30+deg&v0=100+m/s&models=rotating,linearized")
-    assert found.case.numbers()["alpha"] == np.deg2rad(30)
-    assert found.case.numbers()["v0"] == pytest.approx(100 / 0.0254)
-    assert found.case.numbers()["k"] == 2
-    assert found.models == ("linearized", "rotating")  # in the order of the page
+    state = read("alpha=30+deg&v0=100+m/s&models=rotating,linearized")
+    assert state.case.numbers()["alpha"] == np.deg2rad(30)
+    assert state.case.numbers()["v0"] == pytest.approx(100 / 0.0254)
+    assert state.case.numbers()["k"] == 2
+    assert state.models == ("linearized", "rotating")  # in the order of the page
     assert read("units=si").case == CASE.to("si")
 
 
@@ -72,11 +72,11 @@ def test_a_link_has_the_own_parameters_of_checked_models(units: str) -> None:
 
 
 def test_own_parameters_are_read_with_units() -> None:
-    found = PLUGGED.reading({"units": "si", "lip.reach": "1 mm", "tip.friction": "0.5"}, ("rotating", "tip", "lip"))
-    numbers = found.case.numbers()
+    state = PLUGGED.reading({"units": "si", "lip.reach": "1 mm", "tip.friction": "0.5"}, ("rotating", "tip", "lip"))
+    numbers = state.case.numbers()
     assert (numbers["lip.reach"], numbers["tip.friction"], numbers["lip.shift"]) == (0.001, 0.5, -0.5)
     assert PLUGGED.case.to("si").numbers()["lip.reach"] == pytest.approx(0.02 * 0.0254)
-    assert (text_of("lip.reach", found.case), unit_of("lip.reach", found.case)) == ("0.001", "m")
+    assert (text_of("lip.reach", state.case), unit_of("lip.reach", state.case)) == ("0.001", "m")
     with pytest.raises(ValueError, match=r"Field `lip\.reach` must be a length such as"):
         PLUGGED.case.read("lip.reach", "3 s")
     with pytest.raises(ValueError, match=r"Field `tip\.friction` must be a finite number, but is nan"):

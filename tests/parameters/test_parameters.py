@@ -1,4 +1,7 @@
+import dataclasses
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -8,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import erosion
-from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import read_quantity
 
 P = erosion.TABLE_1
@@ -178,3 +181,10 @@ def test_a_table_is_text_in_a_notebook_too(monkeypatch):
     outside = str(P)
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
     assert str(P) == outside
+
+
+def test_the_table_of_quantities_loads_without_jax_and_is_the_fields():
+    code = "import sys, erosion.parameters.quantities; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
+    fields = {field.name: field.metadata.get("quantity") for field in dataclasses.fields(P)}
+    assert fields == {**QUANTITIES, "units": None}

@@ -85,7 +85,7 @@ def test_end_times_are_both_candidates_and_the_lesser() -> None:
     stop = np.array([np.nan, *np.arccos(1 - 2 / np.tan(angles[1:])) / 47346.4])
     ends = {name: np.asarray(times) for name, times in CLOSED.end_times(p).items()}
     ax = plot_end_times(new_axes()[1], angles, ends, np.asarray(CLOSED.t_c(p)), units=p.units,
-                        cusp=(np.pi / 4, rebound[0]))  # fmt: skip
+                        marks={"cusp": (np.pi / 4, rebound[0])})  # fmt: skip
     # ω is typed in above to six digits.
     np.testing.assert_allclose(line(ax, "rebound"), [np.rad2deg(angles), rebound * 1e6], rtol=1e-5)
     np.testing.assert_allclose(line(ax, "stop")[1], stop * 1e6, rtol=1e-5)
@@ -99,7 +99,7 @@ def test_volume_is_split_by_the_end_of_the_cut() -> None:
     scale = 6.9091e-4  # V* of Table 1
     volume = scale * np.array([*(np.sin(2 * angles[:2]) - np.sin(angles[:2]) ** 2) / 2, *np.cos(angles[2:]) ** 2 / 2])
     ends = np.array(["rebound", "rebound", "stop", "stop"])
-    ax = plot_volume(new_axes()[1], angles, volume, ends, units="si", best=(0.5, 1e-4))
+    ax = plot_volume(new_axes()[1], angles, volume, ends, units="si", marks={"best": (0.5, 1e-4)})
     assert "m³" in ax.get_ylabel()
     degrees, rebound = line(ax, "ends by rebound")
     np.testing.assert_allclose(degrees, [20, 40, 60, 70])

@@ -30,6 +30,7 @@ from erosion.cli.verify import verify
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
+_PRESENT_NAMES = {"--models": "--model", "--out": "--output"}  # by the names of before, which stay accepted
 
 app = cyclopts.App(
     name="erosion",
@@ -59,7 +60,8 @@ def _status(arguments: Sequence[str]) -> int:
     os.environ.setdefault("EQX_ON_ERROR", "nan")
     usual, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
-        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        words = [_present_name(argument) for argument in arguments]
+        app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
             sys.stdout.flush()
     except cyclopts.CycloptsError as error:
@@ -82,6 +84,11 @@ def _status(arguments: Sequence[str]) -> int:
     finally:
         sys.unraisablehook = usual
     return 0
+
+
+def _present_name(argument: str) -> str:
+    name, equals, value = argument.partition("=")
+    return _PRESENT_NAMES.get(name, name) + equals + value
 
 
 def _let_go(stream: Any) -> None:

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import (
     CaseOptions,
     InputError,
     JsonOption,
-    ModelOption,
     WholeOption,
     parameters_as_json,
     print_json,
@@ -19,10 +19,12 @@ from erosion.cli.options import (
     user_errors,
     warn,
 )
+from erosion.cli.progress import progress_bar
 from erosion.cli.settings import SetOption, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
-    from erosion.calibration import Calibration
+    from erosion.calibration import Calibration, Ranking
+    from erosion.calibration.profiles import Profile
 
 
 def calibrate(
@@ -30,10 +32,9 @@ def calibrate(
     /,
     *,
     case: CaseOptions | None = None,
-    model: ModelOption = "linearized",
+    model: ModelsOption = None,
     own: SetOption = None,
-    models: Annotated[str | None, Parameter(help='Rank several models: "all" or "linearized,rotating".')] = None,
-    free: Annotated[str, Parameter(help="Parameters to fit, with commas between.")] = "k,psi",
+    free: Annotated[list[str] | None, LISTED, Parameter(help='Parameters to fit; "k,psi" without it.')] = None,
     density: Annotated[str | None, Parameter(help='Of the target, for mass losses: "2.7 g/cm^3".')] = None,
     loss: Annotated[
         str, Parameter(help='"linear"; "soft_l1", "huber", "cauchy" or "arctan" with outliers.')
@@ -46,41 +47,56 @@ def calibrate(
     fluent: Annotated[Path | None, Parameter(help="Write the angle function as a piecewise-linear table.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Fit a model's parameters to measured erosion, or rank models by how well they fit."""
+    """Fit a model's parameters to measured erosion, or rank several models.
+
+    Without --model, the model is linearized.
+    """
     case = case or CaseOptions()
     p = case.parameters()
     if not 0 < level < 1:
         raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
-    names = [name.strip() for name in free.split(",") if name.strip()]
-    if own and models is not None:
-        raise InputError("Option `--set` needs one model: give it by `--model`, without `--models`.")
+    names = ["linearized"] if model is None else chosen_models(model)
+    if own and len(names) > 1:
+        raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
     require_outputs(openfoam, fluent, plot=plot, inputs=(data, case.case))
     start_engine()
-    from rich.console import Console
-
-    from erosion.calibration import rank_models, read_measurements, to_fluent, to_openfoam
+    from erosion.calibration import rank_models, read_measurements
     from erosion.calibration.forward import SCALE
 
-    chosen = load_set(model, settings(own), p.units)
-    several = None if models is None or models == "all" else [one.strip() for one in models.split(",") if one.strip()]
-    console = Console(stderr=True, highlight=False)
-    with user_errors(), console.status("reading") as status:
+    chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
+    free = ["k", "psi"] if free is None else free
+    with user_errors(), progress_bar("reading") as progress:
         measured = read_measurements(data, p.units)
-        along = (*names, SCALE) if measured.free_scale else names
+        along = (*free, SCALE) if measured.free_scale else free
         if profile is not None and profile not in along:
             raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
         ranking = rank_models(
             p,
             measured,
-            names,
-            models=[chosen] if models is None else several,
-            progress=status.update,
+            free,
+            models=chosen,
+            progress=lambda model: progress(0, None, model),
             density=density,
             loss=loss,
             starts=32 if starts is None else starts,
         )
-        best = ranking.best
-        drawn = None if profile is None else best.profile(profile)
+        drawn = None if profile is None else ranking.best.profile(profile)
+    written = _write(ranking, level, plot, openfoam, fluent)
+    for statement in ranking.statements:
+        warn(statement)
+    if json:
+        print_json(_ranking_as_json(ranking, level, drawn))
+    else:
+        _print(ranking, level, drawn, written)
+
+
+def _write(
+    ranking: "Ranking", level: float, plot: Path | None, openfoam: Path | None, fluent: Path | None
+) -> list[Path]:
+    """Write the figure and the tables that are asked for."""
+    from erosion.calibration import to_fluent, to_openfoam
+    from erosion.files import write_whole
+
     written = []
     with user_errors():
         if plot is not None:
@@ -88,32 +104,37 @@ def calibrate(
             from erosion.plotting.style import save_plot
 
             written.append(save_plot(plot_calibration(ranking.fits, level), plot))
-        from erosion.files import write_whole
-
         for path, export in ((openfoam, to_openfoam), (fluent, to_fluent)):
             if path is not None:
-                write_whole(path, export(best).text().encode())
+                write_whole(path, export(ranking.best).text().encode())
                 written.append(path)
-    for sentence in ranking.statements:
-        warn(sentence)
-    if json:
-        content = _as_json(best, level)
-        if models is not None:
-            content["ranking"] = [
-                {**_as_json(one, level), "weight": weight, "tied_with": ranking.tied_with(name)}
-                for name, one, weight in zip(ranking.names, ranking.fits, ranking.weights, strict=True)
-            ]
-        if drawn is not None:
-            content["profile"] = {"name": drawn.name, "values": drawn.values.tolist(), "rise": drawn.rise.tolist()}
-        print_json(content)
-        return
-    if models is not None:
+    return written
+
+
+def _print(ranking: "Ranking", level: float, profile: "Profile | None", written: list[Path]) -> None:
+    if _ranks_several(ranking):
         print_table(ranking.title, ranking.rows(), ranking.headings)
-    print_table(best.title, best.rows(level))
-    if drawn is not None:
-        print_table(f"profile of {drawn.name}", drawn.rows(), (drawn.name, "Δχ²"), numbers=(0, 1))
+    print_table(ranking.best.title, ranking.best.rows(level))
+    if profile is not None:
+        print_table(f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), numbers=(0, 1))
     for path in written:
         print(f"written: {path}")
+
+
+def _ranks_several(ranking: "Ranking") -> bool:
+    return len(ranking.fits) + len(ranking.failures) > 1
+
+
+def _ranking_as_json(ranking: "Ranking", level: float, profile: "Profile | None") -> dict[str, Any]:
+    content = _as_json(ranking.best, level)
+    if _ranks_several(ranking):
+        content["ranking"] = [
+            {**_as_json(fit, level), "weight": weight, "tied_with": ranking.tied_with(name)}
+            for name, fit, weight in zip(ranking.names, ranking.fits, ranking.weights, strict=True)
+        ]
+    if profile is not None:
+        content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
+    return content
 
 
 def _as_json(fit: "Calibration", level: float) -> dict[str, Any]:

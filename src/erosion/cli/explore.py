@@ -4,6 +4,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.lists import ModelsOption
 from erosion.cli.options import CaseOptions, InputError, start_engine, user_errors
 
 _PORT = 8080
@@ -13,8 +14,8 @@ def explore(
     *,
     case: CaseOptions | None = None,
     model: Annotated[
-        list[str] | None,
-        Parameter(name="--model", negative="", help="Also offer the model in this Python file; may be repeated."),
+        ModelsOption,
+        Parameter(help="Also offer the models in these Python files: with commas, or the option repeated."),
     ] = None,
     port: Annotated[
         int | None, Parameter(help=f"Listen on this port of 127.0.0.1; {_PORT}, or a free one, without it.")

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import JsonOption, print_json, print_rich, user_errors
+from erosion.cli.options import JsonOption, print_json, print_table, user_errors
 
 if TYPE_CHECKING:
     from erosion.models.registry import ModelInfo
-
-_LONGEST_NAME = 40
 
 
 def models(
@@ -22,45 +20,41 @@ def models(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List every model: name, what it says, the source's equations, and its own parameters (for --set).
+    """List every model with its equations and its own parameters (for --set).
 
-    A model that cannot be used is listed with the reason, and the exit status is then 1.
+    A model that cannot be used is listed with the reason; the exit status is
+    then 1.
     """
     from erosion.models import available_models
 
     with user_errors():
-        found = available_models(path)
+        catalogue = available_models(path)
     if json:
         keys = ("summary", "equations", "error")
         print_json(
             {
                 name: {key: getattr(info, key) for key in keys} | {"own_parameters": _own(info)}
-                for name, info in found.items()
+                for name, info in catalogue.items()
             }
         )
     else:
-        _print_table(found)
-    broken = [name for name, info in found.items() if info.error]
+        _print_table(catalogue)
+    broken = [name for name, info in catalogue.items() if info.error]
     if broken:
-        raise RuntimeError(f"{len(broken)} of {len(found)} models cannot be used.")
+        raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")
 
 
-def _print_table(found: "Mapping[str, ModelInfo]") -> None:
-    from rich import box
-    from rich.table import Table
+def _print_table(catalogue: "Mapping[str, ModelInfo]") -> None:
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    # Names are kept whole; paths may be longer.
-    table.add_column("model", overflow="fold", min_width=min(_LONGEST_NAME, max(map(len, found))))
-    table.add_column("what it says, and the source's equations", ratio=1)
-    for name, info in found.items():
-        said = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
-        table.add_row(Text(name), said)
-        for own, one in _own(info).items():
-            meaning = f"  {one['symbol']}, {one['meaning']}" if one["symbol"] != own else ""
-            table.add_row("", Text.assemble(f"{own} = {one['value']:g}", (meaning, "dim")))
-    print_rich(table)
+    rows: list[tuple[str, Text]] = []
+    for name, info in catalogue.items():
+        text = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
+        rows.append((name, text))
+        for own, parameter in _own(info).items():
+            meaning = f"  {parameter['symbol']}, {parameter['meaning']}" if parameter["symbol"] != own else ""
+            rows.append(("", Text.assemble(f"{own} = {parameter['value']:g}", (meaning, "dim"))))
+    print_table("", rows, ("model", "what it says, and the source's equations"), numbers=())
 
 
 def _own(info: "ModelInfo") -> dict[str, dict[str, Any]]:
@@ -69,6 +63,10 @@ def _own(info: "ModelInfo") -> dict[str, dict[str, Any]]:
 
     own = {} if info.error else own_parameters(info.make())
     return {
-        name: {"value": float(one.value), "symbol": one.quantity.symbol, "meaning": one.quantity.meaning}
-        for name, one in own.items()
+        name: {
+            "value": float(parameter.value),
+            "symbol": parameter.quantity.symbol,
+            "meaning": parameter.quantity.meaning,
+        }
+        for name, parameter in own.items()
     }

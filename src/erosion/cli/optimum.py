@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.lists import ModelOption, read_list
 from erosion.cli.options import (
     CaseOptions,
     InputError,
     JsonOption,
-    ModelOption,
     parameters_as_json,
     print_json,
     print_table,
@@ -34,20 +34,25 @@ def optimum(
     model: ModelOption = "linearized",
     own: SetOption = None,
     alpha_range: Annotated[
-        tuple[str, str] | None,
-        Parameter(negative_iterable="", help='Only angles between these two: "20deg" "60deg".'),
+        list[str] | None,
+        Parameter(negative="", consume_multiple=True, help='Only angles between these two: "20deg : 60deg".'),
     ] = None,
     objective: Annotated[str, Parameter(help='"volume", "volume per mass", "t_c" or "depth".')] = "volume",
-    least: Annotated[bool, Parameter(negative="", help="Where least is removed; give a range of angles.")] = False,
+    least: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Where least is removed; give --alpha-range.")
+    ] = False,
     sensitivities: Annotated[
-        bool, Parameter(negative="", help="Also how the angle moves with each parameter (some seconds more).")
+        bool, Parameter(negative="", show_default=False, help="Also how the angle moves with each parameter.")
     ] = False,
     plot: Annotated[Path | None, Parameter(help="Also draw the curve into this file (.svg, .png, .pdf).")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Find the angle at which most is removed, certified: jumps and ends of the range compete."""
+    """Find the angle at which most is removed, with certainty.
+
+    Jumps of the volume and the ends of the range are compared too.
+    """
     case = case or CaseOptions()
-    if case.alpha is not None:
+    if "alpha" in case.given():
         raise InputError("Option `--alpha` has no meaning here: all angles are searched, or those of --alpha-range.")
     p = case.parameters()
     chosen = load_set(model, settings(own), p.units)
@@ -71,14 +76,19 @@ def optimum(
     if json:
         print_json(_as_json(model, best, with_sensitivities=sensitivities))
         return
-    _print(model, best, with_sensitivities=sensitivities)
+    _print(model, best)
+    if sensitivities:
+        _print_sensitivities(best)
     if plot is not None:
         print(f"figure: {plot}")
 
 
-def _angles(texts: tuple[str, str], p: "Parameters") -> tuple[float, float]:
+def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
     from erosion.parameters.units import read_quantity
 
+    texts = read_list(",".join(texts).replace(":", ","))
+    if len(texts) != 2:
+        raise InputError(f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(texts)}.')
     try:
         low, high = (read_quantity(text, "angle", p.units) for text in texts)
     except ValueError as error:
@@ -90,22 +100,22 @@ def _as_json(model: str, best: "Optimum", *, with_sensitivities: bool) -> dict[s
     import dataclasses
 
     names = ("alpha", "value", "volume", "kind", "side", "attained", "ended_by", "dvolume", "d2volume")
-    answer = {name: getattr(best, name) for name in names}
-    answer |= {"iterations": int(best.iterations), "certified": bool(best.certified), "attained": bool(best.attained)}
+    content = {name: getattr(best, name) for name in names}
+    content |= {"iterations": int(best.iterations), "certified": bool(best.certified), "attained": bool(best.attained)}
     for name in ("candidates", "jumps", "regimes"):
-        answer[name] = [dataclasses.asdict(one) for one in getattr(best, name)]
+        content[name] = [dataclasses.asdict(item) for item in getattr(best, name)]
     if with_sensitivities:
-        answer["sensitivities"] = {name: float(rate) for name, rate in best.sensitivities.items()}
+        content["sensitivities"] = {name: float(rate) for name, rate in best.sensitivities.items()}
     return {
         **model_as_json(model, best.model),
         "parameters": parameters_as_json(best.p),
         "objective": best.objective,
         "least": best.least,
-        **answer,
+        **content,
     }
 
 
-def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
+def _print(model: str, best: "Optimum") -> None:
     import numpy as np
 
     from erosion.optimum.objectives import MEASURES
@@ -137,12 +147,15 @@ def _print(model: str, best: "Optimum", *, with_sensitivities: bool) -> None:
     ]
     if jumps:
         print_table("Jumps", jumps, _AT)
-    if with_sensitivities:
-        from erosion.models.own_parameters import quantities, sizes
 
-        known, size = quantities(best.model), sizes(best.model, best.p)
-        rows = [
-            Row(name, known[name].symbol, format_number(rate * size[name]), "rad", known[name].meaning)
-            for name, rate in best.sensitivities.items()
-        ]
-        print_table("How the angle moves", rows, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))
+
+def _print_sensitivities(best: "Optimum") -> None:
+    from erosion.models.own_parameters import quantities, sizes
+    from erosion.tables import Row, format_number
+
+    known, size = quantities(best.model), sizes(best.model, best.p)
+    rows = [
+        Row(name, known[name].symbol, format_number(rate * size[name]), "rad", known[name].meaning)
+        for name, rate in best.sensitivities.items()
+    ]
+    print_table("How the angle moves", rows, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))

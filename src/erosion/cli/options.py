@@ -7,41 +7,56 @@ import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from cyclopts import Parameter
+
+from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.units import example
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
 
 
+_Options = TypeVar("_Options")
+
+
 class InputError(ValueError):
     """Something the user gave that cannot be used; the message is one sentence."""
 
 
+def _with_quantities(options: type[_Options]) -> type[_Options]:
+    """The same dataclass with an option, text, for each parameter of an impact."""
+    fields: list[tuple[str, Any, Any]] = []
+    for name, quantity in QUANTITIES.items():
+        such_as = "" if quantity.dimension == "1" else f": {example(quantity.dimension, 'inch-pound')}"
+        help_text = f"{quantity.symbol}, {quantity.meaning}{such_as}."
+        kind = Annotated[str | None, Parameter(help=help_text, allow_leading_hyphen=True)]
+        fields.append((name, kind, dataclasses.field(default=None)))
+    made = dataclasses.make_dataclass(options.__name__, fields, bases=(options,), frozen=True)
+    made.__module__ = options.__module__
+    return made
+
+
 @Parameter(name="*")
+@_with_quantities
 @dataclasses.dataclass(frozen=True)
 class CaseOptions:
     """Which impact: a case file, and changes to it."""
 
     case: Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 without it.")] = None
-    units: Annotated[str | None, Parameter(help='Convert the case to "inch-pound" or "si".')] = None
-    k: Annotated[str | None, Parameter(help="Force ratio F_y/F_x.", allow_leading_hyphen=True)] = None
-    psi: Annotated[str | None, Parameter(help="Contact height over depth.", allow_leading_hyphen=True)] = None
-    r: Annotated[str | None, Parameter(help='Centre of mass to tip: "0.04 in".', allow_leading_hyphen=True)] = None
-    b: Annotated[str | None, Parameter(help='Width: "1 mm".', allow_leading_hyphen=True)] = None
-    m: Annotated[str | None, Parameter(help='Mass: "50 mg".', allow_leading_hyphen=True)] = None
-    v0: Annotated[str | None, Parameter(help='Impact speed: "4400 in/s".', allow_leading_hyphen=True)] = None
-    sigma: Annotated[str | None, Parameter(help='Flow stress: "1.4 GPa".', allow_leading_hyphen=True)] = None
+    units: Annotated[
+        str | None, Parameter(help='Convert the case to "inch-pound" or "si"; bare numbers are then in these units.')
+    ] = None
     material: Annotated[
         str | None, Parameter(help='Instead of --sigma, a metal of Table 2: "mild steel", brass, copper, …')
     ] = None
-    alpha: Annotated[
-        str | None, Parameter(help='Angle of attack: "20deg"; bare numbers are radians.', allow_leading_hyphen=True)
-    ] = None
-    phidot0: Annotated[str | None, Parameter(help='Initial spin: "1000 rad/s".', allow_leading_hyphen=True)] = None
-    inertia: Annotated[str | None, Parameter(help="β in I = β m r².", allow_leading_hyphen=True)] = None
+
+    def given(self) -> dict[str, str]:
+        """By parameter, the text of its option, where there is one."""
+        texts = {name: getattr(self, name) for name in QUANTITIES}
+        return {name: text for name, text in texts.items() if text is not None}
 
     def parameters(self) -> "Parameters":
         """The case with its overrides, validated.
@@ -50,26 +65,25 @@ class CaseOptions:
             InputError: one sentence naming the file or the option.
         """
         from erosion.parameters.case_files import load_case
-        from erosion.parameters.parameters import QUANTITIES, TABLE_1, validate
+        from erosion.parameters.parameters import TABLE_1, validate
         from erosion.parameters.units import read_quantity
 
         with user_errors():
             p = TABLE_1 if self.case is None else load_case(self.case)
             if self.units is not None:
                 p = p.to(self.units)
+        given = self.given()
         if self.material is not None:
-            if self.sigma is not None:
+            if "sigma" in given:
                 raise InputError("Options `--material` and `--sigma` both set the flow stress: give one of them.")
             with user_errors():
                 p = p.with_material(self.material)
         changes = {}
-        for name, quantity in QUANTITIES.items():
-            text = getattr(self, name)
-            if text is not None:
-                try:
-                    changes[name] = read_quantity(text, quantity.dimension, p.units)
-                except ValueError as error:
-                    raise InputError(f"Option `--{name}` {error}.") from error
+        for name, text in given.items():
+            try:
+                changes[name] = read_quantity(text, QUANTITIES[name].dimension, p.units)
+            except ValueError as error:
+                raise InputError(f"Option `--{name}` {error}.") from error
         with user_errors():
             p = p.replace(**changes)
             validate(p)
@@ -86,7 +100,6 @@ class CaseOptions:
             InputError: for a field that is neither.
         """
         from erosion.parameters.case_files import load_section
-        from erosion.parameters.parameters import QUANTITIES
 
         if self.case is None:
             return {}
@@ -99,14 +112,11 @@ class CaseOptions:
         return section
 
     def texts(self, verb: str, section: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
-        """By parameter, what the verb's section and the options say of it: where, and what; options win."""
-        from erosion.parameters.parameters import QUANTITIES
-
-        found = {
+        """By parameter, where the verb's section or an option sets it, and to what; options win."""
+        in_file = {
             name: (f"{self.case}: field `{name}` of [{verb}]", section[name]) for name in QUANTITIES if name in section
         }
-        options = {name: getattr(self, name) for name in QUANTITIES}
-        return found | {name: (f"Option `--{name}`", text) for name, text in options.items() if text is not None}
+        return in_file | {name: (f"Option `--{name}`", text) for name, text in self.given().items()}
 
 
 def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
@@ -117,10 +127,9 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
     return options if file is None else dataclasses.replace(options, case=file)
 
 
-ModelOption = Annotated[
-    str, Parameter(name="--model", help="A model's name (see `erosion models`), or the path of a Python file.")
+JsonOption = Annotated[
+    bool, Parameter(name="--json", negative="", show_default=False, help="Print JSON and nothing else.")
 ]
-JsonOption = Annotated[bool, Parameter(name="--json", negative="", help="Print JSON and nothing else.")]
 
 
 def read_whole(number: Any) -> int:
@@ -185,8 +194,12 @@ def sentence(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
+_OPTIONS = {"models": "Option `--model`", "store": "Option `--output`", "data": "The table"}
+"""Python's arguments that have another name on the command line."""
+
+
 def _as_option(argument: re.Match[str]) -> str:
-    return f"Option `--{argument[1].replace('_', '-')}`"
+    return _OPTIONS.get(argument[1], f"Option `--{argument[1].replace('_', '-')}`")
 
 
 def start_engine() -> None:
@@ -212,29 +225,22 @@ def print_json(content: Mapping[str, Any]) -> None:
 
 def print_table(
     title: str,
-    rows: "Sequence[Sequence[str]]",
+    rows: "Sequence[Sequence[Any]]",
     headings: "Sequence[str] | None" = None,
     numbers: "Collection[int]" = (2,),
 ) -> None:
     """A table on stdout, in colour where it is a terminal; the columns `numbers` are flush right."""
-    from erosion.tables import HEADINGS, to_rich
-
-    print_rich(to_rich(title, rows, headings or HEADINGS, numbers))
-
-
-def print_rich(table: Any) -> None:
-    """A rich table on stdout."""
     from rich.console import Console
 
-    from erosion.tables import WIDTH
+    from erosion.tables import HEADINGS, WIDTH, to_lines
 
     console = Console(highlight=False)
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        # Where no one says how wide it is, nothing need be shortened.
-        console.width = WIDTH
+    # Where no one says how wide it is, nothing need be shortened.
+    width = console.width if console.is_terminal or "COLUMNS" in os.environ else WIDTH
     # rich would end the process, with status 1, where the reader of a pipe has gone.
     with console.capture() as captured:
-        console.print(table)
+        for line in to_lines(title, rows, headings or HEADINGS, numbers, width):
+            console.print(line, soft_wrap=True)
     print(captured.get(), end="")
 
 
@@ -245,6 +251,4 @@ def warn(message: str) -> None:
 
 def parameters_as_json(p: "Parameters") -> dict[str, Any]:
     """The parameters as plain numbers."""
-    from erosion.parameters.parameters import QUANTITIES
-
     return {"units": p.units, **{name: float(getattr(p, name)) for name in QUANTITIES}}

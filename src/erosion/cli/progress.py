@@ -4,10 +4,12 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 
+_SLOWEST = 10  # per second; a slower rate says less than the time left
+
 
 @contextlib.contextmanager
 def progress_bar(title: str) -> Iterator[Callable[..., None]]:
-    """Gives a function to call with what is done, what there is to do, and perhaps another title."""
+    """Gives a function to call with what is done, what there is to do (None: unknown), and perhaps another title."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
@@ -22,8 +24,9 @@ def progress_bar(title: str) -> Iterator[Callable[..., None]]:
     with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(title, total=None, rate="")
 
-        def update(done: int, total: int, what: str = title) -> None:
-            speed = bar.tasks[0].speed
-            bar.update(task, description=what, completed=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
+        def update(done: int, total: int | None, what: str = title) -> None:
+            speed = bar.tasks[0].speed or 0
+            rate = f"{speed:,.0f}/s" if speed > _SLOWEST else ""
+            bar.update(task, description=what, completed=done, total=total, rate=rate)
 
         yield update

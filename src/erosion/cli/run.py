@@ -1,14 +1,14 @@
 """`erosion run`: one impact."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
     CaseOptions,
     JsonOption,
-    ModelOption,
     parameters_as_json,
     print_json,
     print_table,
@@ -17,6 +17,10 @@ from erosion.cli.options import (
     warn,
 )
 from erosion.cli.settings import SetOption, in_full, load_set, model_as_json, settings
+
+if TYPE_CHECKING:
+    from erosion.tables import Row
+    from erosion.trajectory.trajectory import Trajectory
 
 
 def run(
@@ -34,17 +38,12 @@ def run(
     require_outputs(plot=plot, inputs=(case.case,))
     import numpy as np
 
-    from erosion.parameters.quantities import RESULTS
-    from erosion.parameters.units import conversion_factor, unit_name
-    from erosion.tables import Row, format_number
     from erosion.trajectory.path import path
     from erosion.trajectory.trajectory import SimulationError
 
     trajectory = path(chosen, p)
-    dvolume = trajectory.dvolume
-    if dvolume is None or not np.isfinite(dvolume):
+    if trajectory.dvolume is None or not np.isfinite(trajectory.dvolume):
         raise SimulationError(f"{model}: the derivative of the volume could not be computed.")
-    in_si = conversion_factor("volume", p.units, "si")
     if plot is not None:
         from erosion.plotting.motion import plot_trajectory
         from erosion.plotting.style import save_plot
@@ -53,36 +52,42 @@ def run(
             save_plot(plot_trajectory(trajectory), plot)
     for message in trajectory.warnings:
         warn(message)
-    numbers: dict[str, Any] = {
-        "t_c": trajectory.t_c,
-        "ended_by": trajectory.ended_by,
-        "volume": trajectory.volume,
-        "volume_m3": trajectory.volume * in_si,
-        "dvolume": dvolume,
-        "max_depth": trajectory.max_depth,
-        "turn": trajectory.turn,
-    }
     if json:
-        units = {name: unit_name(RESULTS[name].dimension, p.units) for name in RESULTS if name in numbers}
-        print_json(
-            {
-                **model_as_json(model, chosen),
-                "parameters": parameters_as_json(p),
-                **numbers,
-                "units": units,
-                "warnings": list(trajectory.warnings),
-            }
-        )
+        print_json({**model_as_json(model, chosen), **_as_json(trajectory)})
         return
-    rows = trajectory.rows()
-    after_volume = 1 + [row.name for row in rows].index("volume")
-    quantity = RESULTS["dvolume"]
-    rows[after_volume:after_volume] = [
-        *([Row("", "", format_number(trajectory.volume * in_si), "m³", "the same in SI")] if p.units != "si" else []),
-        Row(
-            "dvolume", quantity.symbol, format_number(dvolume), unit_name(quantity.dimension, p.units), quantity.meaning
-        ),
-    ]
-    print_table(f"{in_full(model, chosen)} at α = {np.rad2deg(float(p.alpha)):.6g}°", rows)
+    print_table(f"{in_full(model, chosen)} at α = {np.rad2deg(float(p.alpha)):.6g}°", _rows(trajectory))
     if plot is not None:
         print(f"figure: {plot}")
+
+
+def _as_json(trajectory: "Trajectory") -> dict[str, Any]:
+    from erosion.parameters.quantities import RESULTS
+    from erosion.parameters.units import unit_name
+
+    names = ("t_c", "ended_by", "volume", "volume_m3", "dvolume", "max_depth", "turn")
+    numbers = {name: _volume_in_si(trajectory) if name == "volume_m3" else getattr(trajectory, name) for name in names}
+    return {
+        "parameters": parameters_as_json(trajectory.p),
+        **numbers,
+        "units": {name: unit_name(RESULTS[name].dimension, trajectory.p.units) for name in RESULTS if name in names},
+        "warnings": list(trajectory.warnings),
+    }
+
+
+def _rows(trajectory: "Trajectory") -> "list[Row]":
+    """The trajectory's rows, with the volume in SI and its derivative below the volume."""
+    from erosion.parameters.quantities import result_row
+    from erosion.tables import Row, format_number
+
+    more = [result_row("dvolume", trajectory.dvolume, trajectory.p.units)]
+    if trajectory.p.units != "si":
+        more.insert(0, Row("", "", format_number(_volume_in_si(trajectory)), "m³", "the same in SI"))
+    rows = trajectory.rows()
+    below_volume = 1 + [row.name for row in rows].index("volume")
+    return [*rows[:below_volume], *more, *rows[below_volume:]]
+
+
+def _volume_in_si(trajectory: "Trajectory") -> float:
+    from erosion.parameters.units import conversion_factor
+
+    return trajectory.volume * conversion_factor("volume", trajectory.p.units, "si")

@@ -14,20 +14,20 @@ if TYPE_CHECKING:
 SetOption = Annotated[
     list[str] | None,
     Parameter(
-        name="--set", negative="", help='One of the model\'s own parameters: "friction=0.3"; for each of them once.'
+        name="--set", negative="", help='An own parameter of the model: "friction=0.3"; repeat it for other parameters.'
     ),
 ]
 Settings = Mapping[str, tuple[str, Any]]
-"""By own parameter, what is said of it: where, and what."""
+"""By own parameter, where it is set and to what."""
 
 
 def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = None, where: str = "") -> Settings:
-    """What the options say of own parameters, and the table `set` of a verb's section; options win.
+    """The own parameters that the options and the table `set` of a verb's section set; options win.
 
     Args:
-        options: "friction=0.3", of each.
+        options: texts such as "friction=0.3".
         section: the verb's table in the case file.
-        where: that table, in words.
+        where: words for that table, for messages.
 
     Raises:
         InputError: one sentence naming the option or the field.
@@ -36,33 +36,33 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table such as {{friction = 0.3}}, but is {table!r}.")
     in_file = {name: (f"{where}, field `{name}`,", value) for name, value in table.items()}
-    given: dict[str, tuple[str, Any]] = {}
+    in_options: dict[str, tuple[str, Any]] = {}
     for text in options or ():
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise InputError(f'Option `--set` must be such as "friction=0.3", but is {text!r}.')
-        if name in given:
+        if name in in_options:
             raise InputError(f"Option `--set` must give `{name}` once, but gives it several times.")
-        given[name] = (f"Option `--set {name}`", value)
-    return in_file | given
+        in_options[name] = (f"Option `--set {name}`", value)
+    return in_file | in_options
 
 
 def read_settings(
     name: str,
     model: "CuttingModel",
-    said: Settings,
+    given: Settings,
     units: "System",
     read: "Callable[[str, Any, Dimension, System], Any]",
 ) -> dict[str, Any]:
     """The values of settings.
 
     Args:
-        name: what the model is called.
-        model: whose own parameters they must be.
-        said: see `settings`.
+        name: the model's name, for messages.
+        model: the model whose own parameters are set.
+        given: see `settings`.
         units: of bare numbers and of the result.
-        read: takes an own parameter's name, what is said of it, its dimension and the units; gives its
-            value, or several, or its law.
+        read: takes an own parameter's name, its text, its dimension and the units; gives its value, or
+            several, or its law.
 
     Raises:
         InputError: one sentence naming the option or the field.
@@ -72,25 +72,25 @@ def read_settings(
     from erosion.models.own_parameters import own_parameters
 
     own, values = own_parameters(model), {}
-    for one, (what, text) in said.items():
-        if one not in own:
+    for key, (source, text) in given.items():
+        if key not in own:
             has = f"has {', '.join(own)}" if own else "has none"
-            raise InputError(f"{what} must name an own parameter of {name}, which {has}.")
+            raise InputError(f"{source} must name an own parameter of {name}, which {has}.")
         try:
-            values[one] = read(one, text, own[one].quantity.dimension, units)
+            values[key] = read(key, text, own[key].quantity.dimension, units)
         except ValueError as error:
-            raise InputError(f"{what} {error}.") from error
-        if isinstance(values[one], (float, np.ndarray)) and not np.all(np.isfinite(values[one])):
-            raise InputError(f"{what} must be finite, but is {text}.")
+            raise InputError(f"{source} {error}.") from error
+        if isinstance(values[key], (float, np.ndarray)) and not np.all(np.isfinite(values[key])):
+            raise InputError(f"{source} must be finite, but is {text}.")
     return values
 
 
-def load_set(name: str, said: Settings, units: "System") -> "CuttingModel":
-    """The model by name or path, with its own parameters as they are said to be."""
+def load_set(name: str, given: Settings, units: "System") -> "CuttingModel":
+    """The model by name or path, with the own parameters that are set."""
     from erosion.parameters.units import read_quantity
 
     model = load(name)
-    changes = read_settings(name, model, said, units, lambda _, text, *of: read_quantity(str(text), *of))
+    changes = read_settings(name, model, given, units, lambda _, text, *of: read_quantity(str(text), *of))
     return model.replace(**changes)
 
 
@@ -106,5 +106,5 @@ def model_as_json(name: str, model: "CuttingModel", but: Collection[str] = ()) -
     """A model's name, and its own parameters as plain numbers, those named `but` left out."""
     from erosion.models.own_parameters import own_parameters
 
-    own = {key: float(one.value) for key, one in own_parameters(model).items() if key not in but}
+    own = {key: float(parameter.value) for key, parameter in own_parameters(model).items() if key not in but}
     return {"model": name, "own_parameters": own}

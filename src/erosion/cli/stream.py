@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
     CaseOptions,
     InputError,
@@ -21,6 +22,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.progress import progress_bar
 from erosion.cli.settings import SetOption, Settings, model_as_json, read_settings, settings
+from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -34,35 +36,36 @@ def stream(
     /,
     *,
     case: CaseOptions | None = None,
-    model: Annotated[str | None, Parameter(help="A model's name, or the path of a Python file.")] = None,
+    model: ModelOption | None = None,
     own: SetOption = None,
     n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
     seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None,
     points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None,
     best_angle: Annotated[bool, Parameter(help="Look for the nozzle's angle that removes most.")] = True,
-    out: Annotated[Path | None, Parameter(name=("--out", "-o"), help="Keep it in out.nc, to go on from.")] = None,
+    output: Annotated[
+        Path | None, Parameter(name=("--output", "-o"), help="Keep it in this file (.nc), to go on from.")
+    ] = None,
     plot: Annotated[Path | None, Parameter(help="Also draw it into this file (.svg, .png, .pdf).")] = None,
     json: JsonOption = False,
 ) -> None:
-    """The erosion of a stream of particles: mean, errors, shares, quantiles, and its own best angle.
+    """Compute the erosion by a stream of particles, and its best nozzle angle.
 
-    Any of the case's parameters may vary: --alpha "normal(20deg, 3deg)", --v0 "lognormal(110 m/s, 0.1)",
-    --phidot0 "uniform(-1e4, 1e4)", --m "weibull(50ug, 3)", --r "rosin-rammler(1mm, 3, 0.2mm)",
-    --v0 "samples(jet.csv)"; so may the model's own: --set "friction=normal(0.2, 0.02)". A case file says
-    the same in a table [stream], which options overrule.
+    Any parameter of the case may vary: --alpha "normal(20deg, 3deg)",
+    --v0 "lognormal(110 m/s, 0.1)", --phidot0 "uniform(-1e4, 1e4)",
+    --m "weibull(50ug, 3)", --r "rosin-rammler(1mm, 3, 0.2mm)",
+    --v0 "samples(jet.csv)". A model's own parameters may vary as well:
+    --set "friction=normal(0.2, 0.02)". A case file gives the same in a table
+    [stream]; options overrule it.
     """
-    if out is not None and out.suffix != ".nc":
-        raise InputError(f"Option `--out` must end in .nc, but is {out}.")
+    if output is not None and output.suffix != ".nc":
+        raise InputError(f"Option `--output` must end in .nc, but is {output}.")
     options = with_file(case, file)
     section = options.section("stream", ("model", "n", "seed", "points", "set"))
     p, laws = _case_and_laws(options, section)
-    try:
-        count = read_whole(section.get("n", 2**20)) if n is None else n
-    except ValueError as error:
-        raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
+    count = _count(options, section) if n is None else n
     require_outputs(plot=plot, inputs=(options.case,))
-    said = settings(own, section, f"{options.case}: `set` of [stream]")
-    chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), said, p)
+    given = settings(own, section, f"{options.case}: `set` of [stream]")
+    chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), given, p)
     start_engine()
     from erosion.streams.stream import StreamInterrupted, prepare_stream
 
@@ -74,7 +77,7 @@ def stream(
             seed=section.get("seed", 0) if seed is None else seed,
             points=points or section.get("points", "sobol"),
             best_angle=best_angle,
-            store=out,
+            store=output,
             **laws,
             **own_laws,
         )
@@ -94,25 +97,31 @@ def stream(
     _show(result, json)
 
 
-def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
-    """The scalars of the case, and what its [stream] and the options let vary; options win."""
-    from erosion.parameters.parameters import QUANTITIES
+def _count(options: CaseOptions, section: dict[str, Any]) -> int:
+    """The number of particles that the case file gives; 2^20 without it."""
+    try:
+        return read_whole(section.get("n", 2**20))
+    except ValueError as error:
+        raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
 
+
+def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
+    """The case's scalars, and the laws of what varies, from its [stream] and the options; options win."""
     p = options.without_changes().parameters()
     values: dict[str, Any] = {}
-    for name, (what, text) in options.texts("stream", section).items():
+    for name, (source, text) in options.texts("stream", section).items():
         try:
             values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.units)
         except ValueError as error:
-            raise InputError(f"{what} {error}.") from error
+            raise InputError(f"{source} {error}.") from error
     numbers, laws = _split(values)
     return p.replace(**numbers), laws
 
 
-def _model_and_laws(name: str, said: Settings, p: "Parameters") -> "tuple[CuttingModel, dict[str, Any]]":
-    """The model with its own parameters as they are said to be, and what of them varies."""
+def _model_and_laws(name: str, given: Settings, p: "Parameters") -> "tuple[CuttingModel, dict[str, Any]]":
+    """The model with the own parameters that are set, and the laws of those that vary."""
     model = load(name)
-    numbers, laws = _split(read_settings(name, model, said, p.units, _number_or_law))
+    numbers, laws = _split(read_settings(name, model, given, p.units, _number_or_law))
     return model.replace(**numbers), laws
 
 
@@ -125,7 +134,7 @@ def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System"
 
 
 def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
-    """The numbers among them, and the laws."""
+    """Numbers apart from laws."""
     numbers = {name: value for name, value in values.items() if isinstance(value, float)}
     return numbers, {name: value for name, value in values.items() if name not in numbers}
 
@@ -139,7 +148,7 @@ def _show(result: "Stream", json: bool) -> None:
     content = model_as_json(summary.attrs["model"], result.model, but=result.particles.laws)
     content |= {"particles": result.n, **{name: float(summary[name]) for name in scalars}}
     content["quantiles"] = {f"{share:g}": volume for share, volume in result.quantiles.items()}
-    content["shares"] = {end: share.value for end, share in result.shares.items()}
+    content["shares"] = {event: share.value for event, share in result.shares.items()}
     if result.nozzle is not None:
         content["alpha_max_interval"] = [result.nozzle.alpha.low, result.nozzle.alpha.high]
     if result.sensitivities is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import (
     CaseOptions,
     InputError,
@@ -23,24 +24,28 @@ from erosion.cli.options import (
 )
 from erosion.cli.progress import progress_bar
 from erosion.cli.settings import SetOption, Settings, read_settings, settings
+from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
+    from erosion.tables import Row
 
 
 def sweep(
     file: Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")] = None,
     /,
     *,
-    out: Annotated[Path, Parameter(name=("--out", "-o"), help="out.nc (netCDF), or out.zarr for any size.")],
+    output: Annotated[Path, Parameter(name=("--output", "-o"), help="out.nc (netCDF), or out.zarr for any size.")],
     case: CaseOptions | None = None,
-    model: Annotated[list[str] | None, Parameter(help="A model's name or path; give several for a comparison.")] = None,
+    model: ModelsOption = None,
     own: SetOption = None,
-    paired: Annotated[str | None, Parameter(help='Axes that go together: "alpha,v0".')] = None,
+    paired: Annotated[list[str] | None, LISTED, Parameter(help='Axes that go together: "alpha,v0".')] = None,
     derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
     wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
     optimum: Annotated[bool | None, Parameter(help="Also the best angle, over the other axes.")] = None,
-    chunks: Annotated[str | None, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')] = None,
+    chunks: Annotated[
+        list[str] | None, LISTED, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')
+    ] = None,
     workers: Annotated[WholeOption, Parameter(help="With out.zarr, work in this many processes.")] = None,
     scheduler: Annotated[
         str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")
@@ -48,42 +53,42 @@ def sweep(
     plot: Annotated[Path | None, Parameter(help="Also draw the volume into this file (.svg, .png, .pdf).")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Compute impacts over a grid, into a labelled file; started again, go on where it stopped.
+    """Compute impacts over a grid into a labelled file.
 
-    Any of the case's parameters may be an axis: --alpha "1deg:90deg:90" (first, last, count),
-    --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3"; so may the model's own: --set
-    "friction=0:0.4:5". A case file says the same in a table [sweep], which options overrule.
+    After an interruption, the same command goes on where it stopped.
+
+    Any parameter of the case may be an axis: --alpha "1deg:90deg:90" (first,
+    last, count), --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3".
+    A model's own parameters may be axes as well: --set "friction=0:0.4:5".
+    A case file gives the same in a table [sweep]; options overrule it.
     """
     options = with_file(case, file)
     section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum", "set"))
-    if out.suffix not in (".nc", ".zarr"):
-        raise InputError(f"Option `--out` must end in .nc or .zarr, but is {out}.")
-    if out.suffix != ".zarr" and not (workers is scheduler is chunks is None):
-        raise InputError(f"Options `--chunks`, `--workers` and `--scheduler` need `--out` to end in .zarr, not {out}.")
+    _require_store(output, clustered=not (workers is scheduler is chunks is None))
     require_outputs(plot=plot, inputs=(options.case,))
     p, axes = _case_and_axes(options, section)
-    chosen = model or section.get("model", "linearized")
+    chosen = chosen_models(model) or section.get("model", "linearized")
     if isinstance(chosen, list) and len(chosen) == 1:
         chosen = chosen[0]
-    given = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
-    axes |= {name: values for name, values in given.items() if values.ndim}
+    values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
     from erosion.sweeps.grid import make_grid
     from erosion.sweeps.sweep import prepare_sweep
 
     arguments: dict[str, Any] = {
-        "paired": tuple(paired.replace(" ", "").split(",")) if paired else section.get("paired", ()),
+        "paired": paired or section.get("paired", ()),
         "derivatives": section.get("derivatives", 0) if derivatives is None else derivatives,
         "wrt": wrt or section.get("wrt", "alpha"),
         "optimum": section.get("optimum", False) if optimum is None else optimum,
-        "own": {name: float(values) for name, values in given.items() if not values.ndim},
+        "own": {name: float(value) for name, value in values.items() if not value.ndim},
     }
+    axes |= {name: axis for name, axis in values.items() if axis.ndim}
     with user_errors(TypeError):
         grid = make_grid(chosen, p, axes, **arguments)
-        cut = _chunks(chunks)
+        lengths = _chunks(chunks)
     with _cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
-            job = prepare_sweep(grid, chunks=cut, store=out)
+            job = prepare_sweep(grid, chunks=lengths, store=output)
         dataset = job.run(progress)
     if plot is not None:
         from erosion.plotting.style import save_plot
@@ -91,52 +96,52 @@ def sweep(
 
         with user_errors():
             save_plot(plot_sweep(dataset), plot)
-    summary = _summary(dataset)
-    if json:
-        print_json({"out": str(out), "dimensions": {str(dim): int(n) for dim, n in dataset.sizes.items()}, **summary})
-    else:
-        _print_summary(dataset, out, summary)
-    lost = sum(summary["ended_by"].get(end, 0) for end in ("failed", "unfinished"))
-    if lost == summary["impacts"]:
-        raise RuntimeError(f"of {lost:,} impacts none could be computed.")
-    if lost:
-        warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
+    _print(dataset, output, json=json)
+
+
+def _require_store(output: Path, *, clustered: bool) -> None:
+    if output.suffix not in (".nc", ".zarr"):
+        raise InputError(f"Option `--output` must end in .nc or .zarr, but is {output}.")
+    if output.suffix != ".zarr" and clustered:
+        raise InputError(
+            f"Options `--chunks`, `--workers` and `--scheduler` need `--output` to end in .zarr, not {output}."
+        )
 
 
 def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
-    """The scalars of the case, and what its [sweep] and the options make axes; options win."""
-    from erosion.parameters.parameters import QUANTITIES
+    """The case's scalars and its axes, from its [sweep] and the options; options win."""
     from erosion.parameters.ranges import read_axis
 
     given = options.texts("sweep", section)
     p = options.without_changes().parameters()
     values: dict[str, Any] = {}
-    for name, (what, value) in given.items():
+    for name, (source, value) in given.items():
         try:
             values[name] = read_axis(value, QUANTITIES[name].dimension, p.units)
         except ValueError as error:
-            raise InputError(f"{what} {error}.") from error
+            raise InputError(f"{source} {error}.") from error
     p = p.replace(**{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}
 
 
-def _own_values(model: Any, said: Settings, p: "Parameters") -> dict[str, Any]:
-    """The models' own parameters that are set: of each a single value, shape (), or those of an axis."""
+def _own_values(model: Any, given: Settings, p: "Parameters") -> dict[str, Any]:
+    """The models' own parameters that are set: each a single value, shape (), or the values of an axis."""
     from erosion.parameters.ranges import read_axis
 
     values: dict[str, Any] = {}
-    if said:
+    if given:
         for name in model if isinstance(model, list) else [model]:
-            values = read_settings(name, load(name), said, p.units, lambda _, *of: read_axis(*of))
+            values = read_settings(name, load(name), given, p.units, lambda _, *of: read_axis(*of))
     return values
 
 
-def _chunks(text: str | None) -> dict[str, int] | None:
-    if text is None:
+def _chunks(items: list[str] | None) -> dict[str, int] | None:
+    """Lengths by dimension, of "alpha=100"."""
+    if items is None:
         return None
-    parts = [part.partition("=") for part in text.replace(" ", "").split(",")]
+    parts = [item.replace(" ", "").partition("=") for item in items]
     if not all(length.isdecimal() for _, _, length in parts):
-        raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {text!r}.')
+        raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {",".join(items)!r}.')
     return {dim: int(length) for dim, _, length in parts}
 
 
@@ -166,6 +171,20 @@ def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
         yield
 
 
+def _print(dataset: Any, output: Path, *, json: bool) -> None:
+    """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
+    summary = _summary(dataset)
+    if json:
+        print_json({"out": str(output), "dimensions": {str(dim): n for dim, n in dataset.sizes.items()}, **summary})
+    else:
+        print_table(f"sweep into {output}", _rows(dataset, summary))
+    lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
+    if lost == summary["impacts"]:
+        raise RuntimeError(f"of {lost:,} impacts none could be computed.")
+    if lost:
+        warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
+
+
 def _summary(dataset: Any) -> dict[str, Any]:
     import numpy as np
 
@@ -182,7 +201,7 @@ def _summary(dataset: Any) -> dict[str, Any]:
     }
 
 
-def _print_summary(dataset: Any, out: Path, summary: dict[str, Any]) -> None:
+def _rows(dataset: Any, summary: dict[str, Any]) -> "list[Row]":
     from erosion.parameters.quantities import RESULTS
     from erosion.parameters.units import unit_name
     from erosion.tables import Row, format_number
@@ -195,4 +214,4 @@ def _print_summary(dataset: Any, out: Path, summary: dict[str, Any]) -> None:
     for name, meaning in (("volume_least", "least"), ("volume_greatest", "greatest")):
         value = format_number(summary[name])
         rows.append(Row("volume", RESULTS["volume"].symbol, value, unit, f"{meaning} {RESULTS['volume'].meaning}"))
-    print_table(f"sweep into {out}", rows)
+    return rows

@@ -4,43 +4,45 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import JsonOption, load, print_json, print_table, start_engine, warn
+from erosion.cli.progress import progress_bar
 
 
 def verify(
-    models: Annotated[
-        list[str] | None,
-        Parameter(negative="", help="Names or paths of files; every registered model without it."),
-    ] = None,
+    files: Annotated[list[str] | None, Parameter(negative="", show=False)] = None,
     /,
     *,
+    model: ModelsOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Check models against exact and independent solutions; exit status 1 if an error is out of bounds.
+    """Check models against exact and independent solutions.
 
-    Closed forms, identities, scaling and units; the batch against trajectories, scipy and (where it is
-    installed) heyoka; derivatives against differences. Under a minute for all models on two cores.
+    The exit status is 1 if an error is out of bounds.
+
+    It checks all models, or those of --model: closed forms, identities, scaling
+    and units; the batch against trajectories, scipy and (where it is installed)
+    heyoka; derivatives against differences. All models take less than a minute
+    on two cores.
     """
+    models = chosen_models([*(files or []), *(model or [])])
     start_engine()
-    from rich.console import Console
-
     from erosion.verification import verify as verify_models
     from erosion.verification.result import HEADINGS
 
-    console = Console(stderr=True, highlight=False)
-    for name in models or []:
+    for name in models:
         load(name)
-    with console.status("compiling") as status:
-        found = verify_models(models or None, progress=lambda name, done, of: status.update(f"{done} of {of}: {name}"))
+    with progress_bar("compiling") as progress:
+        verification = verify_models(models or None, progress=lambda name, done, of: progress(done, of, name))
     if json:
         names = ("model", "name", "compares", "error", "bound", "passed", "where")
-        checks = [{name: getattr(check, name) for name in names} for check in found.checks]
-        print_json({"passed": found.passed, "absent": found.absent, "checks": checks})
+        checks = [{name: getattr(check, name) for name in names} for check in verification.checks]
+        print_json({"passed": verification.passed, "absent": verification.absent, "checks": checks})
     else:
-        print_table(found.title, found.rows(), HEADINGS, (1, 2, 3))
-        for check in found.failures:
+        print_table(verification.title, verification.rows(), HEADINGS, (1, 2, 3))
+        for check in verification.failures:
             print(f"✗ {check}")
-    for name in found.absent:
-        warn(f"{name} is not installed: one witness fewer.")
-    if not found.passed:
-        raise RuntimeError(f"{len(found.failures)} of {len(found.checks)} checks are out of bounds.")
+    for name in verification.absent:
+        warn(f"{name} is not installed: one reference solution fewer.")
+    if not verification.passed:
+        raise RuntimeError(f"{len(verification.failures)} of {len(verification.checks)} checks are out of bounds.")

@@ -42,7 +42,7 @@ def _end_times(answers: Answers, state: State) -> Figure:
     fig, ax = new_axes(6.2, 4.4)
     here = state.case.numbers()["alpha"], float(answers.point(state.shown, state.case).t_c)
     ends, curve = answers.ends(state.shown, over_angles), answers.curve(state.shown, over_angles)
-    plot_end_times(ax, ANGLES, ends, np.asarray(curve.t_c), units=state.case.units, case=here)
+    plot_end_times(ax, ANGLES, ends, np.asarray(curve.t_c), units=state.case.units, marks={"case": here})
     return fig
 
 

@@ -16,7 +16,7 @@ from fastapi import Request
 from nicegui import app, background_tasks, ui
 
 from erosion.explorer.answers import Answers
-from erosion.explorer.found import all_ready
+from erosion.explorer.computed import all_ready
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab

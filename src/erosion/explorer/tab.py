@@ -8,11 +8,11 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
-from erosion.explorer import found as finding
+from erosion.explorer import computed as computing
 from erosion.explorer.answers import Answers
+from erosion.explorer.computed import Computed
 from erosion.explorer.controls import Controls
 from erosion.explorer.elements import Cut, Plot, Prose
-from erosion.explorer.found import Found
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.sharing import Sharing
@@ -158,42 +158,42 @@ class Tab:
             self._later.offer(self.state)
 
     async def _show_at_once(self, state: State) -> None:
-        found = Found(state)
+        computed = Computed(state)
         patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
-        for stage in finding.stages(self.service.answers, found):
+        for stage in computing.stages(self.service.answers, computed):
 
-            def work(stage: finding.Stage = stage) -> dict[str, Any]:
-                finding.at_once(found, stage, self.service.preparation)
-                return {name: VIEWS[name](found, self._models) for name in stage.views}
+            def work(stage: computing.Stage = stage) -> dict[str, Any]:
+                computing.at_once(computed, stage, self.service.preparation)
+                return {name: VIEWS[name](computed, self._models) for name in stage.views}
 
-            self._draw(await asyncio.wrap_future(in_thread(work)), found)
+            self._draw(await asyncio.wrap_future(in_thread(work)), computed)
         patience.cancel()
-        self._tell_progress(found)
+        self._tell_progress(computed)
 
     async def _show_later(self, state: State) -> None:
         await asyncio.sleep(_REST)
         if self._later.waiting:
             return
         answers, preparation = self.service.answers, self.service.preparation
-        found = Found(state)
-        for stage in finding.stages(answers, found):
-            await asyncio.wrap_future(in_thread(lambda stage=stage: finding.at_once(found, stage, preparation)))
-        for step in finding.later(answers, found, preparation):
+        computed = Computed(state)
+        for stage in computing.stages(answers, computed):
+            await asyncio.wrap_future(in_thread(lambda stage=stage: computing.at_once(computed, stage, preparation)))
+        for step in computing.later(answers, computed, preparation):
 
-            def work(step: finding.Step = step) -> dict[str, Any]:
-                finding.take(found, [step], preparation, finding.PATIENCE_LATER)
-                return {name: VIEWS[name](found, self._models) for name in step.views}
+            def work(step: computing.Step = step) -> dict[str, Any]:
+                computing.take(computed, [step], preparation, computing.PATIENCE_LATER)
+                return {name: VIEWS[name](computed, self._models) for name in step.views}
 
             contents = await asyncio.wrap_future(in_thread(work))
             if self._later.waiting:
                 return
-            self._draw(contents, found)
-            self._tell_progress(found)
+            self._draw(contents, computed)
+            self._tell_progress(computed)
 
-    def _draw(self, contents: Mapping[str, Any], found: Found) -> None:
+    def _draw(self, contents: Mapping[str, Any], computed: Computed) -> None:
         if self._main.is_deleted:
             return
-        key = found.state.query()
+        key = computed.state.query()
         for name, content in contents.items():
             element = self._elements[name]
             if isinstance(element, Plot):
@@ -204,12 +204,12 @@ class Tab:
             else:
                 element.draw(*content, key)
 
-    def _tell_progress(self, found: Found) -> None:
+    def _tell_progress(self, computed: Computed) -> None:
         preparation = self.service.preparation
         done, begun, models = preparation.progress()
-        ready = finding.all_ready(self.service.answers, found.state, preparation)
-        failures = [failure for name in found.state.models if (failure := preparation.failure(name))]
-        errors = list(dict.fromkeys([*failures, *found.errors]))
+        ready = computing.all_ready(self.service.answers, computed.state, preparation)
+        failures = [failure for name in computed.state.models if (failure := preparation.failure(name))]
+        errors = list(dict.fromkeys([*failures, *computed.errors]))
         self._progress.set_visibility(done < begun)
         self._progress.set_value(done / max(begun, 1))
         preparing = f"Preparing {', '.join(models)}: {done} of {begun} programs compiled"

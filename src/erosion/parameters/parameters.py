@@ -17,8 +17,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
+from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.units import System, check_system, conversion_factor, read_quantity, unit_name
 from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ def _float64(value: Any) -> Any:
     return array.astype(np.float64)
 
 
-def _parameter(symbol: str, meaning: str, dimension: Dimension, default: float | None = None) -> Any:
-    metadata = {"quantity": Quantity(symbol, meaning, dimension)}
+def _parameter(name: str, default: float | None = None) -> Any:
+    metadata = {"quantity": QUANTITIES[name]}
     if default is None:
         return eqx.field(converter=_float64, metadata=metadata)
     return eqx.field(converter=_float64, metadata=metadata, default=default)
@@ -75,16 +75,16 @@ class Parameters(eqx.Module):
         Laverty, Table 1 and equations (16)-(21). The scenario fixes β = ½; here it is free.
     """
 
-    k: Leaf = _parameter("k", "force ratio", "1")
-    psi: Leaf = _parameter("ψ", "contact height over depth", "1")
-    r: Leaf = _parameter("r", "centre of mass to tip", "length")
-    b: Leaf = _parameter("b", "width of the erodent", "length")
-    m: Leaf = _parameter("m", "mass of the erodent", "mass")
-    v0: Leaf = _parameter("v₀", "impact speed", "speed")
-    sigma: Leaf = _parameter("σ", "flow stress", "stress")
-    alpha: Leaf = _parameter("α", "angle of attack", "angle")
-    phidot0: Leaf = _parameter("φ̇₀", "initial spin", "angular speed", 0.0)
-    inertia: Leaf = _parameter("β", "moment of inertia over m r²", "1", 0.5)
+    k: Leaf = _parameter("k")
+    psi: Leaf = _parameter("psi")
+    r: Leaf = _parameter("r")
+    b: Leaf = _parameter("b")
+    m: Leaf = _parameter("m")
+    v0: Leaf = _parameter("v0")
+    sigma: Leaf = _parameter("sigma")
+    alpha: Leaf = _parameter("alpha")
+    phidot0: Leaf = _parameter("phidot0", 0.0)
+    inertia: Leaf = _parameter("inertia", 0.5)
     units: System = eqx.field(static=True, default="inch-pound", converter=check_system)
 
     @classmethod
@@ -191,11 +191,6 @@ class Parameters(eqx.Module):
             for name, quantity in QUANTITIES.items()
         ]  # fmt: skip
 
-
-QUANTITIES: Mapping[str, Quantity] = types.MappingProxyType(
-    {field.name: field.metadata["quantity"] for field in dataclasses.fields(Parameters) if "quantity" in field.metadata}
-)
-"""Symbol, meaning and dimension of each parameter, in the order of the constructor."""
 
 REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("phidot0", "inertia"))
 """The fields without a default."""

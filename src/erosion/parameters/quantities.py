@@ -1,11 +1,17 @@
-"""What numbers are called, and their units: the one source of labels for tables and axes."""
+"""Symbol, meaning and dimension of every number: tables, axes and options take their labels from here.
 
-from collections.abc import Sequence
+The module loads without JAX, so that the command line can make its options from it.
+"""
+
+import types
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from erosion.parameters.units import Dimension, System, ascii_unit, derivative_unit, unit_name
-from erosion.tables import Row, format_number
+
+if TYPE_CHECKING:
+    from erosion.tables import Row
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,22 @@ class Quantity:
         unit = ascii_unit(unit_name(self.dimension, units))
         return {"long_name": self.meaning, "symbol": self.symbol, "units": unit}
 
+
+QUANTITIES: Mapping[str, Quantity] = types.MappingProxyType(
+    {
+        "k": Quantity("k", "force ratio", "1"),
+        "psi": Quantity("ψ", "contact height over depth", "1"),
+        "r": Quantity("r", "centre of mass to tip", "length"),
+        "b": Quantity("b", "width of the erodent", "length"),
+        "m": Quantity("m", "mass of the erodent", "mass"),
+        "v0": Quantity("v₀", "impact speed", "speed"),
+        "sigma": Quantity("σ", "flow stress", "stress"),
+        "alpha": Quantity("α", "angle of attack", "angle"),
+        "phidot0": Quantity("φ̇₀", "initial spin", "angular speed"),
+        "inertia": Quantity("β", "moment of inertia over m r²", "1"),
+    }
+)
+"""The parameters of an impact, in the order of the constructor of `Parameters`."""
 
 RESULTS = {
     "t_c": Quantity("t_c", "end of the cut", "time"),
@@ -48,8 +70,10 @@ RESULTS = {
 }
 
 
-def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System) -> Row:
+def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System) -> "Row":
     """The volume's derivative with respect to one or two parameters as a table row."""
+    from erosion.tables import Row, format_number
+
     same = len(by) == 2 and by[0] == by[1]
     power = "²" if len(by) == 2 else ""
     below = f"∂{by[0].symbol}²" if same else "".join(f"∂{quantity.symbol}" for quantity in by)
@@ -58,7 +82,9 @@ def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System)
     return Row(name, f"∂{power}V/{below}", format_number(value), unit, meaning)
 
 
-def result_row(name: str, value: Any, units: System) -> Row:
+def result_row(name: str, value: Any, units: System) -> "Row":
     """One result as a table row."""
+    from erosion.tables import Row, format_number
+
     quantity = RESULTS[name]
     return Row(name, quantity.symbol, format_number(value), unit_name(quantity.dimension, units), quantity.meaning)

@@ -106,6 +106,11 @@ def has_unit(text: str) -> bool:
     return parts is not None and bool(parts["unit"].strip())
 
 
+def example(dimension: Dimension, system: System) -> str:
+    """A quantity of this dimension as text, in quotes where it has a unit."""
+    return _EXAMPLES[system].get(dimension, "2")
+
+
 def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     """Read "4400 in/s" as a float in the units of `system`.
 
@@ -119,7 +124,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     registry = _registry()
     unit = _PINT_UNITS[system][dimension]
     article = "an" if dimension[0] == "a" else "a"
-    expected = f"{article} {dimension} such as {_EXAMPLES[system][dimension]}" if unit else "a pure number such as 2"
+    expected = f"{article} {dimension if unit else 'pure number'} such as {example(dimension, system)}"
     # Number and unit are taken apart here: pint reads "44 00 in" as a product.
     parts = _QUANTITY.fullmatch(text)
     if parts is None:

@@ -100,7 +100,7 @@ def plot_family(ax: Axes, curves: Sequence[Curve], *, units: System, joined: boo
 @house_style()
 def plot_best_angles(
     ax: Axes,
-    found: Sequence[BestAngles],
+    best: Sequence[BestAngles],
     *,
     xlabel: str,
     log: bool = False,
@@ -111,7 +111,7 @@ def plot_best_angles(
 
     Args:
         ax: empty axes.
-        found: in the order of the legend.
+        best: in the order of the legend.
         xlabel: of the parameter.
         log: whether its axis is logarithmic.
         exact: label, parameter and angle [rad] of a law, at close points, drawn as a broad pale line.
@@ -128,7 +128,7 @@ def plot_best_angles(
             label=label,
         )
     highest = 0.0
-    for i, (label, x, alpha, at_jump, line) in enumerate(found):
+    for i, (label, x, alpha, at_jump, line) in enumerate(best):
         color, degrees = _COLORS[i % len(_COLORS)], np.rad2deg(alpha)
         highest = max([highest, *degrees[np.isfinite(degrees)]])
         if line:

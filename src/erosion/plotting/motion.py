@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,14 @@ HISTORIES = (
     ("vx", "vx_tip", Quantity("ẋ", "forward speed", "speed")),
     ("vy", "vdepth", Quantity("ẏ", "downward speed", "speed")),
 )
+
+MARKS = {
+    "cusp": ("D", PALETTE["green"], "cusp at {}"),
+    "branch": ("D", PALETTE["green"], "change of branch at {}"),
+    "case": ("o", PALETTE["purple"], "this case, {}"),
+    "best": ("*", PALETTE["orange"], "greatest at {}"),
+}
+"""Points over the angle that a figure may mark: marker, colour and label."""
 
 
 @house_style()
@@ -122,8 +131,7 @@ def plot_end_times(
     *,
     units: System,
     real_part: np.ndarray | None = None,
-    cusp: tuple[float, float] | None = None,
-    case: tuple[float, float] | None = None,
+    marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Axes:
     """When each event would end the cut, over the angle, and when it does (Laverty, Figure 9).
 
@@ -134,8 +142,7 @@ def plot_end_times(
         t_c: the actual end, shape (n,) [s].
         units: the unit system, for labels.
         real_part: of the complex root of ẋ = 0, NaN where it is real, shape (n,) [s].
-        cusp: (α, t) where the events coincide.
-        case: (α, t_c) of the case at hand.
+        marks: (α, t) of points, by their names in `MARKS`.
     """
     time = readable_scale("time", units, float(np.nanmax(t_c)))
     degrees = np.rad2deg(angles)
@@ -147,8 +154,7 @@ def plot_end_times(
     if real_part is not None:
         ax.plot(degrees, real_part / time.size, color=ENDS["stop"], linestyle=(0, (4, 4)), alpha=0.7,
                 label="ẋ = 0: real part, complex root")  # fmt: skip
-    _mark(ax, cusp, time, "D", PALETTE["green"], "cusp at {}")
-    _mark(ax, case, time, "o", PALETTE["purple"], "this case, {}")
+    _mark(ax, marks, time)
     ax.set_ylim(bottom=0, top=1.12 * float(np.nanmax(t_c)) / time.size)
     ax.set_ylabel(f"{typeset(RESULTS['t_c'].symbol)}  {RESULTS['t_c'].meaning}  [{time.unit}]")
     angle_axis(ax)
@@ -186,9 +192,7 @@ def plot_volume(
     ended_by: np.ndarray,
     *,
     units: System,
-    best: tuple[float, float] | None = None,
-    cusp: tuple[float, float] | None = None,
-    case: tuple[float, float] | None = None,
+    marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Axes:
     """Removed volume over the angle of attack, coloured by how the cut ends.
 
@@ -198,9 +202,7 @@ def plot_volume(
         volume: V, shape (n,) [volume].
         ended_by: "rebound", "stop" or "no-cut", shape (n,).
         units: the unit system, for labels.
-        best: (α, V) of the maximum.
-        cusp: (α, V) of the change of branch.
-        case: (α, V) of the case at hand.
+        marks: (α, V) of points, by their names in `MARKS`.
     """
     scale = readable_scale("volume", units, _largest(volume))
     for end in dict.fromkeys(str(end) for end in ended_by):
@@ -208,9 +210,7 @@ def plot_volume(
         shown[:-1] |= shown[1:]  # one more point to the left, so that the coloured pieces join
         ax.plot(np.rad2deg(angles), np.where(shown, volume / scale.size, np.nan), color=ENDS.get(end, INK),
                 linewidth=2.2, label="nothing is cut" if end == "no-cut" else f"ends by {end}")  # fmt: skip
-    _mark(ax, cusp, scale, "D", PALETTE["green"], "change of branch at {}")
-    _mark(ax, case, scale, "o", PALETTE["purple"], "this case, {}")
-    _mark(ax, best, scale, "*", PALETTE["orange"], "greatest at {}")
+    _mark(ax, marks, scale)
     ax.set_ylim(bottom=0, top=1.1 * _largest(volume) / scale.size or None)
     ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
     angle_axis(ax)
@@ -230,10 +230,10 @@ def _read(name: str, value: float, units: System) -> str:
     return f"{value / scale.size:.5g} {scale.unit}".replace(" 10", " × 10")
 
 
-def _mark(ax: Axes, point: tuple[float, float] | None, scale: Scale, marker: str, color: str, label: str) -> None:
-    if point is None:
-        return
-    angle = float(np.rad2deg(point[0]))
-    size = 13 if marker == "*" else 7
-    ax.plot([angle], [point[1] / scale.size], marker, color=color, markersize=size, markeredgecolor=INK,
-            markeredgewidth=0.7, zorder=5, clip_on=False, label=label.format(f"{angle:.4g}°"))  # fmt: skip
+def _mark(ax: Axes, marks: Mapping[str, tuple[float, float]], scale: Scale) -> None:
+    for name, (alpha, value) in marks.items():
+        marker, color, label = MARKS[name]
+        angle = float(np.rad2deg(alpha))
+        ax.plot([angle], [value / scale.size], marker, color=color, markersize=13 if marker == "*" else 7,
+                markeredgecolor=INK, markeredgewidth=0.7, zorder=5, clip_on=False,
+                label=label.format(f"{angle:.4g}°"))  # fmt: skip

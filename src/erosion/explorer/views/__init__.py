@@ -1,15 +1,15 @@
-"""What is found of a state, as options of ECharts, contents of the cut, and HTML."""
+"""Computed answers as options of ECharts, contents of the cut, and HTML."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from erosion.explorer.found import Found
+from erosion.explorer.computed import Computed
 from erosion.explorer.views.curves import end_times, volumes
 from erosion.explorer.views.cut import cut, histories
 from erosion.explorer.views.numbers import numbers
 from erosion.explorer.views.spins import sensitivities, spins
 
-VIEWS: Mapping[str, Callable[[Found, Collection[str]], Any]] = {
+VIEWS: Mapping[str, Callable[[Computed, Collection[str]], Any]] = {
     view.__name__: view for view in (cut, volumes, histories, numbers, end_times, spins, sensitivities)
 }
-"""By name, what each view's element is to draw: from what is found, and the names of all models."""
+"""By name, a view's function: computed answers and the names of all models to what its element draws."""

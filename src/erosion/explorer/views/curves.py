@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.explorer.found import Found
+from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import (
     DEGREES,
     STAR,
@@ -28,37 +28,37 @@ _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times further apart are of different crossings
 
 
-def volumes(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def volumes(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """V(α) of the checked models, the angle's handle, and the same in words."""
-    largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in found.curves.values()]
-    scale = readable_scale("volume", found.state.case.units, max(largest, default=0.0))
+    largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in computed.curves.values()]
+    scale = readable_scale("volume", computed.state.case.units, max(largest, default=0.0))
     series = []
-    for model, curve in found.in_order(found.curves):
+    for model, curve in computed.in_order(computed.curves):
         color, dashes = styles(models)[model]
-        best = found.best.get(model)
-        marks = {} if best is None else _marks(best, scale.size, color, shown=model == found.state.shown)
+        best = computed.best.get(model)
+        marks = {} if best is None else _marks(best, scale.size, color, shown=model == computed.state.shown)
         degrees, volume = with_gaps(gaps(curve), DEGREES, curve.volume / scale.size)
         series.append(line(model, degrees, volume, color, dashes, **marks))
     quantity = RESULTS["volume"]
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
-    said = [f"{model} removes most {describe(best)}" for model, best in found.in_order(found.best)]
+    said = [f"{model} removes most {describe(best)}" for model, best in computed.in_order(computed.best)]
     label = "; ".join([f"{quantity.meaning} over the angle of attack", *said])
-    return frame(angle_axis(), y_axis, series), [angle_handle(found.state)], label
+    return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
 
 
-def end_times(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def end_times(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """t_c(α) of the checked models, with both candidates of the one shown."""
-    curves = found.curves
+    curves = computed.curves
     # Near 0° some models' cuts last ever longer, and would flatten the rest.
     longest = [float(np.nanmax(curve.t_c[DEGREES > _SHALLOW], initial=0.0)) for curve in curves.values()]
     largest = max(longest, default=0.0)
-    scale = readable_scale("time", found.state.case.units, largest)
+    scale = readable_scale("time", computed.state.case.units, largest)
     series = []
-    for model, curve in found.in_order(curves):
+    for model, curve in computed.in_order(curves):
         color, dashes = styles(models)[model]
         degrees, t_c = with_gaps(gaps(curve), DEGREES, curve.t_c / scale.size)
         series.append(line(model, degrees, t_c, color, dashes))
-    for event, times in (found.ends or {}).items():
+    for event, times in (computed.ends or {}).items():
         color = ENDS.get(event, DIM)
         label = EVENT_LABELS.get(event, event)
         thin = {"color": color, "type": [4, 4], "width": 1.8}
@@ -69,8 +69,10 @@ def end_times(found: Found, models: Collection[str]) -> tuple[Option, list[Optio
     quantity = RESULTS["t_c"]
     top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **top)
-    label = f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end {found.state.shown}"
-    return frame(angle_axis(), y_axis, series), [angle_handle(found.state)], label
+    label = (
+        f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end {computed.state.shown}"
+    )
+    return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
 
 
 def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[str, Any]:

@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from erosion.explorer.found import Found
+from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.models.base import State as Body
 from erosion.parameters.units import System, unit_name
@@ -16,9 +16,9 @@ _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "not computed yet"}
 
 
-def cut(found: Found, models: Collection[str]) -> tuple[Option]:
+def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     """What the cut's element draws, in lengths that read well."""
-    motion = found.cut
+    motion = computed.cut
     if motion is None:
         return (_NOTHING,)
     p = motion.p
@@ -35,14 +35,14 @@ def cut(found: Found, models: Collection[str]) -> tuple[Option]:
         "unit": time.size,
         "units": time.unit,
         "bar": {"size": bar, "text": _length(bar, length, p.units)},
-        "label": f"{found.state.shown}: {_sentence(motion)}",
+        "label": f"{computed.state.shown}: {_sentence(motion)}",
     }
     return (content,)
 
 
-def histories(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def histories(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """x, y, ẋ and ẏ of the tip over time in four panels, and where the cut's time stands."""
-    motion = found.cut
+    motion = computed.cut
     if motion is None:
         return {"series": []}, [], "not computed yet"
     time = readable_scale("time", motion.p.units, motion.t_c)

@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from erosion.explorer.found import Found
+from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import styles
 from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
@@ -16,37 +16,37 @@ from erosion.plotting.style import readable_scale
 _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 
 
-def numbers(found: Found, models: Collection[str]) -> tuple[str]:
+def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     """t_c, how it ended, V, dV/dα, α_max and its kind of each checked model."""
-    units = found.state.case.units
+    units = computed.state.case.units
     heads = "".join(f"<th scope='col' title='{html.escape(_meaning(name))}'>{_symbol(name)}</th>" for name in _HEADINGS)
     rows = []
-    for model in found.state.models:
-        point, best = found.points.get(model), found.best.get(model)
+    for model in computed.state.models:
+        point, best = computed.points.get(model), computed.best.get(model)
         now = ["…"] * 4 if point is None else [
             _read("time", float(point.t_c), units), str(point.ended_by), _read("volume", float(point.volume), units),
             _read("volume per angle", float(point.dvolume), units),
         ]  # fmt: skip
         top = ["…"] * 2 if best is None else [_where(best), _read("volume", float(best.volume), units)]
-        mark = "shown" if model == found.state.shown else ""
+        mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
         cells = "".join(f"<td>{cell}</td>" for cell in (*now, *top))
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
     table = f"<thead><tr><th scope='col'>model</th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
     caption = "<caption>Numbers of the checked models</caption>"
-    return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{_of_the_cut(found)}",)
+    return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{_of_the_cut(computed)}",)
 
 
-def _of_the_cut(found: Found) -> str:
-    cut = found.cut
+def _of_the_cut(computed: Computed) -> str:
+    cut = computed.cut
     if cut is None:
         return ""
-    depth = _read("length", cut.max_depth, found.state.case.units)
+    depth = _read("length", cut.max_depth, computed.state.case.units)
     facts = [f"{RESULTS['max_depth'].meaning}: {depth}"]
     if np.isfinite(cut.turn):
         facts.append(f"{RESULTS['turn'].meaning}: {np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
     warnings = "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in cut.warnings)
-    return f"<p>{html.escape(found.state.shown)}, {'; '.join(facts)}.</p>{warnings}"
+    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{warnings}"
 
 
 def _where(best: Optimum) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 
 from erosion.explorer.answers import SPINS
-from erosion.explorer.found import Found
+from erosion.explorer.computed import Computed
 from erosion.explorer.sliders import SPINS as SPIN_SLIDER
 from erosion.explorer.views.look import Option, axis, frame, line, points, styles
 from erosion.parameters.parameters import QUANTITIES
@@ -16,10 +16,10 @@ from erosion.plotting.style import PALETTE
 _APART = 4.0  # degrees; neighbouring maxima further apart are different ones: no line between
 
 
-def spins(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """α_max over s = r φ̇₀/v₀ of the checked models; hollow where it sits at a jump of V(α)."""
     series = []
-    for model, best in found.in_order(found.spins):
+    for model, best in computed.in_order(computed.spins):
         color, dashes = styles(models)[model]
         degrees = np.rad2deg(best.alpha)
         at_jump = best.kind == "jump"
@@ -36,18 +36,18 @@ def spins(found: Found, models: Collection[str]) -> tuple[Option, list[Option], 
     result = RESULTS["alpha_max"]
     y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15, nameGap=38,
                   axisLabel={"formatter": "{value}°"})  # fmt: skip
-    numbers = found.state.case.numbers()
+    numbers = computed.state.case.numbers()
     s = numbers["phidot0"] * numbers["r"] / numbers["v0"]
     handle = {"x": s, "movable": True, "low": SPIN_SLIDER.low, "high": SPIN_SLIDER.high, "step": SPIN_SLIDER.step,
               "label": f"{quantity.meaning}, in the plot", "text": f"s = {s:.3g}"}  # fmt: skip
     return frame(x_axis, y_axis, series), [handle], f"{result.meaning} over the {quantity.meaning}"
 
 
-def sensitivities(found: Found, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def sensitivities(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
     """How far α_max moves when each parameter grows by 1 % of its size (the spin: s by 0.01), in degrees."""
-    if found.sensitivities is None:
+    if computed.sensitivities is None:
         return {"series": []}, [], "not computed yet"
-    model, case = found.state.shown, found.state.case
+    model, case = computed.state.shown, computed.state.case
     own = {one.name: one for one in case.own if one.model == model}
     numbers = case.numbers()
     sizes = numbers | {"phidot0": numbers["v0"] / numbers["r"]}
@@ -55,7 +55,7 @@ def sensitivities(found: Found, models: Collection[str]) -> tuple[Option, list[O
     symbols = {name: quantity.symbol for name, quantity in QUANTITIES.items() if name != "alpha"}
     symbols |= {name: one.quantity.symbol for name, one in own.items()}
     names = list(reversed(symbols))
-    moves = [float(np.rad2deg(0.01 * sizes[name] * found.sensitivities[name])) for name in names]
+    moves = [float(np.rad2deg(0.01 * sizes[name] * computed.sensitivities[name])) for name in names]
     bars = [round(move, 6) if np.isfinite(move) else None for move in moves]
     widest = max([abs(bar) for bar in bars if bar is not None], default=0.0)
     x_axis = axis("move of α_max for + 1 %  (spin: s + 0.01)", axisLabel={"formatter": "{value}°"}, splitNumber=3,

@@ -37,7 +37,6 @@ def _figure(case: Case) -> Figure:
         np.asarray(case.closed.t_c(p)),
         units=case.units,
         real_part=real_part,
-        cusp=(case.cusp, np.pi / case.omega),
-        case=(case.alpha, case.t_c),
+        marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
     )
     return fig

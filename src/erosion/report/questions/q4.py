@@ -36,8 +36,10 @@ def _figure(case: Case, numbers: dict[str, Any]) -> Figure:
         np.asarray(case.closed.volume(p)),
         case.closed.ended_by(p),
         units=case.units,
-        best=(numbers["alpha_max"], numbers["volume_max"]),
-        cusp=(case.cusp, at_cusp),
-        case=(case.alpha, case.volume),
+        marks={
+            "branch": (case.cusp, at_cusp),
+            "case": (case.alpha, case.volume),
+            "best": (numbers["alpha_max"], numbers["volume_max"]),
+        },
     )
     return fig

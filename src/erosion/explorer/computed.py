@@ -1,4 +1,4 @@
-"""What is known of a state: what is needed at once, and what takes longer."""
+"""Answers computed for a state: those that the page needs at once, and those that take longer."""
 
 import dataclasses
 import functools
@@ -22,8 +22,8 @@ PATIENCE_LATER = 60.0
 
 
 @dataclasses.dataclass
-class Found:
-    """Answers about one state, by model; what is not known yet is missing.
+class Computed:
+    """Answers about one state, by model; answers that are not computed yet are missing.
 
     Args:
         state: asked about.
@@ -74,7 +74,7 @@ class Stage(NamedTuple):
     """Part of what is needed at once.
 
     Args:
-        steps: what is found out.
+        steps: what is computed out.
         views: names of those that can then be drawn.
     """
 
@@ -82,13 +82,13 @@ class Stage(NamedTuple):
     views: tuple[str, ...]
 
 
-def stages(answers: Answers, found: Found) -> Sequence[Stage]:
+def stages(answers: Answers, computed: Computed) -> Sequence[Stage]:
     """What takes milliseconds, in parts: the browser draws the first while the next is computed."""
-    curves = Stage([*_curves(answers, found), *_second(answers, found)], ("volumes", "end_times"))
-    return curves, Stage([_cut(answers, found)], ("cut", "histories", "numbers", "spins", "sensitivities"))
+    curves = Stage([*_curves(answers, computed), *_second(answers, computed)], ("volumes", "end_times"))
+    return curves, Stage([_cut(answers, computed)], ("cut", "histories", "numbers", "spins", "sensitivities"))
 
 
-def at_once(found: Found, stage: Stage, preparation: Preparation) -> None:
+def at_once(computed: Computed, stage: Stage, preparation: Preparation) -> None:
     """Find out a stage, of models that are compiled; of what takes longer, what is known already."""
     unknown = []
     for step in stage.steps:
@@ -97,26 +97,26 @@ def at_once(found: Found, stage: Stage, preparation: Preparation) -> None:
             step.keep(known)
         elif not step.views and preparation.ready(step.compiled, step.model):
             unknown.append(step)
-    take(found, unknown, preparation, PATIENCE_AT_ONCE)
+    take(computed, unknown, preparation, PATIENCE_AT_ONCE)
 
 
-def later(answers: Answers, found: Found, preparation: Preparation) -> Iterator[Step]:
+def later(answers: Answers, computed: Computed, preparation: Preparation) -> Iterator[Step]:
     """What takes longer and is not known yet, the nearest at hand first."""
-    for step in _second(answers, found):
+    for step in _second(answers, computed):
         if step.answer.known(step.model, step.case) is None and preparation.ready(step.compiled, step.model):
             yield step
 
 
 def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
     """Whether everything that moves with a slider is compiled."""
-    found = Found(state)
-    steps = _cut(answers, found), *_curves(answers, found)
+    computed = Computed(state)
+    steps = _cut(answers, computed), *_curves(answers, computed)
     # A list, for asking begins the compiling of each.
     compiled = [preparation.ready(step.compiled, step.model) for step in steps]
     return all(compiled)
 
 
-def take(found: Found, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
+def take(computed: Computed, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
     """Take steps, the models side by side; an error becomes a sentence, and a model that is late is left out."""
     # One after another for a model: an answer that never comes keeps a thread, and a core, busy.
     asked = {
@@ -130,7 +130,7 @@ def take(found: Found, steps: Sequence[Step], preparation: Preparation, patience
             continue
         for step, said in answers.result():
             if isinstance(said, Exception):
-                found.errors.append(f"{model}: {sentence(said)}")
+                computed.errors.append(f"{model}: {sentence(said)}")
             else:
                 step.keep(said)
 
@@ -147,34 +147,34 @@ def _answer(steps: Sequence[Step]) -> list[tuple[Step, Any]]:
     return said
 
 
-def _cut(answers: Answers, found: Found) -> Step:
-    return Step(answers.cut, found.state.shown, found.state.case, _as(found, "cut"), answers.cut, ())
+def _cut(answers: Answers, computed: Computed) -> Step:
+    return Step(answers.cut, computed.state.shown, computed.state.case, _as(computed, "cut"), answers.cut, ())
 
 
-def _curves(answers: Answers, found: Found) -> Iterator[Step]:
-    state = found.state
+def _curves(answers: Answers, computed: Computed) -> Iterator[Step]:
+    state = computed.state
     over_angles = state.case.at_any_angle()
     for model in sorted(state.models, key=lambda name: name != state.shown):
-        yield Step(answers.curve, model, over_angles, _into(found.curves, model), answers.curve, ())
-        yield Step(answers.point, model, state.case, _into(found.points, model), answers.curve, ())
+        yield Step(answers.curve, model, over_angles, _into(computed.curves, model), answers.curve, ())
+        yield Step(answers.point, model, state.case, _into(computed.points, model), answers.curve, ())
 
 
-def _second(answers: Answers, found: Found) -> Iterator[Step]:
-    state, shown = found.state, found.state.shown
+def _second(answers: Answers, computed: Computed) -> Iterator[Step]:
+    state, shown = computed.state, computed.state.shown
     over_angles, over_spins = state.case.at_any_angle(), state.case.at_any_spin()
     order = sorted(state.models, key=lambda name: name != shown)
     for model in order:
-        yield Step(answers.best, model, over_angles, _into(found.best, model), answers.curve, ("volumes", "numbers"))
-    yield Step(answers.ends, shown, over_angles, _as(found, "ends"), answers.ends, ("end_times",))
-    yield Step(answers.sensitivities, shown, over_angles, _as(found, "sensitivities"), answers.sensitivities,
+        yield Step(answers.best, model, over_angles, _into(computed.best, model), answers.curve, ("volumes", "numbers"))
+    yield Step(answers.ends, shown, over_angles, _as(computed, "ends"), answers.ends, ("end_times",))
+    yield Step(answers.sensitivities, shown, over_angles, _as(computed, "sensitivities"), answers.sensitivities,
                ("sensitivities",))  # fmt: skip
     for model in order:
-        yield Step(answers.spins, model, over_spins, _into(found.spins, model), answers.curve, ("spins",))
+        yield Step(answers.spins, model, over_spins, _into(computed.spins, model), answers.curve, ("spins",))
 
 
 def _into(kept: dict[str, Any], model: str) -> Callable[[Any], None]:
     return lambda answer: kept.update({model: answer})
 
 
-def _as(found: Found, name: str) -> Callable[[Any], None]:
-    return lambda answer: setattr(found, name, answer)
+def _as(computed: Computed, name: str) -> Callable[[Any], None]:
+    return lambda answer: setattr(computed, name, answer)

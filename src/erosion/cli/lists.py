@@ -1,0 +1,41 @@
+"""Lists as options take them: with commas between the items, or the option repeated."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+
+def read_list(text: str) -> list[str]:
+    """The items of a list, with commas between them."""
+    return [item.strip() for item in text.split(",") if item.strip()]
+
+
+def read_models(text: str) -> list[str]:
+    """The models that a text names; the path of a file may have a comma."""
+    return [text] if Path(text).is_file() else read_list(text)
+
+
+LISTED = Parameter(
+    negative="", converter=lambda kind, tokens: [item for token in tokens for item in read_list(token.value)]
+)
+ModelOption = Annotated[
+    str, Parameter(name="--model", help="A model's name (see `erosion models`), or the path of a Python file.")
+]
+ModelsOption = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--model",
+        negative="",
+        converter=lambda kind, tokens: [item for token in tokens for item in read_models(token.value)],
+        help='Names or paths of Python files: "linearized,rotating", or the option repeated; "all" for every model.',
+    ),
+]
+
+
+def chosen_models(names: Sequence[str] | Any) -> Any:
+    """The models that are named, where "all" stands for every usable one."""
+    from erosion.models import usable_models
+
+    return usable_models() if names == ["all"] else names

@@ -1,0 +1,61 @@
+"""Lists and models on the command line, and the option names of before."""
+
+import inspect
+import json
+
+import pytest
+
+from erosion.cli import _status, app
+from erosion.cli.lists import chosen_models, read_list, read_models
+from erosion.models import usable_models
+
+
+def test_a_list_has_commas_between_its_items():
+    assert read_list("k, psi ,,r") == ["k", "psi", "r"]
+    assert read_list(" , ") == []
+
+
+def test_the_path_of_a_model_file_may_have_a_comma(tmp_path):
+    path = tmp_path / "mine,yours.py"
+    assert len(read_models(str(path))) == 2
+    path.touch()
+    assert read_models(str(path)) == [str(path)]
+
+
+def test_all_names_every_usable_model():
+    assert chosen_models(["all"]) == usable_models()
+    assert chosen_models(["finnie"]) == ["finnie"]
+
+
+@pytest.mark.parametrize(
+    "words", ["--model linearized,finnie", "--model linearized --model finnie", "--models linearized finnie"]
+)
+def test_models_are_named_with_commas_or_by_repeating(words, capsys):
+    assert _status(["compare", *words.split(), "--json"]) == 0
+    compared = json.loads(capsys.readouterr().out)["models"]
+    assert [line["model"] for line in compared] == ["linearized", "finnie"]
+
+
+@pytest.mark.parametrize("name", ["-o", "--output", "--out", "--out="])
+def test_an_output_has_one_name_and_the_one_of_before(name, tmp_path, capsys):
+    out = str(tmp_path / "out.nc")
+    words = [name + out] if name.endswith("=") else [name, out]
+    assert _status(["sweep", "--alpha", "20deg, 30deg", *words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["out"] == out
+
+
+@pytest.mark.parametrize("words", [["20deg : 30deg"], ["20deg,30deg"], ["20deg", "30deg"]])
+def test_a_range_of_angles_is_one_text_or_two(words, capsys):
+    assert _status(["optimum", "--alpha-range", *words, "--json"]) == 0
+    best = json.loads(capsys.readouterr().out)
+    assert (best["kind"], best["alpha"]) == ("boundary", pytest.approx(0.5235987755982988))
+
+
+@pytest.mark.parametrize("verb", [name for name in app if not name.startswith("-")])
+def test_help_has_present_names_and_no_line_that_80_columns_would_fold(verb, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert _status([verb, "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert "--models" not in printed
+    assert "--out " not in printed
+    assert max(map(len, inspect.cleandoc(app[verb].default_command.__doc__ or "").splitlines())) <= 80
