@@ -41,6 +41,6 @@ def verify(
         for check in found.failures:
             print(f"✗ {check}")
     for name in found.absent:
-        warn(f"{name} is not installed: one witness fewer.")
+        warn(f"{name} is not installed: one reference solution fewer.")
     if not found.passed:
         raise RuntimeError(f"{len(found.failures)} of {len(found.checks)} checks are out of bounds.")
