@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
-from erosion.parameters.parameters import STEEPEST
+from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import Dimension, System, check_system
 
@@ -242,7 +242,7 @@ def _checked(
         good = np.isfinite(values)
         must = "must be a finite number"
         if column.name == "angle":
-            good, must = (values > 0) & (values <= STEEPEST), "must be above 0° and at most 90°"
+            good, must = are_angles(values), "must be above 0° and at most 90°"
         elif column is not removal:
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):

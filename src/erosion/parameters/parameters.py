@@ -18,6 +18,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.parameters.quantities import Quantity
+from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
 from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 
@@ -200,8 +201,12 @@ QUANTITIES: Mapping[str, Quantity] = types.MappingProxyType(
 REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("phidot0", "inertia"))
 """The fields without a default."""
 
-# α = π/2 reached through degrees may round up by an ulp.
-STEEPEST = np.pi / 2 * (1 + 4 * np.finfo(float).eps)
+_STEEPEST = STEEPEST * (1 + 4 * np.finfo(float).eps)  # π/2 reached through degrees may round up by an ulp
+
+
+def are_angles(values: np.ndarray) -> Any:
+    """Whether numbers are angles of attack, in (0, π/2] rad."""
+    return (values > 0) & (values <= _STEEPEST)
 
 
 def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> None:
@@ -227,7 +232,7 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         if name == "phidot0":
             good, condition = np.isfinite(values), "must be a finite number"
         elif name == "alpha":
-            good, condition = (values > 0) & (values <= STEEPEST), "must be in (0, π/2] rad"
+            good, condition = are_angles(values), "must be in (0, π/2] rad"
         else:
             good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
         if batch and values.ndim:
@@ -286,7 +291,7 @@ def _first_bad(values: np.ndarray, good: Any) -> str:
 
 
 def _hint(name: str, values: np.ndarray) -> str:
-    if name == "alpha" and np.any((values > STEEPEST) & (values <= 90)):
+    if name == "alpha" and np.any((values > _STEEPEST) & (values <= 90)):
         return ' (for degrees write "20 deg" in files and on the command line, np.deg2rad(20) in Python)'
     return ""
 
