@@ -17,6 +17,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from erosion.arguments import check_scalars
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.units import Dimension, System, check_system, conversion_factor, read_quantity, unit_name
@@ -257,9 +258,7 @@ def require_scalars(p: Parameters, instead: str = "") -> None:
         ValueError: naming the first field that is an array, and its shape.
     """
     require_parameters(p)
-    for name in QUANTITIES:
-        if shape := np.shape(getattr(p, name)):
-            raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
+    check_scalars({name: getattr(p, name) for name in QUANTITIES}, instead)
 
 
 def require_concrete(p: Parameters) -> None:

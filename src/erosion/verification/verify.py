@@ -1,10 +1,11 @@
 """`verify`: every model through every check, two at a time."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from erosion.arguments import Progress, no_progress
 from erosion.models import available_models, load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.parameters.precision import require_float64
@@ -19,7 +20,7 @@ _THREADS = 2  # more would wait for Python's lock, which compiling seldom releas
 def verify(
     models: Sequence[CuttingModel | str | Path] | CuttingModel | str | Path | None = None,
     *,
-    progress: Callable[[str, int, int], object] | None = None,
+    progress: Progress | None = None,
 ) -> Verification:
     """Check models against closed forms, identities, and independent solutions, here and now.
 
@@ -45,14 +46,13 @@ def verify(
     elif isinstance(models, (CuttingModel, str, Path)):
         models = [models]
     subjects = [_subject(model) for model in models]
-    done = 0
+    progress, done = progress or no_progress, 0
 
     def examined(subject: Subject) -> list[Check]:
         nonlocal done
         checks = _examine(subject)
         done += 1
-        if progress is not None:
-            progress(subject.name, done, len(subjects))
+        progress(subject.name, done, len(subjects))
         return checks
 
     # Filters are the process's, not the thread's.
