@@ -68,23 +68,23 @@ def sweep(
     given = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     axes |= {name: values for name, values in given.items() if values.ndim}
     start_engine()
-    from erosion.sweeps.grid import make_grid
+    from erosion.sweeps.grid import Outputs, make_grid
     from erosion.sweeps.sweep import prepare_sweep
 
-    arguments: dict[str, Any] = {
-        "paired": tuple(paired.replace(" ", "").split(",")) if paired else section.get("paired", ()),
-        "derivatives": section.get("derivatives", 0) if derivatives is None else derivatives,
-        "wrt": wrt or section.get("wrt", "alpha"),
-        "optimum": section.get("optimum", False) if optimum is None else optimum,
-        "own": {name: float(values) for name, values in given.items() if not values.ndim},
-    }
+    together = tuple(paired.replace(" ", "").split(",")) if paired else section.get("paired", ())
+    single = {name: float(values) for name, values in given.items() if not values.ndim}
     with user_errors(TypeError):
-        grid = make_grid(chosen, p, axes, **arguments)
+        outputs = Outputs(
+            derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
+            wrt=wrt or section.get("wrt", "alpha"),
+            optimum=section.get("optimum", False) if optimum is None else optimum,
+        )
+        grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
         cut = _chunks(chunks)
     with _cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=cut, store=out)
-        dataset = job.run(progress)
+        dataset = job.run(lambda _, done, total: progress(done, total))
     if plot is not None:
         from erosion.plotting.style import save_plot
         from erosion.plotting.sweeps import plot_sweep

@@ -1,4 +1,4 @@
-"""Ready-made sweeps: models side by side over the angle, and how cuts end over angle and spin."""
+"""Ready-made sweeps: several models over the angle, and how cuts end over angle and spin."""
 
 from collections.abc import Sequence
 from typing import Any
