@@ -1,11 +1,14 @@
 """Results as tables: of one impact, of a batch, of nothing, and of what JAX is tracing."""
 
+import dataclasses
+import json
+
 import jax
 import numpy as np
 import pytest
 
 import erosion
-from erosion.tables import abbreviate, format_number
+from erosion.tables import Result, abbreviate, format_number, to_json, to_plain
 
 P = erosion.TABLE_1
 
@@ -53,3 +56,42 @@ def test_the_best_angles_are_told(k):
     assert ("[2] 22.5 … 31.717" in said) == isinstance(k, list)
     assert ("2 interior" in said) == isinstance(k, list)
     assert "31.717" in best._repr_html_()
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured(Result):
+    values: np.ndarray
+    count: np.int64
+    pairs: tuple[tuple[str, float], ...]
+
+    @property
+    def title(self) -> str:
+        return "three <numbers>"
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        return ("1 < 2.",)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        return [("values", "", "3", "", "")]
+
+
+MEASURED = Measured(np.array([1.0, np.nan]), np.int64(3), (("a", np.float64(0.1)),))
+
+
+def test_a_result_is_a_table_with_sentences_below():
+    lines = str(MEASURED).splitlines()
+    assert (lines[0], lines[-1]) == ("three <numbers>", "1 < 2.")
+    assert MEASURED._repr_html_().endswith("</table><p>1 &lt; 2.</p>")
+    assert "three &lt;numbers&gt;" in MEASURED._repr_html_()
+
+
+def test_a_result_is_numbers_by_name():
+    numbers = MEASURED.to_dict()
+    assert numbers["pairs"] == [["a", 0.1]]
+    assert (type(numbers["count"]), type(numbers["values"])) == (int, list)
+    assert np.isnan(numbers["values"][1])
+    # JSON has no NaN.
+    assert json.loads(to_json(numbers))["values"] == [1.0, None]
+    with pytest.raises(TypeError, match="object is not made of numbers and texts"):
+        to_plain({"a": object()})

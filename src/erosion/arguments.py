@@ -1,9 +1,13 @@
-"""Checks of arguments that many verbs take: tolerances, whole numbers, paths, cases."""
+"""Arguments that many verbs take: tolerances, whole numbers, paths, single numbers, progress."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+Progress = Callable[[str, int, int], object]
+"""A function that is called with the name of the work, how much of it is done, and how much there is."""
 
 _NUMBERS = (int, float, np.integer, np.floating)
 
@@ -22,6 +26,13 @@ def check_whole(name: str, value: Any, least: int) -> int:
     return int(value)
 
 
+def check_scalars(values: Mapping[str, Any], instead: str = "") -> None:
+    """A `ValueError` that names the first argument that is an array; `instead` ends it: what takes arrays."""
+    for name, value in values.items():
+        if shape := np.shape(value):
+            raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
+
+
 def check_path(name: str, value: Any) -> Path:
     """The argument as a path; a `TypeError` or `ValueError` where it cannot be one."""
     if not isinstance(value, (str, Path)):
@@ -29,3 +40,7 @@ def check_path(name: str, value: Any) -> Path:
     if "\0" in str(value):
         raise ValueError(f"Argument `{name}` must be a path, but {str(value)!r} holds a zero byte.")
     return Path(value)
+
+
+def no_progress(work: str, done: int, total: int) -> None:
+    """The `Progress` of a verb that nobody watches."""

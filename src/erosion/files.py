@@ -1,4 +1,4 @@
-"""Files that are there completely or not at all."""
+"""Files that are written completely or not at all."""
 
 import contextlib
 import errno
@@ -9,14 +9,14 @@ from pathlib import Path
 
 
 def write_whole(path: Path, content: bytes | memoryview) -> None:
-    """Write a file so that it is there completely or not at all."""
+    """Write a file completely or not at all."""
     with written_whole(path) as draft:
         draft.write_bytes(content)
 
 
 @contextlib.contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """A place beside `path` to write a file or folder to, which comes to `path` when it is whole.
+    """A draft beside `path`, a file or folder, that gets the name `path` when it is complete.
 
     Raises:
         OSError: naming `path`, where it cannot be written.
@@ -28,7 +28,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def require_writable(path: Path) -> None:
-    """Find out whether a file can be written there whole, before computing for it.
+    """Find out, before a long computation, whether a file can be written.
 
     Raises:
         OSError: naming the path, where it cannot.
@@ -41,19 +41,19 @@ def require_writable(path: Path) -> None:
 def _require_replaceable(path: Path) -> None:
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    # A device or a pipe would be replaced by a file of its name.
+    # A device or a pipe would be replaced by a file.
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "Not a regular file", str(path))
 
 
 @contextlib.contextmanager
 def _draft(path: Path) -> Iterator[Path]:
-    """A place beside `path`, empty afterwards; errors name `path`."""
+    """A path beside `path`, cleared afterwards; errors name `path`."""
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield draft
     except OSError as error:
-        # Libraries put much of their own into `strerror`.
+        # Libraries put long texts of their own into `strerror`.
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise type(error)(error.errno, reason, str(path)) from error
     finally:

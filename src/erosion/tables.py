@@ -1,5 +1,7 @@
 """Results as a person or a program reads them: tables in text and HTML, JSON."""
 
+import abc
+import dataclasses
 import html
 import json
 import math
@@ -159,15 +161,64 @@ def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] =
 
 def to_json(content: Mapping[str, Any]) -> str:
     """JSON, indented; NaN and infinity, which it lacks, as null."""
-    return json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)
+    return json.dumps(_finite(to_plain(content)), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, (str, int, bool)) or value is None:
+def to_plain(value: Any) -> Any:
+    """Numbers, lists, texts and dictionaries of Python, from arrays and dataclasses of any depth."""
+    if isinstance(value, (bool, int)) or value is None:
         return value
-    number = float(value)
-    return number if math.isfinite(number) else None
+    if isinstance(value, (str, float)):
+        return str(value) if isinstance(value, str) else float(value)  # numpy's are subclasses
+    if isinstance(value, Mapping):
+        return {key: to_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item) for item in value]
+    if dataclasses.is_dataclass(value):
+        return {field.name: to_plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    array = np.asarray(value)
+    if array.dtype == object and not array.ndim:
+        raise TypeError(f"{type(value).__name__} is not made of numbers and texts.")
+    return to_plain(array.tolist())
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Result(abc.ABC):
+    """A result that prints as a table, shows as one in a notebook, and is numbers by name for programs."""
+
+    @property
+    @abc.abstractmethod
+    def title(self) -> str:
+        """One line above the table."""
+
+    @abc.abstractmethod
+    def rows(self) -> Sequence[Sequence[str]]:
+        """The table, all cells as text."""
+
+    @property
+    def headings(self) -> Sequence[str]:
+        """The columns of the table."""
+        return HEADINGS
+
+    @property
+    def statements(self) -> Sequence[str]:
+        """Sentences below the table."""
+        return ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers by name, in Python's own types; NaN and infinity stay what they are."""
+        return to_plain(self)
+
+    def __str__(self) -> str:
+        return "\n".join([to_text(self.title, self.rows(), self.headings), *self.statements])
+
+    def _repr_html_(self) -> str:
+        sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in self.statements)
+        return to_html(self.title, self.rows(), self.headings) + sentences

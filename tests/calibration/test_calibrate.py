@@ -33,13 +33,17 @@ def fit():
 
 
 def test_exact_data_give_the_truth_back():
-    found = calibrate("linearized", GUESS, synthetic(0) | {"volume [in^3]": EXACT}, ["k", "psi"], starts=4)
+    result = calibrate("linearized", GUESS, synthetic(0) | {"volume [in^3]": EXACT}, ["k", "psi"], starts=4)
     # The kernel keeps nine digits.
-    assert found.estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
-    assert found.chi2 < 1e-9
-    assert found.p.k == found.estimates["k"]
-    assert found.p.units == "inch-pound"
-    assert found.statements == ()
+    assert result.estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
+    assert result.chi2 < 1e-9
+    assert result.p.k == result.estimates["k"]
+    assert result.p.units == "inch-pound"
+    assert result.statements == ()
+    numbers = result.to_dict()
+    assert (numbers["model"], numbers["estimates"]) == ("linearized", result.estimates)
+    assert numbers["parameters"]["k"] == result.estimates["k"]
+    assert numbers["intervals"] == {name: list(interval) for name, interval in result.intervals().items()}
 
 
 def test_errors_are_those_of_the_normal_equations(fit):
@@ -96,10 +100,10 @@ def test_left_out_errors_are_those_of_fits_without_the_row(fit):
 
 
 def test_noise_is_estimated_where_none_is_given(fit):
-    found = calibrate("linearized", GUESS, synthetic(1, uncertain=False), ["k", "psi"])
-    assert found.estimates == pytest.approx(fit.estimates, rel=1e-6)
-    spread = np.sqrt(np.sum(found.residuals**2) / 48)
-    assert found.standard_errors["k"] == pytest.approx(fit.standard_errors["k"] * spread / NOISE, rel=1e-5)
+    result = calibrate("linearized", GUESS, synthetic(1, uncertain=False), ["k", "psi"])
+    assert result.estimates == pytest.approx(fit.estimates, rel=1e-6)
+    spread = np.sqrt(np.sum(result.residuals**2) / 48)
+    assert result.standard_errors["k"] == pytest.approx(fit.standard_errors["k"] * spread / NOISE, rel=1e-5)
     # Student's t is wider than the normal distribution: by half at 5 degrees of freedom.
     few = {name: values[:35:5] for name, values in synthetic(1, uncertain=False).items()}
     small = calibrate("linearized", GUESS, few, ["k", "psi"], starts=1)
@@ -120,27 +124,27 @@ def test_estimates_are_unbiased_and_intervals_cover():
 
 
 def test_a_product_is_reported_as_a_product():
-    found = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "sigma"])
-    assert found.statements == ("psi and sigma cannot be told apart: only psi·sigma is determined.",)
-    assert found.undetermined == ("psi", "sigma")
-    assert found.standard_errors["psi"] == found.standard_errors["sigma"] == np.inf
-    assert found.intervals()["psi"] == (0.0, np.inf)
-    assert found.standard_errors["k"] == pytest.approx(0.043, rel=0.05)
+    result = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "sigma"])
+    assert result.statements == ("psi and sigma cannot be told apart: only psi·sigma is determined.",)
+    assert result.undetermined == ("psi", "sigma")
+    assert result.standard_errors["psi"] == result.standard_errors["sigma"] == np.inf
+    assert result.intervals()["psi"] == (0.0, np.inf)
+    assert result.standard_errors["k"] == pytest.approx(0.043, rel=0.05)
     both = calibrate("linearized", GUESS, synthetic(2), ["k", "psi"])
-    assert found.estimates["psi"] * found.estimates["sigma"] == pytest.approx(both.estimates["psi"] * 200e3, rel=1e-6)
-    assert found.estimates["k"] == pytest.approx(both.estimates["k"], rel=1e-6)
-    assert "cannot be told apart" in str(found)
-    assert "not determined" in found._repr_html_()
+    assert result.estimates["psi"] * result.estimates["sigma"] == pytest.approx(both.estimates["psi"] * 200e3, rel=1e-6)
+    assert result.estimates["k"] == pytest.approx(both.estimates["k"], rel=1e-6)
+    assert "cannot be told apart" in str(result)
+    assert "not determined" in result._repr_html_()
     # The curve and its band do not depend on how the product is shared out.
-    np.testing.assert_allclose(found.curve(0.5), both.curve(0.5), rtol=1e-5)
-    assert found.leave_one_out == pytest.approx(both.leave_one_out, rel=1e-5)
+    np.testing.assert_allclose(result.curve(0.5), both.curve(0.5), rtol=1e-5)
+    assert result.leave_one_out == pytest.approx(both.leave_one_out, rel=1e-5)
 
 
 def test_what_has_no_influence_is_said():
-    found = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "r"], starts=2)
-    assert found.statements == ("r has no influence on these data and cannot be determined.",)
-    assert found.standard_errors["r"] == np.inf
-    assert np.isfinite(found.standard_errors["psi"])
+    result = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "r"], starts=2)
+    assert result.statements == ("r has no influence on these data and cannot be determined.",)
+    assert result.standard_errors["r"] == np.inf
+    assert np.isfinite(result.standard_errors["psi"])
 
 
 def test_combinations_are_named_as_products_of_powers():
@@ -148,17 +152,17 @@ def test_combinations_are_named_as_products_of_powers():
     shape, height, spin = rng.standard_normal((3, 20))
     names = ["k", "m", "sigma", "v0", "phidot0", "r"]
     columns = [shape, height, -height, 2 * height, 0.3 * spin, 0.3 * spin]
-    found = identify(names, np.stack(columns, axis=1), np.ones(6), 1.0)
-    assert found.rank == 3
-    assert found.statements == (
+    result = identify(names, np.stack(columns, axis=1), np.ones(6), 1.0)
+    assert result.rank == 3
+    assert result.statements == (
         "m, sigma and v0 cannot be told apart: only m·v0^2/sigma is determined.",
         "phidot0 and r cannot be told apart: only phidot0·r is determined.",
     )
-    assert found.undetermined == ("m", "sigma", "v0", "phidot0", "r")
+    assert result.undetermined == ("m", "sigma", "v0", "phidot0", "r")
     # θ = φ̇₀ r₀/v₀ is not a logarithm: at half the size, its column is twice as strong.
     columns[4] = columns[4] * 2
     again = identify(names, np.stack(columns, axis=1), np.array([1, 1, 1, 1, 0.5, 1]), 1.0)
-    assert again.statements == found.statements
+    assert again.statements == result.statements
     root = identify(["m", "b"], np.stack([shape, -shape / 2], axis=1), np.ones(2), 1.0)
     assert root.statements == ("m and b cannot be told apart: only m/b^(1/2) is determined.",)
 
@@ -174,16 +178,16 @@ def test_a_profile_of_a_nearly_linear_fit_is_a_parabola(fit):
 
 
 def test_what_is_not_determined_has_a_flat_profile():
-    found = calibrate("linearized", GUESS, synthetic(2), ["psi", "sigma"], starts=1)
-    np.testing.assert_allclose(found.profile("sigma", 3).rise, 0, atol=1e-4)
+    result = calibrate("linearized", GUESS, synthetic(2), ["psi", "sigma"], starts=1)
+    np.testing.assert_allclose(result.profile("sigma", 3).rise, 0, atol=1e-4)
 
 
 def test_an_interval_ends_at_a_bound():
     bounds = {"k": (1.99, 2.02)}
-    found = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds=bounds, starts=1)
-    assert found.intervals()["k"] == pytest.approx(bounds["k"])
+    result = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds=bounds, starts=1)
+    assert result.intervals()["k"] == pytest.approx(bounds["k"])
     # With k so nearly known, ψ is known better.
-    low, high = found.intervals()["psi"]
+    low, high = result.intervals()["psi"]
     free_low, free_high = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], starts=1).intervals()["psi"]
     assert high - low < 0.9 * (free_high - free_low)
 
@@ -205,18 +209,18 @@ def test_other_kinds_of_erosion_give_the_same_answer(fit):
     }
     for unit, (name, factor, density) in kinds.items():
         table = {"angle [deg]": DEGREES, f"{name} {unit}": volume * factor, f"uncertainty {unit}": noise * factor}
-        found = calibrate("linearized", GUESS, table, ["k", "psi"], starts=1, density=density)
-        assert found.estimates == pytest.approx(fit.estimates, rel=1e-6), unit
-        assert found.standard_errors == pytest.approx(fit.standard_errors, rel=1e-6)
+        result = calibrate("linearized", GUESS, table, ["k", "psi"], starts=1, density=density)
+        assert result.estimates == pytest.approx(fit.estimates, rel=1e-6), unit
+        assert result.standard_errors == pytest.approx(fit.standard_errors, rel=1e-6)
 
 
 def test_a_free_scale_leaves_the_shape(fit):
     table = {"angle [deg]": DEGREES, "erosion [-]": synthetic(1)["volume [in^3]"] * 1e5}
-    found = calibrate("linearized", GUESS, table, ["k"], starts=2)
-    assert found.names == ("k", "scale")
-    assert found.estimates["k"] == pytest.approx(fit.estimates["k"], rel=1e-5)
+    result = calibrate("linearized", GUESS, table, ["k"], starts=2)
+    assert result.names == ("k", "scale")
+    assert result.estimates["k"] == pytest.approx(fit.estimates["k"], rel=1e-5)
     # The scale takes up the guess's wrong ψ.
-    assert found.estimates["scale"] == pytest.approx(1e5 * 0.06 / fit.estimates["psi"], rel=1e-5)
+    assert result.estimates["scale"] == pytest.approx(1e5 * 0.06 / fit.estimates["psi"], rel=1e-5)
     tied = calibrate("linearized", GUESS, table, ["k", "psi"], starts=1)
     assert tied.statements == ("psi and scale cannot be told apart: only psi/scale is determined.",)
 
@@ -226,18 +230,18 @@ def test_speed_and_mass_by_row():
     p = TABLE_1.replace(alpha=np.deg2rad(DEGREES), v0=speed, m=mass)
     table = {"angle [deg]": DEGREES, "volume [in^3]": np.asarray(LinearizedCut().volume(p)),
              "speed [in/s]": speed, "mass [slinch]": mass}  # fmt: skip
-    found = calibrate("linearized", GUESS, table, ["k", "psi"], starts=1)
-    assert found.estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
+    result = calibrate("linearized", GUESS, table, ["k", "psi"], starts=1)
+    assert result.estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
     with pytest.raises(ValueError, match="must not name `v0`: the data has a column of it"):
         calibrate("linearized", GUESS, table, ["v0"])
 
 
 def test_bounds_are_kept_and_said():
-    found = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds={"k": (2.5, 4.0)}, starts=2)
-    assert found.estimates["k"] == pytest.approx(2.5, rel=1e-6)
-    assert found.statements[0] == "k is at its lower bound, 2.5: its error means nothing."
-    assert found.statements[1].startswith("psi is known better than its standard error says")
-    assert found.statements[2].startswith("The model does not fit within the uncertainties: χ² is")
+    result = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds={"k": (2.5, 4.0)}, starts=2)
+    assert result.estimates["k"] == pytest.approx(2.5, rel=1e-6)
+    assert result.statements[0] == "k is at its lower bound, 2.5: its error means nothing."
+    assert result.statements[1].startswith("psi is known better than its standard error says")
+    assert result.statements[2].startswith("The model does not fit within the uncertainties: χ² is")
 
 
 @pytest.mark.parametrize(
@@ -306,21 +310,21 @@ def test_intervals_end_at_cliffs(turning):
     volume = np.asarray(erosion.impact("rotating", case, derivatives=1, wrt=("k", "psi")).volume)
     for seed in (0, 1):
         data = synthetic(seed, turning)
-        found = calibrate("rotating", GUESS, data, ["k", "psi"])
+        result = calibrate("rotating", GUESS, data, ["k", "psi"])
         misfit = np.sum(((volume - data["volume [in^3]"]) / data["uncertainty [in^3]"]) ** 2, axis=1)
-        assert found.chi2 < misfit.min() + 0.05
-        inside = k[misfit - found.chi2 < 1.959964**2]
+        assert result.chi2 < misfit.min() + 0.05
+        inside = k[misfit - result.chi2 < 1.959964**2]
         # As near as the grid is.
-        assert found.intervals()["k"] == pytest.approx((inside.min(), inside.max()), abs=0.01)
+        assert result.intervals()["k"] == pytest.approx((inside.min(), inside.max()), abs=0.01)
 
 
 def test_a_curve_with_a_jump_is_found_from_afar(turning):
     # V(α) of `rotating` jumps at 42.9°, and the misfit jumps as k moves that across a row.
-    found = calibrate("rotating", GUESS, synthetic(5, turning), ["k", "psi"], starts=8)
+    result = calibrate("rotating", GUESS, synthetic(5, turning), ["k", "psi"], starts=8)
     for name, truth in (("k", 2.0), ("psi", 0.04)):
-        assert abs(found.estimates[name] - truth) < 3 * found.standard_errors[name]
+        assert abs(result.estimates[name] - truth) < 3 * result.standard_errors[name]
     # Here the jump comes upon a row 0.6 standard errors below k.
-    (sentence,) = found.statements
+    (sentence,) = result.statements
     assert sentence.startswith("k is known better than its standard error says (V(α) jumps, or a bound)")
 
 
@@ -367,8 +371,8 @@ def test_finnies_shape_goes_to_openfoam_without_loss(fit):
 
 
 def test_other_shapes_go_to_openfoam_with_their_misfit(turning):
-    found = calibrate("rotating", TABLE_1, synthetic(5, turning), ["psi"], starts=1)
-    coefficients = to_openfoam(found)
+    result = calibrate("rotating", TABLE_1, synthetic(5, turning), ["psi"], starts=1)
+    coefficients = to_openfoam(result)
     # The turning body's curve is broader than Finnie's and jumps.
     assert 0.05 < coefficients.misfit < 0.12
     assert coefficients.rms < coefficients.misfit

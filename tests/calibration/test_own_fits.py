@@ -121,7 +121,7 @@ def test_the_command_line_fits_them(tmp_path, monkeypatch, capsys):
         "1",
     ]
     assert _status([*words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     # V ∝ 1/σ, and these are about half of what Table 1 gives.
-    assert found["estimates"]["factor"] == pytest.approx(2.0, rel=0.05)
-    assert found["own_parameters"] == {"factor": found["estimates"]["factor"], "speed": 100.0}
+    assert result["estimates"]["factor"] == pytest.approx(2.0, rel=0.05)
+    assert result["own_parameters"] == {"factor": result["estimates"]["factor"], "speed": 100.0}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli.optimum import _print as print_optimum
+from erosion.cli.optimum import _print, _print_sensitivities
 from erosion.engine import batch
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.check import flaw
@@ -161,7 +161,8 @@ def test_the_best_angle_knows_how_friction_moves_it(capsys):
     assert found.alpha == pytest.approx(np.arctan(ratio) / 2, abs=1e-9)
     assert list(found.sensitivities) == [*(name for name in quantities(MODEL) if name != "alpha")]
     assert found.sensitivities["friction"] == pytest.approx(-(ratio**2) / (1 + ratio**2) / 2, rel=1e-6)
-    print_optimum("tip.py", found, with_sensitivities=True)
+    _print("tip.py", found)
+    _print_sensitivities(found)
     out = capsys.readouterr().out
     assert "tip.py (friction = 0.2): the angle of greatest volume" in out
     assert [line.split()[:2] for line in out.splitlines() if "coefficient of friction" in line] == [["friction", "μ"]]

@@ -1,3 +1,6 @@
+import dataclasses
+import json
+
 import numpy as np
 import pytest
 
@@ -5,6 +8,7 @@ import erosion
 from erosion.engine.leaves import split
 from erosion.optimum.maxima import Search
 from erosion.optimum.resolve import Cells, Scan, joined
+from erosion.tables import to_json
 from tests.reference import closed_form
 
 pytestmark = pytest.mark.slow
@@ -75,8 +79,8 @@ JUMPS = [
 @pytest.mark.parametrize(("name", "p", "degrees", "below", "above", "kind", "side"), JUMPS)
 def test_jumps_are_the_published_ones(name, p, degrees, below, above, kind, side):
     best = erosion.alpha_max(name, p)
-    found = np.rad2deg([jump.alpha for jump in best.jumps])
-    np.testing.assert_allclose(found[: len(degrees)], degrees, rtol=0, atol=2e-8)
+    angles = np.rad2deg([jump.alpha for jump in best.jumps])
+    np.testing.assert_allclose(angles[: len(degrees)], degrees, rtol=0, atol=2e-8)
     jump = min(best.jumps, key=lambda jump: abs(jump.below - below))
     # Near a graze V moves with the root of the distance: the figures are for "just" beside it.
     assert jump.below == pytest.approx(below, rel=1e-5)
@@ -196,13 +200,32 @@ def test_an_optimum_is_printed_in_degrees():
 
 
 def test_a_jump_known_only_to_a_wide_cell_is_looked_at_from_outside_the_cell():
-    search = Search(*split(erosion.load_model("rotating"), P.replace(k=1.0)), cases=1, sign=1.0)
-    evaluate = search._at(1e-9)
+    search = Search(*split(erosion.load_model("rotating"), P.replace(k=1.0)), cases=1, least=False)
+    evaluate = search.objective(1e-9)
     jump = erosion.alpha_max("rotating", P.replace(k=1.0)).jumps[-1].alpha
     # As where cutting begins: 3e-8 wide, and the jump not in its middle.
     cells = Cells(*(evaluate(np.zeros(1, int), np.array([jump + aside])) for aside in (-2.5e-8, 5e-9)))
-    found = Scan(joined(*cells), cells, cells, cells.low.value, np.zeros(1, int), np.ones(1, int))
-    ((case, candidate),) = search._at_jumps(found, np.array([True]))
+    scanned = Scan(joined(*cells), cells, cells, cells.low.value, np.zeros(1, int), np.ones(1, int))
+    ((case, candidate),) = search.at_jumps(scanned, np.array([True]))
     assert (case, candidate.kind, candidate.side) == (0, "jump", "below")
     assert candidate.alpha == pytest.approx(jump - 2.5e-8, abs=1e-11)
     assert candidate.value == pytest.approx(1.77719894e-4, rel=1e-4)  # V rises like a root towards the jump
+
+
+def test_an_optimum_is_numbers_by_name():
+    p = spun([-0.2, 0.0])
+    best = erosion.alpha_max("rotating", p)
+    numbers = best.to_dict()
+    assert json.loads(to_json(numbers)) == numbers
+    assert (numbers["model"], numbers["own_parameters"], numbers["kind"]) == ("rotating", {}, ["jump", "interior"])
+    assert numbers["parameters"]["alpha"] == numbers["alpha"] == best.alpha.tolist()
+    assert numbers["candidates"][0][0] == dataclasses.asdict(best.candidates[0][0])
+    assert set(numbers) - {"own_parameters", "parameters"} == set(vars(best)) - {"p", "integrand", "sensitivities"}
+
+
+def test_candidates_and_jumps_of_a_minimum_have_the_sign_of_the_objective():
+    p, (low, high) = P.replace(k=1.0), np.deg2rad([30.0, 60.0])
+    least = erosion.alpha_min("rotating", p, alpha_range=(low, high))
+    most = erosion.alpha_max("rotating", p, alpha_range=(low, high))
+    assert all(0 <= candidate.value <= most.value for candidate in least.candidates)
+    assert [jump.below for jump in least.jumps] == pytest.approx([jump.below for jump in most.jumps], rel=1e-6)

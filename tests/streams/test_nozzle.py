@@ -1,5 +1,7 @@
 """The best angle of a nozzle against the closed form of `linearized`."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import erosion
 from erosion.distributions import LogNormal, Normal
 from erosion.models.closed_forms import LinearizedCut
 from erosion.streams.stream import stream
+from erosion.tables import to_json
 
 pytestmark = pytest.mark.slow
 
@@ -15,17 +18,21 @@ P = erosion.TABLE_1
 
 def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     # The linearized model's α_max depends on k alone: neither speeds nor masses move it.
-    found = stream("linearized", P, n=64, sensitivities=False, v0=LogNormal(4400.0, 0.3))
-    assert found.nozzle is not None
+    result = stream("linearized", P, n=64, sensitivities=False, v0=LogNormal(4400.0, 0.3))
+    assert result.nozzle is not None
     exact = np.arctan(2.0) / 2
     # The search ends within 1e-5 rad; V is flat there, known to 1e-9: √1e-9 = 3e-5.
-    assert found.nozzle.alpha.value == pytest.approx(exact, abs=1e-4)
-    assert found.nozzle.single_alpha == pytest.approx(exact, rel=1e-9)
-    assert not found.nozzle.at_edge
-    assert found.nozzle.curve.argmax() == np.abs(found.nozzle.angles - exact).argmin()
-    dataset = found.to_dataset()
-    assert float(dataset.alpha_max) == found.nozzle.alpha.value
-    assert "α_max" in str(found)
+    assert result.nozzle.alpha.value == pytest.approx(exact, abs=1e-4)
+    assert result.nozzle.single_alpha == pytest.approx(exact, rel=1e-9)
+    assert not result.nozzle.at_edge
+    assert result.nozzle.curve.argmax() == np.abs(result.nozzle.angles - exact).argmin()
+    dataset, numbers = result.to_dataset(), result.to_dict()
+    assert float(dataset.alpha_max) == numbers["alpha_max"] == result.nozzle.alpha.value
+    assert numbers["model"] == "linearized"
+    assert numbers["parameters"]["v0"] == 4400
+    assert numbers["units"]["alpha_max"] == "rad"
+    assert json.loads(to_json(numbers)) == numbers
+    assert "α_max" in str(result)
 
 
 def test_spread_of_the_angle_moves_the_best_angle():

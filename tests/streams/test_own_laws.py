@@ -30,31 +30,31 @@ LAWS: dict[str, Any] = {"friction": Uniform(0.1, 0.3), "v0": LogNormal(4400.0, 0
 
 @pytest.mark.parametrize("points", ["sobol", "random"])
 def test_a_law_of_friction_is_laws_of_flow_stress_and_force_ratio(points):
-    found = stream(MODEL, P, n=2**10, seed=3, points=points, **FEW, **LAWS)
+    result = stream(MODEL, P, n=2**10, seed=3, points=points, **FEW, **LAWS)
     drawn = Particles(MODEL, P, LAWS).draw(Points(points, 2, 3, REPLICATES).take(2**10 // REPLICATES))
     assert drawn["friction"].shape == (REPLICATES, 64)
     equivalent = with_friction(drawn["friction"], P.replace(v0=drawn["v0"]))
     volume = erosion.impact("linearized", equivalent).volume
-    np.testing.assert_allclose(found.tally.mean, volume.mean(axis=1), rtol=1e-8)  # the engine's tolerance is 1e-9
-    assert found.quantiles[0.5] == pytest.approx(np.median(volume), rel=3e-3)
+    np.testing.assert_allclose(result.tally.mean, volume.mean(axis=1), rtol=1e-8)  # the engine's tolerance is 1e-9
+    assert result.quantiles[0.5] == pytest.approx(np.median(volume), rel=3e-3)
 
 
 def test_the_mean_is_that_of_the_closed_form():
-    found = stream(MODEL, P, n=2**16, **FEW, **LAWS)
+    result = stream(MODEL, P, n=2**16, **FEW, **LAWS)
     nodes, weights = np.polynomial.legendre.leggauss(30)
     volume = np.asarray(closed_form("linearized").volume(with_friction(0.2 + 0.1 * nodes)))
     # V ∝ v₀², of lognormal moment exp(2 s²).
     exact = float(volume @ weights / 2 * np.exp(2 * 0.1**2))
-    assert found.mean_volume.value == pytest.approx(exact, rel=1e-4)
-    assert found.mean_volume.low < exact < found.mean_volume.high
+    assert result.mean_volume.value == pytest.approx(exact, rel=1e-4)
+    assert result.mean_volume.low < exact < result.mean_volume.high
 
 
 def test_the_nozzle_knows_the_law():
-    found = stream(MODEL, P, n=64, sensitivities=False, friction=Normal(0.2, 1e-6))
-    assert found.nozzle is not None
+    result = stream(MODEL, P, n=64, sensitivities=False, friction=Normal(0.2, 1e-6))
+    assert result.nozzle is not None
     exact = np.arctan(2.0 / 1.4) / 2  # ½ arctan k at k/(1 + μk)
-    assert found.nozzle.alpha.value == pytest.approx(exact, abs=1e-4)
-    assert found.nozzle.single_alpha == pytest.approx(exact, abs=1e-9)
+    assert result.nozzle.alpha.value == pytest.approx(exact, abs=1e-4)
+    assert result.nozzle.single_alpha == pytest.approx(exact, abs=1e-9)
 
 
 def test_no_range_of_an_own_parameter_is_known():
@@ -65,20 +65,20 @@ def test_no_range_of_an_own_parameter_is_known():
 
 
 def test_sensitivities_and_labels_are_those_of_the_model():
-    found = stream(MODEL, P, n=64, best_angle=False, **LAWS)
-    assert found.sensitivities is not None
-    assert list(found.sensitivities) == ["friction", "v0"]
-    symbols = [row.symbol for row in found.rows() if row.name == "sensitivity"]
+    result = stream(MODEL, P, n=64, best_angle=False, **LAWS)
+    assert result.sensitivities is not None
+    assert list(result.sensitivities) == ["friction", "v0"]
+    symbols = [row.symbol for row in result.rows() if row.name == "sensitivity"]
     assert symbols == ["S(μ)", "T(μ)", "S(v₀)", "T(v₀)"]
-    assert found.title == "stream of Linearized(CoulombTip), friction: Uniform(0.1, 0.3), v0: LogNormal(4400, 0.1)"
+    assert result.title == "stream of Linearized(CoulombTip), friction: Uniform(0.1, 0.3), v0: LogNormal(4400, 0.1)"
 
 
 def test_the_law_is_part_of_the_identity(tmp_path):
     path = tmp_path / "jet.nc"
     whole = stream(MODEL, P, n=2**10, **FEW, **LAWS)
     stream(MODEL, P, n=2**9, store=path, **FEW, **LAWS)
-    found = stream(MODEL, P, n=2**10, store=path, **FEW, **LAWS)
-    np.testing.assert_allclose(found.tally.mean, whole.tally.mean, rtol=1e-14)
+    result = stream(MODEL, P, n=2**10, store=path, **FEW, **LAWS)
+    np.testing.assert_allclose(result.tally.mean, whole.tally.mean, rtol=1e-14)
     stored = xr.load_dataset(path, engine="h5netcdf")
     assert stored.attrs["distributions"] == "friction: Uniform(0.1, 0.3); v0: LogNormal(4400, 0.1)"
     # Of what varies, the model's own value means nothing.
@@ -120,12 +120,12 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, ca
     Path("case.toml").write_text(erosion.dump_case(P) + case)
     words = ["stream", "case.toml", "--no-best-angle", "-o", "jet.nc", "--json", "--set"]
     assert _status([*words, "speed=normal(5 m/s, 1 m/s)"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     # V ∝ 1/σ, and the mean of 1/f is ln 1.5; 1024 points are worth four digits.
     single = AT_20_DEGREES["linearized"].volume
-    assert found["mean_volume"] == pytest.approx(single * np.log(1.5), rel=1e-4)
-    assert found["own_parameters"] == {}
-    assert set(found["sensitivities"]) == {"factor", "speed"}
+    assert result["mean_volume"] == pytest.approx(single * np.log(1.5), rel=1e-4)
+    assert result["own_parameters"] == {}
+    assert set(result["sensitivities"]) == {"factor", "speed"}
     stored = xr.load_dataset("jet.nc")
     assert stored.attrs["distributions"] == "factor: Uniform(2, 3); speed: Normal(196.85, 39.3701)"
     assert _status([*words, "speed=normal(5 m/s, 2 m/s)"]) == 2
@@ -137,5 +137,5 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, ca
     Path("factors.csv").write_text("factor\n2\n4\n")
     assert _status(["stream", "--model", "harder.py", "--n", "64", "--no-best-angle", "--set",
                     "factor=samples(factors.csv)", "--json"]) == 0  # fmt: skip
-    found = json.loads(capsys.readouterr().out)
-    assert found["mean_volume"] == pytest.approx(single * 3 / 8, rel=1e-8)
+    result = json.loads(capsys.readouterr().out)
+    assert result["mean_volume"] == pytest.approx(single * 3 / 8, rel=1e-8)

@@ -27,16 +27,16 @@ def mean_volume_of_laws() -> float:
 
 
 def test_the_mean_and_its_error_are_right():
-    found = stream("linearized", P, n=2**16, **FEW, **LAWS)
-    assert found.n == 2**16
+    result = stream("linearized", P, n=2**16, **FEW, **LAWS)
+    assert result.n == 2**16
     exact = mean_volume_of_laws()
-    assert found.mean_volume.value == pytest.approx(exact, rel=1e-4)
-    assert found.mean_volume.low < exact < found.mean_volume.high
+    assert result.mean_volume.value == pytest.approx(exact, rel=1e-4)
+    assert result.mean_volume.low < exact < result.mean_volume.high
     # Scrambled Sobol points: a hundred times nearer than random ones.
-    assert found.mean_volume.error < 0.05 * found.deviation / np.sqrt(found.n)
-    assert found.total_volume == pytest.approx(found.n * found.mean_volume.value, rel=1e-12)
-    assert found.erosion.value == pytest.approx(found.mean_volume.value / P.m, rel=1e-12)
-    assert found.shares["rebound"].value == 1
+    assert result.mean_volume.error < 0.05 * result.deviation / np.sqrt(result.n)
+    assert result.total_volume == pytest.approx(result.n * result.mean_volume.value, rel=1e-12)
+    assert result.erosion.value == pytest.approx(result.mean_volume.value / P.m, rel=1e-12)
+    assert result.shares["rebound"].value == 1
 
 
 @pytest.mark.parametrize("points", ["sobol", "random"])
@@ -57,9 +57,9 @@ def test_a_seed_is_a_stream():
 
 
 def test_scaled_particles_remove_in_proportion_to_their_mass():
-    found = stream("linearized", P, n=2**16, **FEW, r=RosinRammler(0.04, 3, 0.02))
+    result = stream("linearized", P, n=2**16, **FEW, r=RosinRammler(0.04, 3, 0.02))
     single = erosion.impact("linearized", P).volume / P.m
-    assert found.erosion.value == pytest.approx(single, rel=1e-9)
+    assert result.erosion.value == pytest.approx(single, rel=1e-9)
     # Rotating too, as b goes with r: V/m does not depend on the size.
     particles = Particles(Linearized(), P, {"r": Uniform(0.01, 0.08)})
     _, p, _ = particles.impacts(particles.draw(np.array([[0.1], [0.9]])))
@@ -74,11 +74,11 @@ def test_steep_particles_come_from_the_other_side_and_flat_ones_miss():
     np.testing.assert_array_equal(hits, [False, True, True, False])
     np.testing.assert_allclose(p.alpha[1:3], [0.3, 0.3])
     np.testing.assert_allclose(p.phidot0[1:3], [100, -100])
-    found = stream("linearized", P, n=1024, **FEW, alpha=Uniform(-0.1, 0.1))
+    result = stream("linearized", P, n=1024, **FEW, alpha=Uniform(-0.1, 0.1))
     # The lower half misses: 0 is its middle.
-    assert found.shares["miss"].value == pytest.approx(0.5, abs=1e-3)
-    assert found.quantiles[0.25] == 0
-    assert found.erosion.value == pytest.approx(found.mean_volume.value / P.m, rel=1e-12)
+    assert result.shares["miss"].value == pytest.approx(0.5, abs=1e-3)
+    assert result.quantiles[0.25] == 0
+    assert result.erosion.value == pytest.approx(result.mean_volume.value / P.m, rel=1e-12)
 
 
 def test_positive_parameters_stay_so():
@@ -89,11 +89,11 @@ def test_positive_parameters_stay_so():
 def test_sensitivities_are_those_of_a_product():
     # V = a·v₀²·m: the indices of a product of independent factors are known.
     laws: dict[str, Any] = {"v0": LogNormal(4400.0, 0.1), "m": LogNormal(float(P.m), 0.3)}
-    found = stream("linearized", P, n=1024, best_angle=False, **laws)
-    assert found.sensitivities is not None
+    result = stream("linearized", P, n=1024, best_angle=False, **laws)
+    assert result.sensitivities is not None
     variances = {name: np.exp((power * s) ** 2) - 1 for name, power, s in (("v0", 2, 0.1), ("m", 1, 0.3))}
     whole = np.prod([1 + v for v in variances.values()]) - 1
-    for name, (first, total) in found.sensitivities.items():
+    for name, (first, total) in result.sensitivities.items():
         other = next(v for key, v in variances.items() if key != name)
         assert abs(first.value - variances[name] / whole) < 5 * first.error + 1e-3
         assert abs(total.value - variances[name] * (1 + other) / whole) < 5 * total.error + 1e-3
@@ -114,9 +114,9 @@ def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
     assert caught.value.partial.n == 2**13
     partial = xr.load_dataset(path, engine="h5netcdf")
     assert float(partial.mean_volume) == caught.value.partial.mean_volume.value
-    found = stream("linearized", P, n=3 * 2**12, store=path, **FEW, **LAWS)
+    result = stream("linearized", P, n=3 * 2**12, store=path, **FEW, **LAWS)
     for name in ("counted", "mean", "squares", "mass", "ends", "bins"):
-        np.testing.assert_array_equal(getattr(found.tally, name), getattr(whole.tally, name))
+        np.testing.assert_array_equal(getattr(result.tally, name), getattr(whole.tally, name))
     with pytest.raises(StoreError, match="another distributions"):
         stream("linearized", P, n=2**12, store=path, **FEW, v0=LogNormal(4400.0, 0.2))
 

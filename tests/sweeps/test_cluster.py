@@ -44,9 +44,9 @@ def state_of_worker() -> tuple[int, bool, str]:
 
 
 def test_a_cluster_computes_the_same_bits(client, whole, tmp_path):
-    found = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, **AXES)
-    assert found.volume.chunksizes["alpha"] == (50,) * 8
-    assert_same_bits(found.compute(), whole)
+    dataset = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, **AXES)
+    assert dataset.volume.chunksizes["alpha"] == (50,) * 8
+    assert_same_bits(dataset.compute(), whole)
     # One core each, and float64.
     states = client.run(state_of_worker)
     assert list(states.values()) == [(1, True, "float64")] * 2
@@ -64,9 +64,9 @@ def test_the_death_of_a_worker_is_no_matter(client, whole, tmp_path):
             killed.append(next(iter(pids.values())))
             os.kill(killed[0], signal.SIGKILL)
 
-    found = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, progress=kill_one, **AXES)
+    dataset = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, progress=kill_one, **AXES)
     assert killed
-    assert_same_bits(found.compute(), whole)
+    assert_same_bits(dataset.compute(), whole)
 
 
 def test_workers_of_several_threads_are_refused(tmp_path):
@@ -99,10 +99,10 @@ erosion.sweep("linearized", erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS
         child.kill()
     assert child.returncode == -signal.SIGKILL
     seen = []
-    found = sweep("linearized", P, store=path, chunks=CHUNKS, progress=lambda done, total: seen.append(done), **AXES)
-    assert 30_000 <= seen[0] < found.volume.size or len(seen) == 1
-    assert seen[-1] == found.volume.size
-    assert_same_bits(found.compute(), whole)
+    dataset = sweep("linearized", P, store=path, chunks=CHUNKS, progress=lambda done, total: seen.append(done), **AXES)
+    assert 30_000 <= seen[0] < dataset.volume.size or len(seen) == 1
+    assert seen[-1] == dataset.volume.size
+    assert_same_bits(dataset.compute(), whole)
 
 
 def test_importing_the_cluster_leaves_jax_alone():

@@ -14,7 +14,7 @@ from erosion.engine import impact as engine
 from erosion.models import Finnie, Linearized
 from erosion.plotting.sweeps import plot_sweep
 from erosion.sweeps import grid
-from erosion.sweeps.grid import make_grid
+from erosion.sweeps.grid import Outputs, make_grid
 from erosion.sweeps.sweep import SweepInterrupted, sweep
 from tests.cli.test_settings import FILE
 from tests.models.test_own_parameters import FRICTION, MODEL, P
@@ -37,9 +37,9 @@ def alone(friction: float, alpha: Any) -> erosion.Impact:
 def test_an_own_parameter_is_an_axis(whole):
     assert whole.volume.dims == ("alpha", "friction")
     for friction in (0.0, 0.1, 0.3):
-        found, hits = whole.sel(friction=friction), alone(friction, ANGLES)
+        dataset, hits = whole.sel(friction=friction), alone(friction, ANGLES)
         for name in ("volume", "t_c", "dvolume"):
-            np.testing.assert_array_equal(found[name], getattr(hits, name))
+            np.testing.assert_array_equal(dataset[name], getattr(hits, name))
 
 
 def test_all_values_are_one_call_of_each_verb(monkeypatch):
@@ -54,10 +54,10 @@ def test_all_values_are_one_call_of_each_verb(monkeypatch):
 
     monkeypatch.setattr(engine, "integrate", counted("integrate", engine.integrate))
     frictions = np.linspace(0.0, 0.5, 200)
-    found = sweep(MODEL, P, friction=frictions, alpha=ANGLES)
+    dataset = sweep(MODEL, P, friction=frictions, alpha=ANGLES)
     assert calls == ["integrate"]
     last = erosion.impact(MODEL.replace(friction=0.5), P.replace(alpha=ANGLES))
-    np.testing.assert_array_equal(found.volume[-1], last.volume)
+    np.testing.assert_array_equal(dataset.volume[-1], last.volume)
     monkeypatch.setattr(grid, "alpha_max", counted("alpha_max", grid.alpha_max))
     calls.clear()
     sweep(MODEL, P, friction=frictions[::50], optimum=True)
@@ -77,22 +77,22 @@ def test_it_has_its_label_and_unit(whole):
 
 
 def test_it_goes_together_with_a_parameter_of_the_case():
-    found = sweep(MODEL, P, friction=[0.1, 0.3, 0.3], alpha=ANGLES, paired=("friction", "alpha"), **ASKED)
-    assert found.volume.dims == ("pair",)
-    assert found.friction.dims == found.alpha.dims == ("pair",)
+    dataset = sweep(MODEL, P, friction=[0.1, 0.3, 0.3], alpha=ANGLES, paired=("friction", "alpha"), **ASKED)
+    assert dataset.volume.dims == ("pair",)
+    assert dataset.friction.dims == dataset.alpha.dims == ("pair",)
     expected = [alone(friction, alpha).volume for friction, alpha in zip((0.1, 0.3, 0.3), ANGLES, strict=True)]
-    np.testing.assert_array_equal(found.volume, expected)
+    np.testing.assert_array_equal(dataset.volume, expected)
 
 
 def test_each_value_has_its_best_angle():
-    found = sweep(MODEL, P, friction=[0.0, 0.5], optimum=True, alpha=ANGLES, **ASKED)
-    assert found.alpha_max.dims == ("friction",)
+    dataset = sweep(MODEL, P, friction=[0.0, 0.5], optimum=True, alpha=ANGLES, **ASKED)
+    assert dataset.alpha_max.dims == ("friction",)
     # linearized at k/(1 + μk): ½ arctan.
-    assert found.alpha_max.values == pytest.approx(np.arctan([2.0, 1.0]) / 2, abs=1e-9)
+    assert dataset.alpha_max.values == pytest.approx(np.arctan([2.0, 1.0]) / 2, abs=1e-9)
 
 
 def test_several_models_share_it():
-    grid = make_grid([MODEL, Finnie(force=FRICTION())], P, {"friction": [0.1, 0.2]}, wrt="friction")
+    grid = make_grid([MODEL, Finnie(force=FRICTION())], P, {"friction": [0.1, 0.2]}, Outputs(wrt="friction"))
     assert grid.lengths == {"model": 2, "friction": 2}
     with pytest.raises(ValueError, match="Argument `friction` must be a parameter of every model, but finnie has none"):
         make_grid([MODEL, "finnie"], P, {"friction": [0.1, 0.2]})
@@ -113,9 +113,9 @@ def test_an_interrupted_sweep_goes_on(tmp_path, store):
     path = tmp_path / store
     with pytest.raises(SweepInterrupted):
         sweep(MODEL, P, store=path, progress=stop_after(1), **chunks, **axes)
-    found = sweep(MODEL, P, store=path, **chunks, **axes)
-    assert_same_bits(found.load(), sweep(MODEL, P, **axes))
-    assert found.friction.attrs["symbol"] == "μ"
+    dataset = sweep(MODEL, P, store=path, **chunks, **axes)
+    assert_same_bits(dataset.load(), sweep(MODEL, P, **axes))
+    assert dataset.friction.attrs["symbol"] == "μ"
     with pytest.raises(erosion.StoreError, match="of another axes"):
         sweep(MODEL, P, store=path, **chunks, **{**axes, "friction": [0.1, 0.3]})
     with pytest.raises(erosion.StoreError, match="of another models"):
@@ -136,8 +136,8 @@ def test_the_command_line_takes_axes_of_own_parameters(tmp_path, monkeypatch, ca
     words = ["sweep", "case.toml", "-o", "out.nc", "--alpha", "20deg,30deg", "--plot", "out.svg"]
     assert _status([*words, "--set", "speed=5 m/s", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["dimensions"] == {"alpha": 2, "factor": 2}
-    found = xr.load_dataset("out.nc")
-    assert found.volume[0].values == pytest.approx(1.816436352531e-4 / np.array([1, 2]), rel=1e-8)  # golden; V ∝ 1/σ
-    assert found.attrs["own_parameters"] == "speed = 196.8503937007874"
+    dataset = xr.load_dataset("out.nc")
+    assert dataset.volume[0].values == pytest.approx(1.816436352531e-4 / np.array([1, 2]), rel=1e-8)  # golden; V ∝ 1/σ
+    assert dataset.attrs["own_parameters"] == "speed = 196.8503937007874"
     assert _status([*words, "--set", "speed=6 m/s"]) == 2
     assert "holds another result (of another models)" in capsys.readouterr().err

@@ -35,13 +35,13 @@ def test_a_comparison_holds_curves_and_optima(comparison):
 
 
 def test_regimes_change_with_spin(map_of_rotating):
-    found = map_of_rotating
-    assert dict(found.sizes) == {"phidot0": 3, "alpha": 22}
-    names = found.ended_by.attrs["flag_meanings"].split()
-    ends = np.array(names)[found.ended_by.values]
+    dataset = map_of_rotating
+    assert dict(dataset.sizes) == {"phidot0": 3, "alpha": 22}
+    names = dataset.ended_by.attrs["flag_meanings"].split()
+    ends = np.array(names)[dataset.ended_by.values]
     # With s = -0.5 nothing is cut where cos α ≤ 0.5.
-    assert set(ends[0][np.rad2deg(found.alpha) > 60]) == {"no-cut"}
-    np.testing.assert_allclose(np.rad2deg(found.alpha_max), [47.13850880, 25.57182731, 20.39], atol=5e-3)
+    assert set(ends[0][np.rad2deg(dataset.alpha) > 60]) == {"no-cut"}
+    np.testing.assert_allclose(np.rad2deg(dataset.alpha_max), [47.13850880, 25.57182731, 20.39], atol=5e-3)
 
 
 def test_curves_are_broken_where_they_jump(comparison):

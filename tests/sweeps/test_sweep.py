@@ -44,11 +44,11 @@ def stop_after(blocks: int):
 
 def test_a_sweep_is_the_kernel_with_labels(whole):
     p = P.replace(alpha=AXES["alpha"][:, None], v0=AXES["v0"])
-    found = erosion.impact("linearized", p)
-    np.testing.assert_array_equal(whole.volume, found.volume)
-    np.testing.assert_array_equal(whole.t_c, found.t_c)
+    hits = erosion.impact("linearized", p)
+    np.testing.assert_array_equal(whole.volume, hits.volume)
+    np.testing.assert_array_equal(whole.t_c, hits.t_c)
     meanings = np.array(whole.ended_by.attrs["flag_meanings"].split())
-    np.testing.assert_array_equal(meanings[whole.ended_by.values], found.ended_by)
+    np.testing.assert_array_equal(meanings[whole.ended_by.values], hits.ended_by)
     assert whole.ended_by.dtype == np.int8
     np.testing.assert_array_equal(whole.ended_by.attrs["flag_values"], range(len(meanings)))
     assert whole.volume.dims == ("alpha", "v0")
@@ -66,34 +66,34 @@ def test_the_case_in_the_attributes_is_the_case(whole, tmp_path):
 
 def test_models_are_an_axis_and_axes_may_go_in_pairs():
     k, angles = [1.0, 2.0, 3.0], np.deg2rad([10.0, 20, 30])
-    found = sweep(["linearized", "tan-alpha"], P, alpha=angles, k=k, v0=[2200.0, 4400.0], paired=("alpha", "k"))
-    assert dict(found.sizes) == {"model": 2, "pair": 3, "v0": 2}
-    assert found.k.dims == ("pair",)
+    dataset = sweep(["linearized", "tan-alpha"], P, alpha=angles, k=k, v0=[2200.0, 4400.0], paired=("alpha", "k"))
+    assert dict(dataset.sizes) == {"model": 2, "pair": 3, "v0": 2}
+    assert dataset.k.dims == ("pair",)
     one = erosion.impact("linearized", P.replace(alpha=angles[2], k=3.0))
-    assert float(found.volume.sel(model="linearized", v0=4400.0)[2]) == one.volume
+    assert float(dataset.volume.sel(model="linearized", v0=4400.0)[2]) == one.volume
     # No rotation: the volume goes with v₀².
-    np.testing.assert_allclose(found.volume.isel(v0=1), 4 * found.volume.isel(v0=0), rtol=1e-8)
+    np.testing.assert_allclose(dataset.volume.isel(v0=1), 4 * dataset.volume.isel(v0=0), rtol=1e-8)
 
 
 def test_derivatives_carry_their_units():
-    found = sweep("linearized", P, alpha=[0.2, 0.3], derivatives=2, wrt="v0")
-    assert found.dvolume.attrs["units"] == "in^3/(in/s)"
-    assert found.d2volume.attrs["units"] == "in^3/(in/s)^2"
+    dataset = sweep("linearized", P, alpha=[0.2, 0.3], derivatives=2, wrt="v0")
+    assert dataset.dvolume.attrs["units"] == "in^3/(in/s)"
+    assert dataset.d2volume.attrs["units"] == "in^3/(in/s)^2"
     # V ∝ v₀²; the kernel's tolerance is 1e-9.
-    np.testing.assert_allclose(found.dvolume, 2 * found.volume / P.v0, rtol=1e-7)
+    np.testing.assert_allclose(dataset.dvolume, 2 * dataset.volume / P.v0, rtol=1e-7)
 
 
 def test_the_optimum_lies_beside_the_angles(tmp_path):
     axes: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 6000)), "k": [1.0, 2.0]}
-    found = sweep("linearized", P, optimum=True, **axes)
-    assert found.alpha_max.dims == ("k",)
+    dataset = sweep("linearized", P, optimum=True, **axes)
+    assert dataset.alpha_max.dims == ("k",)
     # The closed form: α_max = ½ arctan k.
-    np.testing.assert_allclose(found.alpha_max, np.arctan(axes["k"]) / 2, rtol=1e-9)
-    np.testing.assert_allclose(found.volume_max, found.volume.max("alpha"), rtol=1e-6)
-    assert found.alpha_max_kind.attrs["flag_meanings"].split()[int(found.alpha_max_kind[0])] == "interior"
+    np.testing.assert_allclose(dataset.alpha_max, np.arctan(axes["k"]) / 2, rtol=1e-9)
+    np.testing.assert_allclose(dataset.volume_max, dataset.volume.max("alpha"), rtol=1e-6)
+    assert dataset.alpha_max_kind.attrs["flag_meanings"].split()[int(dataset.alpha_max_kind[0])] == "interior"
     path = tmp_path / "out.zarr"
     stored = sweep("linearized", P, optimum=True, store=path, chunks={"alpha": 5000}, **axes)
-    assert_same_bits(stored.compute(), found)
+    assert_same_bits(stored.compute(), dataset)
 
 
 def test_netcdf_holds_the_same_and_is_read_back(whole, tmp_path):
@@ -108,9 +108,9 @@ def test_netcdf_holds_the_same_and_is_read_back(whole, tmp_path):
 def test_zarr_holds_the_same_in_any_blocks(whole, tmp_path):
     for chunks in (CHUNKS, {"alpha": 70, "v0": 150}, None):
         path = tmp_path / f"{chunks}.zarr"
-        found = sweep("linearized", P, store=path, chunks=chunks, **AXES)
-        assert found.volume.chunks is not None
-        assert_same_bits(found.compute(), whole)
+        dataset = sweep("linearized", P, store=path, chunks=chunks, **AXES)
+        assert dataset.volume.chunks is not None
+        assert_same_bits(dataset.compute(), whole)
 
 
 @pytest.mark.parametrize("suffix", ["nc", "zarr"])
@@ -125,9 +125,9 @@ def test_an_interrupted_sweep_is_readable_and_goes_on(whole, tmp_path, monkeypat
     assert int((partial.ended_by == 0).sum()) == 12_000
     assert int(np.isnan(partial.volume).sum()) == 12_000
     seen = []
-    found = sweep("linearized", P, progress=lambda done, total: seen.append((done, total)), **arguments)
+    dataset = sweep("linearized", P, progress=lambda done, total: seen.append((done, total)), **arguments)
     assert seen == [(12_000, 24_000), (24_000, 24_000)]
-    assert_same_bits(found.compute(), whole)
+    assert_same_bits(dataset.compute(), whole)
 
 
 def test_half_a_block_is_computed_again(whole, tmp_path):
@@ -219,8 +219,8 @@ def test_models_must_differ_and_the_case_be_scalar():
 
 def test_identities_are_words(tmp_path):
     path = tmp_path / "out.nc"
-    found = sweep("linearized", P, store=path, alpha=[0.2])
-    found = xr.load_dataset(path, engine="h5netcdf")
-    assert set(json.loads(found.attrs["identity"])) == {
+    dataset = sweep("linearized", P, store=path, alpha=[0.2])
+    dataset = xr.load_dataset(path, engine="h5netcdf")
+    assert set(json.loads(dataset.attrs["identity"])) == {
         "version", "case", "models", "axes", "derivatives", "optimum", "tolerance",
     }  # fmt: skip

@@ -8,8 +8,8 @@ import erosion
 from erosion.cli import main
 from erosion.models.registry import BUILT_IN
 from erosion.verification.checks import Subject, cases
+from erosion.verification.reference_solutions import EQUATIONS_OF, has_heyoka, heyoka_solutions, scipy_solution
 from erosion.verification.result import BOUNDS, Check, Verification
-from erosion.verification.witnesses import EQUATIONS_OF, has_heyoka, heyoka_witness, scipy_witness
 from tests.reference import AS_PRINTED, AT_20_DEGREES
 
 pytestmark = pytest.mark.slow
@@ -53,16 +53,16 @@ def test_the_equations_are_typed_a_second_time_for_every_registered_model():
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_witnesses_know_the_golden_numbers(name):
+def test_reference_solutions_know_the_golden_numbers(name):
     volume, t_c, ended_by = FIGURES[name]
-    found = [scipy_witness(name, P)]
+    solutions = [scipy_solution(name, P)]
     if has_heyoka():
-        found += heyoka_witness(name, [P])
-    for one in found:
+        solutions += heyoka_solutions(name, [P])
+    for solution in solutions:
         # Printed to 9 digits where a model is of the printed kind, else to 11 and more.
-        assert one.volume == pytest.approx(volume, rel=1e-10)
-        assert one.t_c == pytest.approx(t_c, rel=1e-8)
-        assert one.ended_by == ended_by
+        assert solution.volume == pytest.approx(volume, rel=1e-10)
+        assert solution.t_c == pytest.approx(t_c, rel=1e-8)
+        assert solution.ended_by == ended_by
 
 
 def test_a_wrong_closed_form_is_caught(wrong, capsys):
@@ -70,16 +70,16 @@ def test_a_wrong_closed_form_is_caught(wrong, capsys):
         main(["verify", str(wrong), "--json"])
     assert ended.value.code == 1
     said = capsys.readouterr()
-    found = json.loads(said.out)
-    assert not found["passed"]
-    failed = {check["name"] for check in found["checks"] if not check["passed"]}
+    content = json.loads(said.out)
+    assert not content["passed"]
+    failed = {check["name"] for check in content["checks"] if not check["passed"]}
     assert failed == {"closed form"}
-    assert {check["name"] for check in found["checks"]} == set(BOUNDS) - {"heyoka", "scaling"}
+    assert {check["name"] for check in content["checks"]} == set(BOUNDS) - {"heyoka", "scaling"}
     assert "1 of 9 checks are out of bounds." in said.err
 
 
 @pytest.mark.filterwarnings("ignore::erosion.TurnWarning")
-def test_a_wrong_force_is_caught_by_the_witnesses(wrong):
+def test_a_wrong_force_is_caught_by_the_reference_solutions(wrong):
     subject = Subject("linearized", erosion.load_model(wrong), registered=True)
     checks = subject.checks()
     for name in ("closed form", "scipy", *(["heyoka"] if has_heyoka() else [])):
@@ -91,14 +91,14 @@ def test_a_wrong_force_is_caught_by_the_witnesses(wrong):
 def test_what_fails_is_said_and_does_not_stop_the_others(tmp_path):
     file = tmp_path / "nan.py"
     file.write_text(WRONG.replace("-1.001", "float('nan')"))
-    found = erosion.verify([file, "linearized"])
-    assert {check.model for check in found.failures} == {str(file)}
-    assert found.failures[-1].error == math.inf
-    assert "not finite" in found.failures[-1].where
-    passed = {check.name for check in found.checks if check.model == "linearized"}
+    verification = erosion.verify([file, "linearized"])
+    assert {check.model for check in verification.failures} == {str(file)}
+    assert verification.failures[-1].error == math.inf
+    assert "not finite" in verification.failures[-1].where
+    passed = {check.name for check in verification.checks if check.model == "linearized"}
     assert passed >= set(BOUNDS) - {"heyoka", "∂V/∂q", "∂²V/∂α∂q"}
-    assert "linearized" in str(found)
-    assert "✗" in str(found)
+    assert "linearized" in str(verification)
+    assert "✗" in str(verification)
 
 
 def test_errors_that_are_no_numbers_do_not_pass():

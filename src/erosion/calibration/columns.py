@@ -1,4 +1,4 @@
-"""Columns of measured data: "volume [in^3]" -> what it is, and its factor to consistent units."""
+"""Columns of measured data: from "volume [in^3]" to a dimension and a factor to consistent units."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ REMOVALS: Mapping[str, Sequence[Dimension]] = {
     "mass_loss": ("mass", "mass per mass"),
     "erosion": ("volume", "volume per mass", "mass", "mass per mass"),
 }
-"""The columns that may hold the erosion, with what each may measure; `erosion [-]` has units of its own."""
+"""The columns that may hold the erosion, with their dimensions; `erosion [-]` has units of its own."""
 
 _OTHERS: Mapping[str, Sequence[Dimension]] = {"angle": ("angle",), "speed": ("speed",), "mass": ("mass",)}
 
@@ -26,7 +26,7 @@ _NO_UNIT = ("", "-", "–", "1")
 
 
 class Column(NamedTuple):
-    """What a column holds: number in the file × factor = number in the unit system."""
+    """A column: number in the file × factor = number in the unit system."""
 
     name: str
     dimension: Dimension
@@ -47,7 +47,7 @@ class HeaderError(ValueError):
 
 
 def read_header(cells: Sequence[str], units: System) -> list[Column]:
-    """What the columns hold.
+    """The columns of a header.
 
     Args:
         cells: "angle [deg]", "volume [in^3]", …
@@ -67,8 +67,8 @@ def read_header(cells: Sequence[str], units: System) -> list[Column]:
     if "angle" not in names:
         raise HeaderError(None, "has no column `angle [deg]`")
     if len(removals) != 1:
-        found = f"has {' and '.join(removals)}" if removals else "has none"
-        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {found}")
+        present = f"has {' and '.join(removals)}" if removals else "has none"
+        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}")
     given = [(part["unit"] or "").strip() if part else "" for part in parts]
     at = names.index(removals[0])
     removal = _column(at, names[at], given[at], REMOVALS[names[at]], units)
@@ -91,15 +91,15 @@ def _column(index: int, name: str, unit: str, dimensions: Sequence[Dimension], u
             return Column(name, "mass per mass", 1.0)
         example = _EXAMPLES.get(name, f"{name} [mm^3]")
         raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
-    complaints = []
+    errors = []
     for dimension in dimensions:
         try:
             # "volume [1e-4 in^3]" has a number of its own.
             return Column(name, dimension, read_quantity(unit if unit[0].isdigit() else f"1 {unit}", dimension, units))
         except UnitError as error:
-            complaints.append(str(error))
+            errors.append(str(error))
     if len(dimensions) == 1:
-        raise HeaderError(index, f"the unit of `{name}` {complaints[0].replace(repr('1 ' + unit), repr(unit))}")
+        raise HeaderError(index, f"the unit of `{name}` {errors[0].replace(repr('1 ' + unit), repr(unit))}")
     raise HeaderError(index, f"the unit of `{name}` must be one of {_listed(dimensions)}, but is {unit!r}")
 
 

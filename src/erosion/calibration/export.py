@@ -1,4 +1,4 @@
-"""The fitted angle curve for CFD codes, with what is lost on the way.
+"""The fitted angle curve for CFD codes, and the misfit of their curves.
 
 OpenFOAM's `ParticleErosion` knows one shape of curve, Finnie's, with coefficients p, psi and
 K. Fluent takes any curve as a table of up to 30 points.
@@ -31,8 +31,8 @@ class ParticleErosion:
         psi: depth of contact over length of the cut [-].
         K: normal over tangential force [-].
         misfit: greatest difference from the fitted curve over that curve's maximum [-].
-        rms: root mean square of the same over all angles [-].
-        comment: what was fitted, for the file.
+        rms: root mean square of that difference over all angles [-].
+        comment: model, data and estimates, for the file.
     """
 
     p: float
@@ -71,7 +71,7 @@ class AngleTable:
         f: the curve over its maximum, shape (points,) [-].
         factor: greatest volume over m V² [m³/J].
         misfit: greatest difference between table and curve, over the curve's maximum [-].
-        comment: what was fitted, for the file.
+        comment: model, data and estimates, for the file.
     """
 
     angle: np.ndarray
@@ -112,7 +112,7 @@ def to_openfoam(calibration: Calibration) -> ParticleErosion:
                                xtol=1e-12, ftol=1e-12, gtol=1e-12)
         for factor in (0.5, 1.0, 3.0)
     ]  # fmt: skip
-    best = min(fits, key=lambda one: one.cost)
+    best = min(fits, key=lambda fit: fit.cost)
     stress, ratio = np.exp(best.x)
     return ParticleErosion(
         p=float(stress),
@@ -125,7 +125,7 @@ def to_openfoam(calibration: Calibration) -> ParticleErosion:
 
 
 def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
-    """The fitted curve as a table; a point is added where the table is worst, until all are used.
+    """The fitted curve as a table; each point is added where the error of the table is greatest.
 
     Raises:
         ValueError: for fewer than 2 points or more than Fluent takes.
@@ -134,21 +134,21 @@ def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
         raise ValueError(f"Argument `points` must be from 2 to {_MOST_POINTS}, but is {points}.")
     angles, volume = np.append(0.0, _ANGLES), np.append(0.0, _volume(calibration))
     curve = volume / volume.max()
-    kept = [0, len(angles) - 1]
+    nodes = [0, len(angles) - 1]
     while True:
-        table = np.interp(angles, angles[kept], curve[kept])
-        wrong = np.abs(table - curve)
-        if len(kept) == points:
+        table = np.interp(angles, angles[nodes], curve[nodes])
+        error = np.abs(table - curve)
+        if len(nodes) == points:
             break
-        kept = sorted({*kept, int(np.argmax(wrong))})
-        if len(kept) < points and not wrong.any():
+        nodes = sorted({*nodes, int(np.argmax(error))})
+        if len(nodes) < points and not error.any():
             break
     case = calibration.p.to("si")
     return AngleTable(
-        angle=angles[kept],
-        f=curve[kept],
+        angle=angles[nodes],
+        f=curve[nodes],
         factor=float(volume.max() / (case.m * case.v0**2)),
-        misfit=float(wrong.max()),
+        misfit=float(error.max()),
         comment=_comment(calibration),
     )
 
@@ -160,6 +160,7 @@ def _volume(calibration: Calibration) -> np.ndarray:
 
 
 def _comment(calibration: Calibration) -> str:
+    """Model, data, estimates and warnings."""
     lines = [
         f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(calibration.data)} rows of "
         f"{calibration.data.source}",

@@ -43,11 +43,11 @@ def calibrate(
             for data of mass loss.
         loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some
             rows may be far off (`scipy.optimize.least_squares`).
-        starts: how many points to begin from. V(α) of a turning body jumps, and the misfit
+        starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
             has several valleys.
 
     Returns:
-        Estimates, their errors, and sentences on what the data does not determine.
+        Estimates, their errors, and sentences on parameters that the data does not determine.
 
     Raises:
         ValueError: for arguments or data that cannot be used (data: `MeasurementError`).

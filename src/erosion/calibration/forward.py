@@ -2,8 +2,8 @@
 
 Positive parameters q are fitted as θ = log q, the spin φ̇₀ as θ = φ̇₀ r/v₀ (of the case): then
 steps are of order 1 whatever the units, and nothing leaves its range. The range of a model's own
-parameters is not known here: one that starts above zero is fitted as its logarithm, any other in
-multiples of its size, and may change its sign.
+parameters is not known here. One that starts above zero is fitted as its logarithm; any other is
+fitted in multiples of its size (`own_parameters.sizes`) and may change its sign.
 """
 
 import dataclasses
@@ -20,18 +20,18 @@ from erosion.models.own_parameters import own_parameters, quantities, replaced, 
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 SCALE = "scale"
-"""The name of the factor between the model's volume and erosion in units of its own."""
+"""The free parameter of data in units of its own: measured erosion over the model's volume."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Forward:
-    """What a model predicts for the kind of erosion that was measured.
+    """A model's prediction of the kind of erosion that was measured.
 
     Args:
         model: any model.
-        p: the case; its values are kept for all that is neither free nor in the data.
+        p: the case, with the values of all parameters that are neither free nor in the data.
         free: the free parameters.
-        data: what was measured, of which only the kind counts here.
+        data: the measurements; only the kind of erosion matters here.
         density: of the target [density]; needed where mass losses were measured.
     """
 
@@ -48,14 +48,14 @@ class Forward:
 
     @property
     def logarithmic(self) -> np.ndarray:
-        """Which θ are logarithms, shape (names,)."""
+        """Whether each θ is a logarithm, shape (names,)."""
         return np.array([name not in self._units for name in self.names])
 
     @property
     def start(self) -> np.ndarray:
-        """θ of the case, shape (names,); of the scale 0."""
-        known = {**values(self.model, self.p), SCALE: 1.0}
-        return self.theta({name: float(known[name]) for name in self.names})
+        """θ of the case, shape (names,); 0 for the scale."""
+        of_case = {**values(self.model, self.p), SCALE: 1.0}
+        return self.theta({name: float(of_case[name]) for name in self.names})
 
     def theta(self, values: Mapping[str, float]) -> np.ndarray:
         """θ of parameter values."""
@@ -67,10 +67,10 @@ class Forward:
 
     def values(self, theta: np.ndarray) -> dict[str, float]:
         """The parameters at θ, by name."""
-        return {name: float(self.from_theta(name, one)) for name, one in zip(self.names, theta, strict=True)}
+        return {name: float(self.from_theta(name, part)) for name, part in zip(self.names, theta, strict=True)}
 
     def from_theta(self, name: str, theta: Any) -> Any:
-        """One parameter's value, or several, of the shape of `theta`."""
+        """The values of one parameter, of the shape of `theta`."""
         return theta * self._units[name] if name in self._units else np.exp(theta)
 
     def slopes(self, theta: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ class Forward:
         return erosion, np.stack(rates, axis=-1)
 
     def predict_many(self, thetas: np.ndarray, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The erosion at several θ at once, much faster than one by one.
+        """The erosion at several θ, in one batch.
 
         Args:
             thetas: shape (points, names).
@@ -122,7 +122,7 @@ class Forward:
     def _impacts(
         self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int
     ) -> tuple[Impact, Any]:
-        """The impacts at parameter values, and what turns volume into the erosion that was measured."""
+        """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
         model, p = with_values(self.model, self.p, {name: values[name] for name in self.free})
         p = p.replace(**conditions)
         hits = impact(model, p, derivatives=derivatives, wrt=self.free)
@@ -137,7 +137,7 @@ class Forward:
 
     @functools.cached_property
     def _units(self) -> dict[str, float]:
-        """Of what is not fitted as its logarithm: how much of it θ = 1 is."""
+        """Size of the parameters that are not fitted as logarithms: their value at θ = 1."""
         size, own = sizes(self.model, self.p), own_parameters(self.model)
         signed = [name for name in self.free if name in own and float(own[name].value) <= 0]
         return {name: float(size[name]) for name in ("phidot0", *signed)}
@@ -163,6 +163,6 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
             raise ValueError(f"Argument `free` must not name `{name}`: the data has a column of it.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
-    # An own parameter that cannot differ from impact to impact is refused now, not when many θ are tried at once.
+    # So that an own parameter that cannot be an array is refused before anything is computed.
     replaced(model, {name: np.zeros(1) for name in names if name not in QUANTITIES})
     return names

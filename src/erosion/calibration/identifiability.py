@@ -2,7 +2,7 @@
 
 Parameters that enter only as a product leave the prediction unchanged along a direction of
 their logarithms. The singular vectors of the Jacobian with vanishing singular values show
-these directions; what is left between them are the combinations that are determined.
+these directions; the other singular vectors are the combinations that are determined.
 """
 
 import dataclasses
@@ -12,23 +12,23 @@ from fractions import Fraction
 import numpy as np
 from scipy.linalg import null_space
 
-# The engine's derivatives hold nine digits, so a direction without influence keeps 1e-9 or less.
-_NOTHING = 1e-7
-_NULL = 1e-6
-_INVOLVED = 1e-4
+# The engine's derivatives hold nine digits, so a direction without influence has 1e-9 or less.
+_NOTHING = 1e-7  # of the prediction: influence of a parameter
+_NULL = 1e-6  # of the largest singular value
+_INVOLVED = 1e-4  # component of a parameter in a direction
 
 
 @dataclasses.dataclass(frozen=True)
 class Identifiability:
-    """What the data determines.
+    """The parameters and combinations that the data determines.
 
     Args:
         covariance: of θ, for residuals of variance 1; infinite on the diagonal for parameters
             that are not determined, and NaN beside it; shape (n, n).
         modes: directions of θ that are determined, each as long as one standard deviation
             for residuals of variance 1; shape (n, rank).
-        undetermined: the names of the parameters that are not.
-        statements: a sentence for each group of them.
+        undetermined: the names of the parameters that are not determined.
+        statements: a sentence for each group of undetermined parameters.
     """
 
     covariance: np.ndarray
@@ -49,7 +49,7 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
         names: of the parameters.
         jacobian: of the weighted residuals with respect to θ, shape (rows, n), rows ≥ n.
         exponent: dθ/d(log q), 1 for θ = log q; shape (n,). Combinations are products of powers.
-        size: norm of the weighted prediction, against which an influence is nothing.
+        size: norm of the weighted prediction, with which influences are compared.
     """
     n = len(names)
     norms = np.linalg.norm(jacobian, axis=0)
@@ -64,11 +64,11 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
     if active.any():
         index, scaled = np.flatnonzero(active), jacobian[:, active] / norms[active]
         _, strength, across = np.linalg.svd(scaled, full_matrices=False)
-        kept = strength > _NULL * strength[0]
-        modes = np.zeros((n, int(kept.sum())))
-        modes[index] = across[kept].T / norms[active][:, None] / strength[kept]
-        if not kept.all():
-            null = across[~kept].T
+        determined = strength > _NULL * strength[0]
+        modes = np.zeros((n, int(determined.sum())))
+        modes[index] = across[determined].T / norms[active][:, None] / strength[determined]
+        if not determined.all():
+            null = across[~determined].T
             involved = np.abs(null).max(axis=1) > _INVOLVED
             undetermined[index[involved]] = True
             logs = null[involved] / (norms[active] * exponent[active])[involved][:, None]
@@ -88,16 +88,16 @@ def _ties(names: list[str], null: np.ndarray) -> list[str]:
     """A sentence for each group of names that null directions tie together; `null` is (names, directions)."""
     sparse = _reduced(null.T)
     determined = _reduced(null_space(null.T).T) if null.shape[1] < len(names) else np.zeros((0, len(names)))
-    sentences, left = [], list(range(len(names)))
-    while left:
-        group = {left[0]}
+    sentences, remaining = [], list(range(len(names)))
+    while remaining:
+        group = {remaining[0]}
         while True:
             rows = [row for row in (*sparse, *determined) if any(abs(row[i]) > _INVOLVED for i in group)]
             wider = group | {i for row in rows for i in np.flatnonzero(np.abs(row) > _INVOLVED).tolist()}
             if wider == group:
                 break
             group = wider
-        left = [i for i in left if i not in group]
+        remaining = [i for i in remaining if i not in group]
         products = [_product(names, row) for row in determined if any(abs(row[i]) > _INVOLVED for i in group)]
         tied = " and ".join((", ".join(names[i] for i in sorted(group)[:-1]), names[max(group)]))
         only = f"only {' and '.join(products)} {'is' if len(products) == 1 else 'are'} determined"
@@ -106,7 +106,7 @@ def _ties(names: list[str], null: np.ndarray) -> list[str]:
 
 
 def _reduced(rows: np.ndarray) -> np.ndarray:
-    """The reduced row echelon form, which shows sparse combinations; shape as given."""
+    """The reduced row echelon form, whose rows are sparse combinations; of the same shape."""
     rows, at = rows.copy(), 0
     for column in range(rows.shape[1]):
         if at == len(rows):

@@ -1,7 +1,7 @@
 """Least squares with exact Jacobians, from many starts.
 
-V(α) of a turning body jumps, and with it the misfit: a descent from one start may end in the
-wrong valley. So many starts are looked at, and the best of them are followed down.
+V(α) of a turning body jumps, and the misfit jumps with it: a descent from one start may end in
+the wrong valley. So the misfit is computed at many starts, and descents begin at the best.
 """
 
 import dataclasses
@@ -19,10 +19,10 @@ from erosion.calibration.measurements import Measurements
 Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 
-_FOLLOWED = 5  # of the starts
+_FOLLOWED = 5  # descents
 _THINNED = 500  # rows are enough to choose among valleys
-_WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds: a factor of 100, a spin of 2 v₀/r
-_NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case
+_WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds, by `logarithmic`: a factor of 100, a spin of 2 v₀/r
+_NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case, by `logarithmic`
 _HOPS = 10  # rounds of points about the best minimum
 _DRAWN, _DRAWN_HELD = 96, 24  # points of a round: about a start, which may be far off; about a profile's last point
 _SEARCHED = 400_000  # rows of all points of a round
@@ -49,7 +49,7 @@ class Problem:
 
     Args:
         forward: the model.
-        data: what was measured.
+        data: the measurements.
         lower, upper: bounds of θ, shape (names,).
         loss: scipy's robust loss, "linear" for plain least squares.
         noise: residuals beyond so many standard deviations count less in a robust loss.
@@ -64,7 +64,7 @@ class Problem:
 
     @property
     def deviation(self) -> np.ndarray:
-        """What residuals are divided by: the uncertainties, or the typical erosion where none are given."""
+        """The divisor of residuals, shape (rows,): the uncertainties, or the typical erosion without them."""
         if self.data.uncertainty is not None:
             return self.data.uncertainty
         return np.full(len(self.data), np.sqrt(np.mean(self.data.erosion**2)))
@@ -76,7 +76,7 @@ class Problem:
         return (predicted - self.data.erosion) / deviation, rates / deviation[:, None]
 
     def cost(self, residuals: np.ndarray) -> np.ndarray:
-        """Half the sum of squares (of the robust loss) over the last axis; infinite where that is no number."""
+        """Half the sum of squares (of the robust loss) over the last axis; infinite for NaN."""
         with np.errstate(over="ignore"):
             costs = 0.5 * self.noise**2 * np.sum(_RHO[self.loss]((residuals / self.noise) ** 2), axis=-1)
         return np.where(np.isfinite(costs), costs, np.inf)
@@ -87,7 +87,7 @@ class Problem:
         return self.cost((predicted - self.data.erosion) / self.deviation)
 
     def thinned(self) -> "Problem":
-        """The same with no more rows than are needed to choose among valleys."""
+        """The same problem with at most as many rows as are needed to choose among valleys."""
         data = self.data.thinned(_THINNED)
         return self if data is self.data else dataclasses.replace(self, data=data)
 
@@ -97,7 +97,7 @@ class Solution:
     """A minimum.
 
     Args:
-        theta: where, shape (names,).
+        theta: the place of the minimum, shape (names,).
         cost: half the sum of squares (of the robust loss), with residuals over `deviation`.
         jacobian: of the residuals, weighted by the robust loss, shape (rows, names); 0 for a
             parameter that was held.
@@ -121,8 +121,8 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
         if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name in signed)):
             raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
     start = forward.start
-    width = np.array([_WIDTH[bool(one)] for one in forward.logarithmic])
-    width[len(forward.free) :] = np.inf  # of the scale
+    width = np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
+    width[len(forward.free) :] = np.inf  # the scale has no bounds
     lower, upper = start - width, start + width
     for i, name in enumerate(forward.names):
         if name in bounds:
@@ -138,12 +138,12 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
     """
     few = problem.thinned()
     begins, rough = _starts(few, starts), _ROUGH / len(few.data)
-    found = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
-    if not found:
+    solutions = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
+    if not solutions:
         raise CalibrationError("The model could not be fitted: its impacts failed for every start.")
-    # Valleys as deep as the best but for rounding are the same: the first is nearest to the case.
-    least = min(one.cost for one in found)
-    best = next(one for one in found if one.cost <= least * (1 + rough) + 1e-20)
+    # Valleys whose depths differ by rounding are the same; the first start is nearest to the case.
+    least = min(solution.cost for solution in solutions)
+    best = next(solution for solution in solutions if solution.cost <= least * (1 + rough) + 1e-20)
     if loss != "linear":
         noise = 1.0
         if problem.data.uncertainty is None:
@@ -158,15 +158,15 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
 def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
     """The deepest of the valleys about θ; arguments as for `descend`.
 
-    A jump of V(α) that passes a row as a parameter moves is a step of the misfit, so valleys
-    are as narrow as the rows are close. Points are drawn about the minimum, nearer than its
-    errors and farther; one that lies below the minimum has found another valley. Very many
-    rows leave no time for that; they begin from where some of them have led.
+    When a parameter moves, a jump of V(α) passes rows one after the other, and the misfit steps
+    at each: valleys are as narrow as the rows are close. So points are drawn about the minimum,
+    nearer than its errors and farther. A point below the minimum lies in a deeper valley. For
+    very many rows this takes too long; there the search uses some of the rows.
     """
     few, rough = problem.thinned(), max(ftol, _ROUGH / len(problem.data))
     if held is None and few is not problem:
-        begun = settle(few, theta, ftol=rough)
-        theta = theta if begun is None else begun.theta
+        of_few = settle(few, theta, ftol=rough)
+        theta = theta if of_few is None else of_few.theta
     best = descend(problem, theta, held, rough)
     if best is None:
         return None
@@ -182,8 +182,8 @@ def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: f
         lowest = int(np.argmin(costs))
         if costs[lowest] >= best.cost:
             break
-        found = descend(problem, draws[lowest], held, rough)
-        best = best if found is None else found
+        deeper = descend(problem, draws[lowest], held, rough)
+        best = best if deeper is None else deeper
     return best if rough == ftol else descend(problem, best.theta, held, ftol)
 
 
@@ -197,10 +197,10 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
     """The minimum down from θ.
 
     Args:
-        problem: what is minimised.
+        problem: the residuals.
         theta: shape (names,).
-        held: the number of a parameter that stays as it is.
-        ftol: how near the minimum the cost has to come, over the cost.
+        held: index of a parameter that keeps its value.
+        ftol: relative tolerance of the cost.
 
     Returns:
         None where impacts fail.
@@ -209,7 +209,7 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
     last: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
 
     def evaluate(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # scipy asks for residuals and Jacobian at the same place one after the other.
+        # scipy asks for residuals and Jacobian of the same point in two calls.
         nonlocal last
         if last is None or last[0] != part.tobytes():
             whole = theta.copy()
@@ -223,7 +223,7 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
         return None
     if not moving.any():
         return Solution(theta, float(problem.cost(residuals)), np.zeros_like(jacobian))
-    # At a cliff the steps shrink until they are so short that on a slope they would not count either.
+    # At a jump of the misfit the steps shrink; they end at a length that would change the cost too little on a slope.
     steepness = float(np.linalg.norm(jacobian[:, moving])) or np.inf
     length = 0.1 * np.sqrt(ftol * float(problem.cost(residuals))) / steepness
     with np.errstate(over="ignore"):
@@ -249,7 +249,7 @@ def _starts(problem: Problem, count: int) -> np.ndarray:
     forward = problem.forward
     free = len(forward.free)
     start = np.clip(forward.start, problem.lower, problem.upper)
-    near = np.array([_NEAR[bool(one)] for one in forward.logarithmic[:free]])
+    near = np.array([_NEAR[bool(logarithmic)] for logarithmic in forward.logarithmic[:free]])
     low, high = (
         np.maximum(start[:free] - near, problem.lower[:free]),
         np.minimum(start[:free] + near, problem.upper[:free]),
@@ -264,7 +264,7 @@ def _starts(problem: Problem, count: int) -> np.ndarray:
 
 
 def _scaled(problem: Problem, thetas: np.ndarray) -> np.ndarray:
-    """Several θ, with a free scale at its best for each."""
+    """Several θ, shape (points, names), each with the best scale where the scale is free."""
     if not problem.data.free_scale:
         return thetas
     predicted = problem.forward.predict_many(thetas, problem.data.conditions)

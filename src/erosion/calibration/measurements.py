@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
-from erosion.parameters.parameters import STEEPEST
+from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import Dimension, System, check_system
 
@@ -38,11 +38,11 @@ class Measurements:
 
     Args:
         angle: α [rad].
-        erosion: what was removed, per impact or per mass of erodent, as `dimension` says.
+        erosion: the removal per impact or per mass of erodent, as `dimension` says.
         dimension: "volume", "volume per mass", "mass", "mass per mass"; or "1" for units of
             its own, known up to a factor.
         uncertainty: one standard deviation of each `erosion`, or None where unknown.
-        speed: impact speed of each [speed]; None for the case's.
+        speed: impact speed of each row [speed]; None for the case's.
         mass: mass of each erodent [mass]; None for the case's.
         units: the unit system of all of these.
         source: the file's name, for titles.
@@ -176,7 +176,7 @@ def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
     def place(row: int, column: int) -> str:
         return _place(path, lines[row], column, cells)
 
-    return _checked(header, [np.frombuffer(one) for one in numbers], place, system, path.name)
+    return _checked(header, [np.frombuffer(column) for column in numbers], place, system, path.name)
 
 
 def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -235,27 +235,27 @@ def _checked(
     source: str,
 ) -> Measurements:
     """Columns in consistent units, every number in its range."""
-    found: dict[str, np.ndarray] = {}
+    arrays: dict[str, np.ndarray] = {}
     removal = next(column for column in header if column.name in REMOVALS)
     for index, (column, numbers) in enumerate(zip(header, columns, strict=True)):
         values = numbers * column.factor
         good = np.isfinite(values)
         must = "must be a finite number"
         if column.name == "angle":
-            good, must = (values > 0) & (values <= STEEPEST), "must be above 0° and at most 90°"
+            good, must = are_angles(values), "must be above 0° and at most 90°"
         elif column is not removal:
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):
             row = int(np.argmin(good))
             raise MeasurementError(f"{place(row, index)} {must}, but is {numbers[row]:g}.")
-        found["erosion" if column is removal else column.name] = values
+        arrays["erosion" if column is removal else column.name] = values
     return Measurements(
-        angle=found["angle"],
-        erosion=found["erosion"],
+        angle=arrays["angle"],
+        erosion=arrays["erosion"],
         dimension=removal.dimension,
-        uncertainty=found.get("uncertainty"),
-        speed=found.get("speed"),
-        mass=found.get("mass"),
+        uncertainty=arrays.get("uncertainty"),
+        speed=arrays.get("speed"),
+        mass=arrays.get("mass"),
         units=system,
         source=source,
     )

@@ -1,9 +1,9 @@
 """The likelihood's profile along one parameter: the misfit where all others are fitted again.
 
 An interval reaches from the estimate to where the profile has risen by the quantile of its
-level. Where residuals are linear in θ the profile is a parabola and the interval the usual
-one, so many standard errors wide. Where V(α) jumps between two rows the profile has cliffs,
-which the slopes at the estimate do not show.
+level. Where residuals are linear in θ the profile is a parabola, and the interval is the usual
+interval from standard errors. Where V(α) jumps between two rows the profile has steps, which the
+slopes at the estimate do not show.
 """
 
 import dataclasses
@@ -11,15 +11,16 @@ import dataclasses
 import numpy as np
 
 from erosion.calibration.least_squares import Problem, Solution, settle
+from erosion.tables import Result
 
-_TRIALS = 24  # of which a cliff takes 8, by halves
-_WIDER = 2.0  # per trial at most, while the end is not passed
+_TRIALS = 24  # a step of the profile takes 8 of them, by halving
+_WIDER = 2.0  # factor per trial at most, while the end is not passed
 _CLOSE = 0.02  # of an interval's half width, and of the rise that is looked for
 
 
 @dataclasses.dataclass(frozen=True)
-class Profile:
-    """How the misfit grows as one parameter is moved and all others are fitted again.
+class Profile(Result):
+    """The misfit over one parameter, with all others fitted again.
 
     Args:
         name: of the parameter.
@@ -31,8 +32,18 @@ class Profile:
     values: np.ndarray
     rise: np.ndarray
 
+    @property
+    def title(self) -> str:
+        """The parameter."""
+        return f"profile of {self.name}"
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The columns of the table."""
+        return (self.name, "Δχ²")
+
     def rows(self) -> list[tuple[str, str]]:
-        """Value and rise of each point, as rows of a table."""
+        """Value and rise of each point."""
         return [(f"{value:.6g}", f"{rise:.4g}") for value, rise in zip(self.values, self.rise, strict=True)]
 
 
@@ -42,8 +53,8 @@ class Ridge:
 
     Args:
         problem, solution: the fit.
-        at: the number of the parameter.
-        path: how θ follows per unit of offset where residuals are linear, shape (names,).
+        at: index of the parameter.
+        path: change of θ per unit of offset where residuals are linear, shape (names,).
     """
 
     problem: Problem
@@ -56,7 +67,7 @@ class Ridge:
 
         Args:
             offsets: ascending, shape (points,).
-            unit: a rise of the cost that counts; it is found to some percents of that.
+            unit: a typical rise of the cost; rises are computed to some percents of it.
 
         Returns:
             Shape (points,); NaN where the model fails.
@@ -65,19 +76,19 @@ class Ridge:
         for side in (np.flatnonzero(offsets > 0), np.flatnonzero(offsets < 0)[::-1]):
             near = self.solution.theta
             for i in side:
-                found = self._refit(offsets[i], near, unit)
-                near = near if found is None else found.theta
-                rises[i] = np.nan if found is None else found.cost - self.solution.cost
+                refit = self._refit(offsets[i], near, unit)
+                near = near if refit is None else refit.theta
+                rises[i] = np.nan if refit is None else refit.cost - self.solution.cost
         return rises
 
     def crossing(self, first: float, height: float) -> float:
         """The offset at which the cost has risen by `height`, to 2 %.
 
-        At a cliff it is the far side; where the cost does not rise so far within the bounds,
-        it is the bound; NaN where the model fails on the way.
+        At a step it is the far side of the step. Where the cost does not rise so far within the
+        bounds, it is the bound; NaN where the model fails on the way.
 
         Args:
-            first: where a parabola would have risen so far; its sign is the side to look on.
+            first: the offset at which a parabola has risen by `height`; its sign gives the side.
             height: positive.
         """
         sign = np.sign(first)
@@ -86,30 +97,30 @@ class Ridge:
         inside, outside, near = 0.0, np.inf, self.solution.theta
         trial = min(abs(first), limit)
         for _ in range(_TRIALS):
-            found = self._refit(sign * trial, near, height)
-            if found is None:
+            refit = self._refit(sign * trial, near, height)
+            if refit is None:
                 return np.nan
-            ratio = np.sqrt(max(found.cost - self.solution.cost, 0.0) / height)  # straight where the rise is a parabola
+            ratio = np.sqrt(max(refit.cost - self.solution.cost, 0.0) / height)  # linear where the rise is a parabola
             if abs(ratio - 1) < _CLOSE or (ratio < 1 and trial == limit):
                 return sign * trial
             if ratio < 1:
-                inside, near = trial, found.theta
+                inside, near = trial, refit.theta
             else:
                 outside = trial
             if outside - inside < _CLOSE * outside:
                 break
-            straight = trial / ratio if ratio > 0 else np.inf
+            linear = trial / ratio if ratio > 0 else np.inf
             margin = 0.1 * (outside - inside)
             if outside == np.inf:
-                trial = min(straight, _WIDER * trial, limit)
-            elif inside + margin < straight < outside - margin:
-                trial = straight
+                trial = min(linear, _WIDER * trial, limit)
+            elif inside + margin < linear < outside - margin:
+                trial = linear
             else:
                 trial = (inside + outside) / 2
         return sign * (outside if outside < np.inf else trial)
 
     def _refit(self, offset: float, near: np.ndarray, height: float) -> Solution | None:
-        """The best fit at an offset, begun from the better of the straight path and the last one's neighbour."""
+        """The best fit at an offset, from the better of two points: on the straight path, or near the last fit."""
         problem, at = self.problem, self.at
         place = self.solution.theta[at] + offset
         begins = np.array([self.solution.theta + offset * self.path, near + (place - near[at]) * self.path])

@@ -1,4 +1,4 @@
-"""Which variant of the model fits the data best."""
+"""Several models fitted to the same data, ranked by Akaike's criterion."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -15,19 +15,19 @@ from erosion.models import load_model, model_name, usable_models
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import unit_name
-from erosion.tables import Row, to_html, to_text
+from erosion.tables import Result, Row, to_plain
 
-_SAME = 1e-5  # of the typical erosion: fits nearer than this are one curve under two names
+_SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
 
 
 @dataclasses.dataclass(frozen=True)
-class Ranking:
+class Ranking(Result):
     """Fits of several models to the same data, the best first.
 
     Args:
         fits: by ascending AICc.
         ties: groups of models, by name, whose fits are the same curve: no data of this kind
-            tells them apart.
+            distinguishes them.
         failures: a sentence for each model that could not be fitted.
     """
 
@@ -43,53 +43,55 @@ class Ranking:
     @property
     def names(self) -> tuple[str, ...]:
         """The models, the best first."""
-        return tuple(model_name(one.model) for one in self.fits)
+        return tuple(model_name(fit.model) for fit in self.fits)
 
     @property
     def weights(self) -> np.ndarray:
-        """Akaike weights, how likely each model is if one of them is right; they sum to 1."""
-        likely = np.exp([(self.best.aicc - one.aicc) / 2 for one in self.fits])
+        """Akaike weights, the probability of each model if one of them is right; shape (fits,)."""
+        likely = np.exp([(self.best.aicc - fit.aicc) / 2 for fit in self.fits])
         return likely / likely.sum()
 
     def tied_with(self, name: str) -> tuple[str, ...]:
         """The other models that give the same curve as this one."""
-        return next((tuple(one for one in tie if one != name) for tie in self.ties if name in tie), ())
+        return next((tuple(tied for tied in tie if tied != name) for tie in self.ties if name in tie), ())
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """What the reader must know of models that cannot be told apart, failures, the best fit's own."""
+        """Sentences on models that cannot be distinguished, on failures, and on the best fit."""
         ties = [f"{', '.join(tie[:-1])} and {tie[-1]} give the same curve: these data cannot tell them apart."
                 for tie in self.ties]  # fmt: skip
         return (*ties, *self.failures, *self.best.statements)
 
     def rows(self) -> list[Row]:
-        """A row of a table for each model."""
+        """A row for each model."""
         rows = []
-        for name, one, weight in zip(self.names, self.fits, self.weights, strict=True):
+        for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True):
             values = ", ".join(
-                f"{key} = {value:.4g}" + (" (not determined)" if key in one.undetermined else "")
-                for key, value in one.estimates.items()
+                f"{key} = {value:.4g}" + (" (not determined)" if key in fit.undetermined else "")
+                for key, value in fit.estimates.items()
             )
             rows.append(
-                Row(name, f"{one.aicc - self.best.aicc:.4g}", f"{weight:.1%}", f"{one.leave_one_out:.4g}", values)
+                Row(name, f"{fit.aicc - self.best.aicc:.4g}", f"{weight:.1%}", f"{fit.leave_one_out:.4g}", values)
             )
         return rows
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """Of the table's columns."""
+        """The columns of the table."""
         unit = unit_name(self.best.data.dimension, self.best.p.units)
         return ("model", "ΔAICc", "weight", "left-out error" + (f" [{unit}]" if unit else ""), "estimates")
 
-    def __str__(self) -> str:
-        return "\n".join([to_text(self.title, self.rows(), self.headings), *self.statements])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.title, self.rows(), self.headings) + "".join(f"<p>{one}</p>" for one in self.statements)
+    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+        """The fits, each with its weight and the models of the same curve; and the failures."""
+        fits = [
+            {**fit.to_dict(level), "weight": weight, "tied_with": self.tied_with(name)}
+            for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True)
+        ]
+        return to_plain({"fits": fits, "failures": self.failures})
 
     @property
     def title(self) -> str:
-        """How many models, and what they were fitted to."""
+        """The number of models and the data."""
         return f"{len(self.fits)} models fitted to {len(self.best.data):,} rows of {self.best.data.source}"
 
 
@@ -99,7 +101,7 @@ def rank_models(
     free: Sequence[str],
     *,
     models: Sequence[CuttingModel | str | Path] | None = None,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str], object] = lambda line: None,
     **options: Any,
 ) -> Ranking:
     """Fit several models to the same data and order them by AICc.
@@ -109,7 +111,7 @@ def rank_models(
         data: as for `calibrate`.
         free: the parameters to fit, the same for all models.
         models: models, names or paths; every registered model without it.
-        progress: is told which model is being fitted.
+        progress: called with a line that names the model to be fitted next.
         options: `bounds`, `density`, `loss` and `starts` of `calibrate`.
 
     Raises:
@@ -118,11 +120,11 @@ def rank_models(
     """
     measured = read_measurements(data, p.units)
     fits, failures = [], []
-    chosen = usable_models() if models is None else list(models)
-    names = [str(one) for one in chosen if isinstance(one, (str, Path))]
-    if not chosen or len(set(names)) != len(names):
-        raise ValueError(f"Argument `models` must name one or several different models, but is {chosen}.")
-    for model in [load_model(one) for one in chosen]:
+    wanted = usable_models() if models is None else list(models)
+    names = [str(model) for model in wanted if isinstance(model, (str, Path))]
+    if not wanted or len(set(names)) != len(names):
+        raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
+    for model in [load_model(source) for source in wanted]:
         progress(f"fitting {model_name(model)}")
         try:
             fits.append(calibrate(model, p, measured, free, **options))
@@ -130,19 +132,19 @@ def rank_models(
             failures.append(f"{model_name(model)}: {error}")
     if not fits:
         raise CalibrationError(" ".join(failures))
-    # Models of one curve differ by rounding: they stay in the order given.
-    fits.sort(key=lambda one: round(one.aicc, 3))
+    # Models of the same curve differ by rounding: they keep their order.
+    fits.sort(key=lambda fit: round(fit.aicc, 3))
     return Ranking(tuple(fits), _ties(fits), tuple(failures))
 
 
 def _ties(fits: Sequence[Calibration]) -> tuple[tuple[str, ...], ...]:
-    """Groups of models with one curve."""
+    """Groups of two or more models, by name, with the same curve."""
     near = _SAME * float(np.sqrt(np.mean(fits[0].data.erosion ** 2)))
     groups: list[list[Calibration]] = []
-    for one in fits:
-        group = next((group for group in groups if np.abs(group[0].fitted - one.fitted).max() < near), None)
+    for fit in fits:
+        group = next((group for group in groups if np.abs(group[0].fitted - fit.fitted).max() < near), None)
         if group is None:
-            groups.append([one])
+            groups.append([fit])
         else:
-            group.append(one)
-    return tuple(tuple(model_name(one.model) for one in group) for group in groups if len(group) > 1)
+            group.append(fit)
+    return tuple(tuple(model_name(fit.model) for fit in group) for group in groups if len(group) > 1)

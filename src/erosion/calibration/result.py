@@ -1,4 +1,4 @@
-"""What a fit has found, how sure it is, and how likely other values are."""
+"""The result of a fit: estimates, their errors and intervals, and warnings."""
 
 import dataclasses
 import functools
@@ -15,20 +15,21 @@ from erosion.calibration.profiles import Profile, Ridge
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
+from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import unit_name
-from erosion.tables import Row, format_number, to_html, to_text
+from erosion.tables import Result, Row, format_number, to_plain
 
 _SCALE = Quantity("s", "measured over computed volume", "1")
 _LEVEL = 0.95  # of the intervals that standard errors are compared with
-_FACTOR = 1.5  # by which they may differ before it is said
+_FACTOR = 1.5  # by which the two may differ without a warning
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
-_POOR = 1e-3  # a χ² that random errors exceed this seldom is no fit
+_POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
 
 
 @dataclasses.dataclass(frozen=True)
-class Calibration:
+class Calibration(Result):
     """A model fitted to measurements.
 
     Args:
@@ -46,7 +47,7 @@ class Calibration:
 
     @property
     def data(self) -> Measurements:
-        """What it was fitted to."""
+        """The measurements."""
         return self.problem.data
 
     @property
@@ -73,13 +74,13 @@ class Calibration:
 
     @functools.cached_property
     def covariance(self) -> np.ndarray:
-        """Of the estimates, in the order of `names`; infinite and NaN where not determined."""
+        """Covariance of the estimates, shape (names, names); infinite and NaN where not determined."""
         slopes = self.problem.forward.slopes(self.solution.theta)
         return self._covariance * np.outer(slopes, slopes)
 
     @property
     def correlation(self) -> np.ndarray:
-        """Of the estimates, in the order of `names`; NaN where not determined."""
+        """Correlation of the estimates, shape (names, names); NaN where not determined."""
         with np.errstate(invalid="ignore"):
             errors = np.sqrt(np.diag(self.covariance))
             return self.covariance / np.outer(errors, errors)
@@ -87,21 +88,21 @@ class Calibration:
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """A confidence interval of each parameter, by its profile likelihood.
 
-        It reaches to where χ² has risen by `rise(level)` with all other parameters fitted
-        again, or to the bound. Where the misfit is a parabola that is so many
-        `standard_errors` to either side; near jumps of V(α) it is not. Infinite for what the
-        data does not determine, and NaN where the model fails on the way. An end is found to
-        2 % of its distance from the estimate, which takes as long as some fits.
+        The interval reaches to where χ² has risen by `rise(level)` with all other parameters
+        fitted again, or to the bound. Where the misfit is a parabola it is symmetric and follows
+        from `standard_errors`; near jumps of V(α) it does not. Infinite for parameters that the
+        data does not determine, and NaN where the model fails on the way. The ends are accurate
+        to 2 % of their distance from the estimate, and take as long as some fits.
         """
         values = self.problem.forward.from_theta
         with np.errstate(over="ignore"):
             return {
-                name: (float(values(name, one + low)), float(values(name, one + high)))
-                for name, one, (low, high) in zip(self.names, self.solution.theta, self._ends(level), strict=True)
+                name: (float(values(name, theta + low)), float(values(name, theta + high)))
+                for name, theta, (low, high) in zip(self.names, self.solution.theta, self._ends(level), strict=True)
             }
 
     def rise(self, level: float = 0.95) -> float:
-        """How far χ² rises from the minimum to the ends of the intervals of `level`."""
+        """The rise of χ² from the minimum to the ends of the intervals of `level`."""
         tail = (1 + _checked_level(level)) / 2
         if self.data.uncertainty is not None:
             return float(stats.norm.ppf(tail)) ** 2
@@ -109,7 +110,7 @@ class Calibration:
 
     @functools.cached_property
     def fitted(self) -> np.ndarray:
-        """The erosion that the fit gives for each row, in the data's dimension."""
+        """The fitted erosion of each row, in the data's dimension, shape (rows,)."""
         return self.problem.forward.predict(self.solution.theta, self.data.conditions)[0]
 
     @property
@@ -131,8 +132,8 @@ class Calibration:
     def aicc(self) -> float:
         """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
 
-        A parameter counts that has influence here or at the first guess: one that the fit has
-        moved to where it has none was fitted all the same.
+        A parameter counts if it has influence here or at the first guess: the fit may have moved it
+        to a place without influence.
         """
         rows, free = len(self.data), max(self.identifiability.rank, self._rank_at_first)
         if self.data.uncertainty is None:
@@ -157,7 +158,7 @@ class Calibration:
 
     @functools.cached_property
     def identifiability(self) -> Identifiability:
-        """Which parameters the data can tell apart."""
+        """The parameters and combinations that the data determines."""
         return self._identify(self.solution.theta, self.solution.jacobian, self.fitted / self.problem.deviation)
 
     @property
@@ -165,10 +166,10 @@ class Calibration:
         """The parameters whose estimates mean nothing by themselves."""
         return self.identifiability.undetermined
 
-    @functools.cached_property
+    @property
     def statements(self) -> tuple[str, ...]:
-        """What the reader must know of this fit, in sentences; empty for a good one."""
-        found = list(self.identifiability.statements)
+        """Warnings about this fit, in sentences; empty for a good fit."""
+        sentences = list(self.identifiability.statements)
         theta, problem = self.solution.theta, self.problem
         for at, name in enumerate(self.names):
             if name in self.undetermined:
@@ -176,17 +177,17 @@ class Calibration:
             for side, bound in (("lower", problem.lower[at]), ("upper", problem.upper[at])):
                 if abs(theta[at] - bound) < 1e-6:
                     value = problem.forward.from_theta(name, bound)
-                    found.append(f"{name} is at its {side} bound, {value:.6g}: its error means nothing.")
+                    sentences.append(f"{name} is at its {side} bound, {value:.6g}: its error means nothing.")
                     break
             else:
-                found += self._misshapen(at)
+                sentences += self._misshapen(at)
         freedom = self.degrees_of_freedom
         if self.data.uncertainty is not None and freedom > 0 and stats.chi2.sf(self.chi2, freedom) < _POOR:
-            found.append(
+            sentences.append(
                 f"The model does not fit within the uncertainties: χ² is {self.chi2:.4g} "
                 f"for {freedom} degrees of freedom."
             )
-        return tuple(found)
+        return tuple(sentences)
 
     def curve(self, alpha: Any) -> tuple[np.ndarray, np.ndarray]:
         """The fitted erosion at angles α [rad], at the case's speed and mass, with its standard error.
@@ -197,17 +198,17 @@ class Calibration:
         """
         angles = np.atleast_1d(np.asarray(alpha, float))
         erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles})
-        # Directions that leave all rows as they are leave the curve as it is, too.
+        # Directions without influence on any row have no influence on the curve either.
         spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
         errors = np.sqrt(spread * self._variance)
         return erosion.reshape(np.shape(alpha)), errors.reshape(np.shape(alpha))
 
     def profile(self, name: str, points: int = 21) -> Profile:
-        """The likelihood's profile along one parameter: all others fitted again at each value.
+        """The likelihood's profile along one parameter, with all others fitted again at each value.
 
         Args:
             name: of the parameter.
-            points: about so many, from beyond one end of the 95 % interval to beyond the other.
+            points: approximate number, from beyond one end of the 95 % interval to beyond the other.
 
         Raises:
             ValueError: for a name that is not free.
@@ -229,18 +230,18 @@ class Calibration:
         return Profile(name, values, 2 * rise / self._variance)
 
     def rows(self, level: float = 0.95) -> list[Row]:
-        """Estimates with errors and intervals of `level` as rows of a table."""
+        """Estimates with standard errors and intervals of `level`."""
         rows = []
         errors, ranges = self.standard_errors, self.intervals(level)
-        known = {**quantities(self.model), SCALE: _SCALE}
+        quantity_of = {**quantities(self.model), SCALE: _SCALE}
         for name, value in self.estimates.items():
-            quantity = known[name]
+            quantity = quantity_of[name]
             low, high = ranges[name]
-            said = (
+            meaning = (
                 "not determined by these data" if name in self.undetermined else f"{level:.0%}: {low:.6g} … {high:.6g}"
             )
             rows.append(Row(name, quantity.symbol, f"{value:.6g} ± {errors[name]:.2g}",
-                            unit_name(quantity.dimension, self.p.units), said))  # fmt: skip
+                            unit_name(quantity.dimension, self.p.units), meaning))  # fmt: skip
         unit = unit_name(self.data.dimension, self.p.units)
         rows.append(Row("rms", "", format_number(np.sqrt(np.mean(self.residuals**2)), 5), unit, "of the residuals"))
         rows.append(Row("leave_one_out", "", format_number(self.leave_one_out, 5), unit, "rms at rows left out"))
@@ -253,35 +254,46 @@ class Calibration:
 
     @property
     def title(self) -> str:
-        """The model and what it was fitted to."""
+        """The model and the data."""
         return f"{model_name(self.model)} fitted to {len(self.data):,} rows of {self.data.source}"
 
-    def __str__(self) -> str:
-        return "\n".join([to_text(self.title, self.rows()), *self.statements])
-
-    def _repr_html_(self) -> str:
-        return to_html(self.title, self.rows()) + "".join(f"<p>{one}</p>" for one in self.statements)
+    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+        """Model and case with the estimates, their errors, intervals of `level`, and the quality of the fit."""
+        numbers = {
+            "rows": len(self.data),
+            "estimates": self.estimates,
+            "standard_errors": self.standard_errors,
+            "intervals": self.intervals(level),
+            "level": level,
+            "correlation": self.correlation,
+            "undetermined": self.undetermined,
+            "aicc": self.aicc,
+            "leave_one_out": self.leave_one_out,
+            "erosion_unit": unit_name(self.data.dimension, self.p.units),
+            "warnings": self.statements,
+        }
+        return impact_to_dict(self.model, self.p) | to_plain(numbers)
 
     @property
     def _covariance(self) -> np.ndarray:
-        """Of θ."""
+        """Covariance of θ, shape (names, names)."""
         return self.identifiability.covariance * self._variance
 
     @functools.cached_property
     def _variance(self) -> float:
-        """Of the weighted residuals: 1 where uncertainties are given, else estimated from them."""
+        """Variance of the weighted residuals: 1 with uncertainties, else estimated from the residuals."""
         if self.data.uncertainty is not None:
             return 1.0
         return 2 * self.solution.cost / self.degrees_of_freedom
 
     def _identify(self, theta: np.ndarray, jacobian: np.ndarray, weighted: np.ndarray) -> Identifiability:
-        """Which parameters the data can tell apart about θ, where the weighted prediction is so."""
+        """The parameters and combinations that the data determines about θ, from the Jacobian and prediction there."""
         exponent = np.where(self.problem.forward.logarithmic | (theta == 0), 1.0, theta)
         return identify(self.names, jacobian, exponent, float(np.linalg.norm(weighted)))
 
     @functools.cached_property
     def _rank_at_first(self) -> int:
-        """How many combinations of parameters count at the first guess; 0 where impacts fail there."""
+        """Number of determined combinations of parameters at the first guess; 0 where impacts fail there."""
         start = self.problem.forward.start
         residuals, jacobian = self.problem.residuals(start)
         if not np.all(np.isfinite(jacobian)):
@@ -289,7 +301,7 @@ class Calibration:
         return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.deviation).rank
 
     def _misshapen(self, at: int) -> list[str]:
-        """A sentence where the standard error does not tell how wide the interval is."""
+        """A sentence where the standard error differs from the interval."""
         name, (low, high) = self.names[at], self._ends(_LEVEL)[at]
         if np.isnan(high - low):
             return [f"The interval of {name} has an end that is not known: the model fails on the way to it."]
@@ -309,11 +321,11 @@ class Calibration:
 
     @functools.cached_property
     def _offsets(self) -> dict[float, list[tuple[float, float]]]:
-        """`_ends` found so far, by level."""
+        """The results of `_ends` so far, by level."""
         return {}
 
     def _crossings(self, at: int, rise: float) -> tuple[float, float]:
-        """Where χ² has risen so far along one parameter, below and above."""
+        """The offsets of one parameter, below and above, at which χ² has risen by `rise`."""
         width, height = float(np.sqrt(rise * self._covariance[at, at])), rise * self._variance / 2
         if width in (0.0, np.inf):
             return -width, width

@@ -67,19 +67,20 @@ def stream(
     given = settings(own, section, f"{options.case}: `set` of [stream]")
     chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), given, p)
     start_engine()
-    from erosion.streams.stream import StreamInterrupted, prepare_stream
+    from erosion.streams.stream import StreamInterrupted, StreamOptions, prepare_stream
 
     with user_errors(TypeError):
         job = prepare_stream(
             chosen,
             p,
-            n=count,
-            seed=section.get("seed", 0) if seed is None else seed,
-            points=points or section.get("points", "sobol"),
-            best_angle=best_angle,
-            store=output,
-            **laws,
-            **own_laws,
+            {**laws, **own_laws},
+            StreamOptions(
+                n=count,
+                seed=section.get("seed", 0) if seed is None else seed,
+                points=points or section.get("points", "sobol"),
+                best_angle=best_angle,
+                store=output,
+            ),
         )
     with progress_bar("stream") as progress:
         try:

@@ -72,24 +72,23 @@ def sweep(
         chosen = chosen[0]
     values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
-    from erosion.sweeps.grid import make_grid
+    from erosion.sweeps.grid import Outputs, make_grid
     from erosion.sweeps.sweep import prepare_sweep
 
-    arguments: dict[str, Any] = {
-        "paired": paired or section.get("paired", ()),
-        "derivatives": section.get("derivatives", 0) if derivatives is None else derivatives,
-        "wrt": wrt or section.get("wrt", "alpha"),
-        "optimum": section.get("optimum", False) if optimum is None else optimum,
-        "own": {name: float(value) for name, value in values.items() if not value.ndim},
-    }
+    single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     with user_errors(TypeError):
-        grid = make_grid(chosen, p, axes, **arguments)
+        outputs = Outputs(
+            derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
+            wrt=wrt or section.get("wrt", "alpha"),
+            optimum=section.get("optimum", False) if optimum is None else optimum,
+        )
+        grid = make_grid(chosen, p, axes, outputs, paired=paired or section.get("paired", ()), own=single)
         lengths = _chunks(chunks)
     with _cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=lengths, store=output)
-        dataset = job.run(progress)
+        dataset = job.run(lambda _, done, total: progress(done, total))
     if plot is not None:
         from erosion.plotting.style import save_plot
         from erosion.plotting.sweeps import plot_sweep

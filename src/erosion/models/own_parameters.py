@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from erosion.arguments import check_scalars
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import Dimension, conversion_factor
@@ -134,9 +135,7 @@ def require_one_impact(model: eqx.Module, p: Parameters, instead: str = "") -> N
         ValueError: naming the first parameter that is an array, and its shape.
     """
     require_parameters(p)
-    for name, value in values(model, p).items():
-        if shape := np.shape(value):
-            raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
+    check_scalars(values(model, p), instead)
 
 
 def quantities(model: eqx.Module) -> dict[str, Quantity]:

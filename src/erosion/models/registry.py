@@ -9,6 +9,7 @@ import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 
@@ -18,8 +19,11 @@ from erosion.models.base import CuttingModel
 from erosion.models.check import flaw
 from erosion.models.finnie import Finnie
 from erosion.models.linearized import Linearized
+from erosion.models.own_parameters import own_parameters
 from erosion.models.rigid import FullTorque, TanAlpha, VelocityAligned
 from erosion.models.rotating import Rotating
+from erosion.parameters.parameters import Parameters
+from erosion.tables import to_plain
 
 ENTRY_POINT_GROUP = "erosion.models"
 """A package offers a model as an entry point here: its name, and a model or a class of one."""
@@ -143,6 +147,12 @@ def model_name(model: CuttingModel) -> str:
     parts = [type(part).__name__ for part in vars(model).values() if isinstance(part, eqx.Module)
              and not type(part).__module__.startswith("erosion.")]  # fmt: skip
     return type(model).__name__ + (f"({', '.join(parts)})" if parts else "")
+
+
+def impact_to_dict(model: CuttingModel, p: Parameters) -> dict[str, Any]:
+    """A model's name and its own parameters, and the parameters of the case, for `to_dict` of results."""
+    own = {name: parameter.value for name, parameter in own_parameters(model).items()}
+    return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})
 
 
 def _same(one: CuttingModel, other: CuttingModel) -> bool:

@@ -1,8 +1,8 @@
 """The angle of greatest removal, certified.
 
-With rotation V(α) is discontinuous, has several maxima, and the greatest may sit at a jump
-(`docs/optimum.md`): Newton's method on dV/dα alone gives wrong answers. Here V is resolved
-over all angles first (`scan`), and the answer is the best of every maximum, of both sides of
+With rotation V(α) is discontinuous and has several maxima; the greatest may be at a jump
+(`docs/optimum.md`). Newton's method on dV/dα alone gives wrong answers. So V is resolved over
+all angles first (`resolve.py`). The answer is the best of every maximum, of both sides of
 every jump and of both ends of the range.
 """
 
@@ -21,29 +21,31 @@ from erosion.engine.impact import impact, lanes_of, pair_derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
+from erosion.models.registry import impact_to_dict
 from erosion.optimum.maxima import ASIDE as ASIDE
 from erosion.optimum.maxima import SHALLOWEST as SHALLOWEST
-from erosion.optimum.maxima import STEEPEST, TIGHT, Maxima, Search
+from erosion.optimum.maxima import TIGHT, Maxima, Search
 from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
 from erosion.parameters.quantities import result_row
-from erosion.tables import Row, format_number, to_html, to_text
+from erosion.parameters.ranges import STEEPEST
+from erosion.tables import Result, Row, format_number, to_plain
 
-_TOGETHER = 1000  # cases resolved at once: some 100 MB
+_TOGETHER = 1000  # cases that are searched at once: some 100 MB
 
 
 @dataclasses.dataclass(frozen=True)
-class Optimum:
-    """Where an objective is greatest (or least) over the angle of attack.
+class Optimum(Result):
+    """The angle of attack at which an objective is greatest (or least).
 
-    For parameters that are arrays every field but `model`, `p`, `objective` and `least` is
-    an array of their broadcast shape (that of `alpha` excepted, which is not used).
+    For parameters that are arrays, every field but `model`, `p`, `objective`, `least` and
+    `integrand` is an array of their broadcast shape, without that of `alpha`, which is not used.
 
     Args:
-        model: whose.
-        p: the parameters, `alpha` being the answer.
-        objective: its name.
-        least: whether the least is meant.
+        model: the model.
+        p: the parameters; `alpha` is the answer.
+        objective: the name of the objective.
+        least: whether the objective is least there.
         alpha: the angle [rad]; 1e-9 beside a jump; 0 for the limit as α → 0, NaN where nothing is
             cut at any angle.
         value: the objective there.
@@ -53,14 +55,14 @@ class Optimum:
             slope jumps through zero), "plateau" (one of many angles with the same value), or
             "none": nothing is ever cut, or, where `ended_by` is "failed", nothing could be computed.
         ended_by: how the cut ends there.
-        side: of a jump, "below" or "above" it; else "".
+        side: the side of a jump, "below" or "above"; else "".
         attained: whether `value` is reached, or only approached.
         dvolume, d2volume: derivatives of the objective by the angle there [per rad, per rad²].
-        candidates: everything that was compared, best first: a tuple of `Candidate`.
+        candidates: every maximum that was compared, best first: a tuple of `Candidate`.
         jumps: all discontinuities, a tuple of `Jump` by angle.
-        regimes: how the cut ends over the whole range, a tuple of `Regime`.
-        iterations: rounds of refinement, and Newton steps of the answer.
-        certified: False where an impact failed, so that something may have been missed.
+        regimes: how the cut ends over the whole range, a tuple of `Regime` by angle.
+        iterations: rounds of refinement plus Newton steps of the answer.
+        certified: False where an impact failed, so that a better angle may have been missed.
         integrand: the model whose "volume" is the objective; `model` itself for the volume.
     """
 
@@ -88,20 +90,25 @@ class Optimum:
     def sensitivities(self) -> Mapping[str, Any]:
         """dα_max/dq for every parameter q but α, the model's own too [rad per unit of q]; computed when first read.
 
-        Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α where the end
-        time t of the side that grazes is tangent. Boundary: 0. What cannot be told from zero
-        in the arithmetic (1e-11 rad for a change of q by its own size) is given as 0.
+        Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α of the end time t
+        on the side that grazes. Boundary: 0. A sensitivity below the rounding (1e-11 rad for a
+        change of q by its own size) is given as 0.
         """
         names = [name for name in quantities(self.integrand) if name != "alpha"]
         rates = _sensitivities(self, names)
         return dict(zip(names, rates, strict=True))
+
+    @property
+    def title(self) -> str:
+        """The model and what is greatest or least."""
+        return f"{model_name(self.model)}: the angle of {'least' if self.least else 'greatest'} {self.objective}"
 
     def rows(self) -> list[Row]:
         """The answer as rows of a table."""
         degrees = np.rad2deg(self.alpha)
         rows = [
             Row("alpha_max" if not self.least else "alpha_min", "α", format_number(degrees), "°", "angle of attack"),
-            Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._explained()),
+            Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._kind_explained()),
             Row("ended_by", "", format_number(self.ended_by), "", "how the cut ends there"),
             result_row("volume", self.volume, self.p.units),
         ]
@@ -109,28 +116,23 @@ class Optimum:
             rows.append(self._value_row())
         return rows
 
-    def __str__(self) -> str:
-        return to_text(self._title(), self.rows())
-
-    def _repr_html_(self) -> str:
-        return to_html(self._title(), self.rows())
+    def to_dict(self) -> dict[str, Any]:
+        """Model, parameters and every field, without the sensitivities, which take longer."""
+        described = ("model", "p", "integrand")
+        names = [field.name for field in dataclasses.fields(self) if field.name not in described]
+        return impact_to_dict(self.model, self.p) | to_plain({name: getattr(self, name) for name in names})
 
     def _value_row(self) -> Row:
         if self.objective in MEASURES:
             return result_row(MEASURES[self.objective], self.value, self.p.units)
         return Row("value", "", format_number(self.value), "", self.objective)
 
-    def _explained(self) -> str:
-        """What the kind means here."""
+    def _kind_explained(self) -> str:
         if self.kind == "jump":
             return f"just {self.side} a jump" + ("" if self.attained else ", not reached")
         if self.kind == "boundary":
             return "an end of the range" if self.attained else "approached as α → 0, not reached"
         return {"interior": "dV/dα = 0", "plateau": "the same over a range of angles"}.get(str(self.kind), "")
-
-    def _title(self) -> str:
-        what = "least" if self.least else "greatest"
-        return f"{model_name(self.model)}: the angle of {what} {self.objective}"
 
 
 def alpha_max(
@@ -170,7 +172,7 @@ def alpha_min(
     alpha_range: tuple[float, float] | None = None,
     objective: str | Objective = "volume",
 ) -> Optimum:
-    """The angle at which least is removed; over all angles that is an end, so give a range.
+    """The angle at which least is removed; give a range, because over all angles it is an end.
 
     Arguments, result and errors are those of `alpha_max`.
     """
@@ -187,57 +189,74 @@ def _optimum(
 ) -> Optimum:
     model = load_model(model)
     require_parameters(p)
-    if isinstance(objective, str):
-        if objective not in OBJECTIVES:
-            raise ValueError(f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, but is {objective!r}.")
-        name, asked = objective, OBJECTIVES[objective](model)
-    elif callable(objective):
-        name, asked = getattr(objective, "__name__", "objective"), objective(model)
-        if not isinstance(asked, CuttingModel):
-            raise TypeError(f"Argument `objective` must turn a model into one, but makes {asked!r}.")
-    else:
-        raise TypeError(f"Argument `objective` must be a name or a function, but is {objective!r}.")
+    name, integrand = _integrand(model, objective)
     low, high = (0.0, STEEPEST) if alpha_range is None else _checked_range(alpha_range)
     p = p.replace(alpha=STEEPEST)
     validate(p)
-    layout, numbers, shape = lanes_of(asked, p)
-    count = int(np.prod(shape, dtype=int))
-    sign = -1.0 if least else 1.0
+    optima, shape = _searched(integrand, p, low, high, least=least)
+    columns = _columns(optima, shape)
+    volume = columns["value"]
+    if integrand is not model:
+        volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"])
+    p = p.replace(alpha=columns["alpha"])
+    return Optimum(model=model, p=p, objective=name, least=least, volume=volume, integrand=integrand, **columns)
 
-    def resolved(begin: int) -> list[Maxima]:
-        some = slice(begin, begin + _TOGETHER)
-        each = [
-            number[some] if number.ndim > len(of_one) else number
+
+def _integrand(model: CuttingModel, objective: str | Objective) -> tuple[str, CuttingModel]:
+    """The objective's name, and the model whose volume it is."""
+    if isinstance(objective, str):
+        if objective not in OBJECTIVES:
+            raise ValueError(f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, but is {objective!r}.")
+        return objective, OBJECTIVES[objective](model)
+    if not callable(objective):
+        raise TypeError(f"Argument `objective` must be a name or a function, but is {objective!r}.")
+    integrand = objective(model)
+    if not isinstance(integrand, CuttingModel):
+        raise TypeError(f"Argument `objective` must turn a model into a model, but makes {integrand!r}.")
+    return getattr(objective, "__name__", "objective"), integrand
+
+
+def _searched(
+    integrand: CuttingModel, p: Parameters, low: float, high: float, *, least: bool
+) -> tuple[list[Maxima], tuple[int, ...]]:
+    """The optima of all cases, and the shape of the cases."""
+    layout, numbers, shape = lanes_of(integrand, p)
+    count = int(np.prod(shape, dtype=int))
+
+    def search(begin: int) -> list[Maxima]:
+        cases = slice(begin, begin + _TOGETHER)
+        leaves = [
+            number[cases] if number.ndim > len(of_one) else number
             for number, of_one in zip(numbers, layout.shapes, strict=True)
         ]
-        return Search(layout, each, min(_TOGETHER, count - begin), sign).maxima(low, high)
+        return Search(layout, leaves, min(_TOGETHER, count - begin), least=least).optima(low, high)
 
-    # While one thread integrates, Python's lock is another's, to see where to look next.
+    # While one thread integrates, another uses Python to choose the next angles.
     with ThreadPoolExecutor(threads()) as pool:
-        answers = list(itertools.chain.from_iterable(pool.map(resolved, range(0, count, _TOGETHER))))
-    best = [answer.candidates[0] for answer in answers]
+        return list(itertools.chain.from_iterable(pool.map(search, range(0, count, _TOGETHER)))), shape
+
+
+def _columns(optima: list[Maxima], shape: tuple[int, ...]) -> dict[str, Any]:
+    """The fields of an `Optimum` that are arrays of the shape of the cases."""
+    best = [of_case.candidates[0] for of_case in optima]
     fields = {
-        "alpha": [c.alpha for c in best],
-        "value": [c.value for c in best],
-        "dvolume": [c.dvalue for c in best],
-        "d2volume": [c.d2value for c in best],
-        "kind": [c.kind for c in best],
-        "ended_by": [c.ended_by for c in best],
-        "side": [c.side for c in best],
-        "attained": [c.attained for c in best],
-        "iterations": [answer.rounds + answer.candidates[0].steps for answer in answers],
-        "certified": [answer.certified for answer in answers],
+        "alpha": [candidate.alpha for candidate in best],
+        "value": [candidate.value for candidate in best],
+        "dvolume": [candidate.dvalue for candidate in best],
+        "d2volume": [candidate.d2value for candidate in best],
+        "kind": [candidate.kind for candidate in best],
+        "ended_by": [candidate.ended_by for candidate in best],
+        "side": [candidate.side for candidate in best],
+        "attained": [candidate.attained for candidate in best],
+        "iterations": [of_case.rounds + of_case.candidates[0].steps for of_case in optima],
+        "certified": [of_case.certified for of_case in optima],
     }
     columns = {key: np.array(column).reshape(shape)[()] for key, column in fields.items()}
     for key in ("candidates", "jumps", "regimes"):
-        column = np.empty(count, object)
-        column[:] = [getattr(answer, key) for answer in answers]
+        column = np.empty(len(optima), object)
+        column[:] = [getattr(of_case, key) for of_case in optima]
         columns[key] = column.reshape(shape)[()]
-    volume = columns["value"]
-    if asked is not model:
-        volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"])
-    p = p.replace(alpha=columns["alpha"])
-    return Optimum(model=model, p=p, objective=name, least=least, volume=volume, integrand=asked, **columns)
+    return columns
 
 
 def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
@@ -253,10 +272,10 @@ def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
 
 
 def _volume_at(model: CuttingModel, p: Parameters, alpha: Any, ended_by: Any) -> tuple[Any, Any]:
-    """V and the end at the optimum of another objective."""
+    """Volume [volume] and outcome in words at the optimum of another objective."""
     inside = np.asarray(alpha) > 0
     hits = impact(model, p.replace(alpha=np.where(inside, alpha, SHALLOWEST)), rtol=TIGHT)
-    # As α → 0 the cut becomes infinitely shallow: what is removed there only the search says.
+    # As α → 0 the cut becomes infinitely shallow: no impact gives its volume.
     return np.where(inside, hits.volume, np.nan)[()], np.where(inside, hits.ended_by, ended_by)[()]
 
 
@@ -264,18 +283,18 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     """dα/dq, shape (names, *shape of the optimum)."""
     p, model = optimum.p, optimum.integrand
     kind, alpha = np.atleast_1d(optimum.kind), np.atleast_1d(optimum.alpha)
-    # A model's own parameters that all cases share stay the model's.
+    # Own parameters that all cases share stay single numbers: their fields may not take an array.
     own = own_parameters(model)
-    each = {q: value for q, value in values(model, p).items() if q not in own or np.ndim(value)}
-    flat = {q: np.broadcast_to(np.asarray(value), np.shape(optimum.kind)).reshape(-1) for q, value in each.items()}
-    known = sizes(model, p)
-    size = np.stack([np.broadcast_to(known[q], np.shape(optimum.kind)).reshape(-1) for q in names])
+    per_case = {q: value for q, value in values(model, p).items() if q not in own or np.ndim(value)}
+    flat = {q: np.broadcast_to(np.asarray(value), np.shape(optimum.kind)).reshape(-1) for q, value in per_case.items()}
+    size_of = sizes(model, p)
+    size = np.stack([np.broadcast_to(size_of[q], np.shape(optimum.kind)).reshape(-1) for q in names])
     rates = np.zeros((len(names), kind.size))
     rates[:, kind.ravel() == "none"] = np.nan
 
-    def along_angle(which: np.ndarray, angles: np.ndarray) -> Any:
-        some, there = with_values(model, p, {q: leaf[which] for q, leaf in flat.items()} | {"alpha": angles})
-        return pair_derivatives(some, there, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
+    def along_angle(cases: np.ndarray, angles: np.ndarray) -> Any:
+        varied, at_angles = with_values(model, p, {q: leaf[cases] for q, leaf in flat.items()} | {"alpha": angles})
+        return pair_derivatives(varied, at_angles, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
 
     interior = np.flatnonzero(kind.ravel() == "interior")
     if interior.size:
@@ -288,21 +307,22 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     return rates.reshape(len(names), *np.shape(optimum.kind))
 
 
-def _along_jump(along_angle: Any, which: np.ndarray, optimum: Optimum) -> np.ndarray:
-    """dα/dq of jumps: -t_q/t_α on the side that grazes, where both grow as the tangent is neared.
+def _along_jump(along_angle: Any, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """dα/dq of the jumps of some cases, shape (names, cases).
 
-    There g(t, α, q) = 0 with ġ → 0, so that the quotient tends to -g_q/g_α. It is a series in
-    the root of the distance from the jump, whose first two terms three distances cancel.
+    On the side that grazes, the event function g(t, α, q) is tangent at the jump: ġ → 0 there,
+    both t_q and t_α grow, and -t_q/t_α tends to -g_q/g_α. The quotient is a series in the root
+    of the distance from the jump; three distances cancel the next two terms.
     """
-    side = np.atleast_1d(optimum.side).ravel()[which]
-    attained = np.atleast_1d(optimum.attained).ravel()[which]
-    beside = np.where(side == "below", -ASIDE, ASIDE)
-    alpha = np.atleast_1d(optimum.alpha).ravel()[which] - beside
-    # The side that grazes is the one whose cut ends earlier, which is the one attained.
+    side = np.atleast_1d(optimum.side).ravel()[cases]
+    attained = np.atleast_1d(optimum.attained).ravel()[cases]
+    aside = np.where(side == "below", -ASIDE, ASIDE)
+    alpha = np.atleast_1d(optimum.alpha).ravel()[cases] - aside
+    # On the side that grazes the cut ends earlier: it is the side that is attained.
     towards = np.where((side == "below") == attained, -1.0, 1.0)
 
     def quotient(distance: float) -> np.ndarray:
-        time = along_angle(which, alpha + towards * distance).t_c
+        time = along_angle(cases, alpha + towards * distance).t_c
         return (-time.other[:, 1:] / time.first[:, :1]).T
 
     return (8 * quotient(1e-7) - 6 * quotient(4e-7) + quotient(16e-7)) / 3

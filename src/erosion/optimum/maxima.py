@@ -10,34 +10,34 @@ from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import names_of
 from erosion.optimum.resolve import Cells, Nodes, Scan, is_jump, joined, polish, scan
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.ranges import STEEPEST
 
 SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0
-STEEPEST = np.pi / 2
-_BESIDE = 1e-6  # rad; a maximum so near a jump is the jump's own
-ASIDE = 1e-9  # rad; so far beside a jump any evaluation agrees on which side it is
+ASIDE = 1e-9  # rad; at this distance from a jump every evaluation agrees on the side
+TIGHT = 1e-11  # relative tolerance of a polished maximum
 _LOOSE = 1e-9  # relative tolerance of the search
-TIGHT = 1e-11  # relative tolerance where an answer is polished
-_LEVEL = 1e-6  # of a function's size, per rad²
-_MANY = 100  # cases, for which it pays to compile a second program, without derivatives
+_BESIDE = 1e-6  # rad; a maximum nearer to a jump is the jump's own
+_LEVEL = 1e-6  # of a function's size, per rad²; with less curvature it is level
+_MANY = 100  # cases; for fewer it takes longer to compile a program without derivatives than it saves
 _ALPHA = list(QUANTITIES).index("alpha")
-_GRID = 64  # angles of the first look between 0.02 rad and π/2
+_GRID = 64  # first angles between 0.02 rad and π/2
 
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """A local maximum, or one that the range or a jump cuts off.
+    """A local maximum of the objective (or minimum, for `alpha_min`), at a jump and at a boundary too.
 
     Args:
-        alpha: its angle [rad]; at a jump 1e-9 beside it, where any evaluation agrees on the side.
-        value: of the objective there.
+        alpha: its angle [rad]; of a jump 1e-9 beside the jump.
+        value: the objective there.
         kind: "interior", "jump", "boundary", "kink" or "plateau"; see `Optimum`.
         ended_by: how the cut ends there.
-        side: at a jump "below" or "above" it in angle; else "".
+        side: the side of a jump in angle, "below" or "above"; else "".
         attained: whether `value` is reached. At a jump the impact that just grazes belongs
-            to the side where the cut ends earlier, and the other side's supremum is not
-            reached; nor is the limit as α → 0.
-        dvalue, d2value: derivatives by the angle there.
-        steps: evaluations that the polishing took.
+            to the side where the cut ends earlier; the other side only approaches its value.
+            The limit as α → 0 is not reached either.
+        dvalue, d2value: derivatives of the objective by the angle there [per rad, per rad²].
+        steps: evaluations that polished the angle.
     """
 
     alpha: float
@@ -70,11 +70,11 @@ class Jump:
 
 @dataclasses.dataclass(frozen=True)
 class Regime:
-    """A range of angles over which the cut ends the same way, between jumps and kinks.
+    """A range of angles in which every cut ends in the same way.
 
     Args:
         low, high: the range [rad].
-        ended_by: how the cut ends in it.
+        ended_by: how the cuts end.
     """
 
     low: float
@@ -84,7 +84,7 @@ class Regime:
 
 @dataclasses.dataclass(frozen=True)
 class Maxima:
-    """What is known of one case.
+    """The maxima of one case.
 
     Args:
         candidates: best first, at least one.
@@ -99,24 +99,33 @@ class Maxima:
     rounds: int
     certified: bool
 
+    def negated(self) -> "Maxima":
+        """The minima of a function, from the maxima of its negative."""
+        candidates = tuple(
+            dataclasses.replace(candidate, value=-candidate.value, dvalue=-candidate.dvalue, d2value=-candidate.d2value)
+            for candidate in self.candidates
+        )
+        jumps = tuple(dataclasses.replace(jump, below=-jump.below, above=-jump.above) for jump in self.jumps)
+        return dataclasses.replace(self, candidates=candidates, jumps=jumps)
 
-class _At(NamedTuple):
-    """The volumes of many cases at any angle; with a sign, so that all optima are maxima."""
+
+class _Objective(NamedTuple):
+    """The objective of many cases at any angle, or its negative: then its minima are maxima."""
 
     layout: Layout
     numbers: list[np.ndarray]
     cases: int
-    sign: float
+    negative: bool
     rtol: float
 
     def __call__(self, case: np.ndarray, alpha: np.ndarray) -> Nodes:
         results = self._integrate(2, case, alpha)
         volume = results.volume
-        value, slope, curve = (self.sign * part for part in (volume.value, volume.first, volume.second))
+        sign = -1.0 if self.negative else 1.0
+        value, slope, curve = (sign * part for part in (volume.value, volume.first, volume.second))
         return Nodes(case, alpha, value, slope, curve, results.time.value, results.outcome)
 
-    def ends(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # For few cases it would take longer to compile another program than it saves.
+    def outcomes(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         results = self._integrate(0 if self.cases >= _MANY else 2, case, alpha)
         return results.outcome, results.time.value
 
@@ -131,144 +140,151 @@ class _At(NamedTuple):
 
 
 class Search:
-    """The optima of many cases at once; values carry a sign, so that all are maxima.
+    """The optima of many cases at once. Within the search all optima are maxima.
 
     Args:
         layout: of model and case.
-        numbers: of the cases: each an array (cases,), or of one's shape where all share it.
-        cases: how many there are.
-        sign: -1 for minima.
+        numbers: the leaves of the cases, each of shape (cases, …), or of one case's shape where all share it.
+        cases: number of cases.
+        least: whether minima are searched.
     """
 
-    def __init__(self, layout: Layout, numbers: list[np.ndarray], cases: int, sign: float) -> None:
-        self.sign, self.cases = sign, cases
+    def __init__(self, layout: Layout, numbers: list[np.ndarray], cases: int, *, least: bool) -> None:
+        self.cases, self.least = cases, least
         self.names = names_of(layout)
-        self._lanes = layout, numbers, cases, sign
+        self._lanes = layout, numbers, cases, least
 
-    def _at(self, rtol: float) -> _At:
-        return _At(*self._lanes, rtol)
+    def objective(self, rtol: float) -> _Objective:
+        """The function whose maxima are searched, at a relative tolerance."""
+        return _Objective(*self._lanes, rtol)
 
-    def maxima(self, low: float, high: float) -> list[Maxima]:
-        """Of each case, over the angles from `low` to `high` [rad]."""
-        cases = self.cases
-        found = scan(self._at(_LOOSE), self._at(TIGHT), cases, _first_look(low, high))
-        certified = found.unresolved == 0
-        jumped = is_jump(found.narrow, found.size[found.narrow.low.case])
-        candidates: list[list[Candidate]] = [[] for _ in range(cases)]
+    def optima(self, low: float, high: float) -> list[Maxima]:
+        """The maxima of each case (or its minima) over the angles from `low` to `high` [rad]."""
+        scanned = scan(self.objective(_LOOSE), self.objective(TIGHT), self.cases, _first_angles(low, high))
+        certified = scanned.unresolved == 0
+        jumped = is_jump(scanned.narrow, scanned.size[scanned.narrow.low.case])
+        candidates: list[list[Candidate]] = [[] for _ in range(self.cases)]
         for case, candidate in [
-            *self._interior(found, jumped),
-            *self._at_jumps(found, jumped),
-            *self._at_ends(found, low, high),
+            *self._interior(scanned, jumped),
+            *self.at_jumps(scanned, jumped),
+            *self._at_boundaries(scanned, low, high),
         ]:
             candidates[case].append(candidate)
-        for case, candidate in self._on_plateaus(found, jumped, candidates):
+        for case, candidate in self._on_plateaus(scanned, jumped, candidates):
             candidates[case].append(candidate)
-        jumps, regimes = self._jumps(found, jumped, cases), self._regimes(found, cases, low, high)
-        return [
+        jumps, regimes = self._jumps(scanned, jumped), self._regimes(scanned, low, high)
+        maxima = [
             Maxima(
                 self._ranked(candidates[case], bool(certified[case])),
                 jumps[case],
                 regimes[case],
-                int(found.rounds[case]),
+                int(scanned.rounds[case]),
                 bool(certified[case]),
             )
-            for case in range(cases)
+            for case in range(self.cases)
         ]
+        return [of_case.negated() for of_case in maxima] if self.least else maxima
 
     def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
-        cutting = [c for c in candidates if c.ended_by != "no-cut" or self.sign < 0]
+        cutting = [candidate for candidate in candidates if candidate.ended_by != "no-cut" or self.least]
         if not cutting:
-            # Where impacts failed nothing is known, not even that nothing is cut.
-            value, end = (0.0, "no-cut") if certified else (np.nan, "failed")
-            return (Candidate(np.nan, value, "none", end, "", True, value, value, 0),)
-        return tuple(sorted(cutting, key=lambda c: -self.sign * c.value))
+            # Where impacts failed it is not known whether anything is cut.
+            value, ended_by = (0.0, "no-cut") if certified else (np.nan, "failed")
+            return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
+        return tuple(sorted(cutting, key=lambda candidate: -candidate.value))
 
-    def _candidate(self, nodes: Nodes, i: Any, **more: Any) -> Candidate:
+    def _candidate(self, nodes: Nodes, i: Any, **fields: Any) -> Candidate:
         defaults = {"side": "", "attained": True, "steps": 0}
         return Candidate(
             alpha=float(nodes.alpha[i]),
-            value=float(self.sign * nodes.value[i]),
-            dvalue=float(self.sign * nodes.slope[i]),
-            d2value=float(self.sign * nodes.curve[i]),
-            ended_by=self.names[nodes.end[i]],
-            **{**defaults, **more},
+            value=float(nodes.value[i]),
+            dvalue=float(nodes.slope[i]),
+            d2value=float(nodes.curve[i]),
+            ended_by=self.names[nodes.outcome[i]],
+            **{**defaults, **fields},
         )
 
-    def _interior(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
-        cells = Cells._make(joined(a, b.take(~jumped)) for a, b in zip(found.smooth, found.narrow, strict=True))
-        falls = (cells.low.slope > 0) & (cells.high.slope <= 0)
-        cells = Cells._make(side.take(falls) for side in cells)
-        best, steps = polish(self._at(TIGHT), cells)
+    def _interior(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
+        """By case, the maxima in smooth cells, and at kinks."""
+        cells = Cells._make(map(joined, scanned.smooth, scanned.narrow.take(~jumped)))
+        cells = cells.take((cells.low.slope > 0) & (cells.high.slope <= 0))
+        best, steps = polish(self.objective(TIGHT), cells)
         # Where the function is level, its slope falls through zero by rounding.
-        bends = best.curve < -_LEVEL * found.size[best.case]
+        bends = best.curve < -_LEVEL * scanned.size[best.case]
         # An angle known to some 1e-11 leaves that much of the curvature in the slope.
-        flat = np.abs(best.slope) <= 1e-6 * found.size[best.case] + 1e-10 * np.abs(best.curve)
-        bends &= ~(np.abs(best.alpha - self._nearest_jump(best, found, jumped)) < _BESIDE)
+        flat = np.abs(best.slope) <= 1e-6 * scanned.size[best.case] + 1e-10 * np.abs(best.curve)
+        bends &= ~(np.abs(best.alpha - self._nearest_jump(best, scanned, jumped)) < _BESIDE)
         return [
             (int(case), self._candidate(best, i, kind="interior" if flat[i] else "kink", steps=int(steps[i])))
             for i, case in enumerate(best.case)
             if bends[i]
         ]
 
-    def _at_jumps(self, found: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
-        cells = Cells._make(side.take(jumped) for side in found.narrow)
+    def at_jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
+        """By case, the jumps whose higher side rises towards the jump.
+
+        Args:
+            scanned: the resolved functions.
+            jumped: the narrow cells that hold a jump, shape (cells,).
+        """
+        cells = scanned.narrow.take(jumped)
         aside = np.maximum(ASIDE, cells.width / 2)
-        low, high = (self._at(_LOOSE)(cells.low.case, cells.middle + way * aside) for way in (-1, 1))
+        low, high = (self.objective(_LOOSE)(cells.low.case, cells.middle + sign * aside) for sign in (-1, 1))
         candidates = []
         for i, case in enumerate(low.case):
-            # Only a side that rises towards the jump, to more than there is beyond it.
             if low.value[i] > high.value[i] and low.slope[i] >= 0:
-                side, here, beyond = "below", low, high
+                side, higher, lower = "below", low, high
             elif high.value[i] > low.value[i] and high.slope[i] <= 0:
-                side, here, beyond = "above", high, low
+                side, higher, lower = "above", high, low
             else:
                 continue
-            attained = bool(here.time[i] < beyond.time[i])
-            candidates.append((int(case), self._candidate(here, i, kind="jump", side=side, attained=attained)))
+            attained = bool(higher.time[i] < lower.time[i])
+            candidates.append((int(case), self._candidate(higher, i, kind="jump", side=side, attained=attained)))
         return candidates
 
-    def _at_ends(self, found: Scan, low: float, high: float) -> list[tuple[int, Candidate]]:
-        nodes = found.nodes
+    def _at_boundaries(self, scanned: Scan, low: float, high: float) -> list[tuple[int, Candidate]]:
+        """By case, the ends of the range that the function rises towards."""
+        nodes = scanned.nodes
         first = np.flatnonzero(np.diff(nodes.case, prepend=-1))
         last = np.append(first[1:], nodes.case.size) - 1
-        ends = []
+        candidates = []
         for case, (i, j) in enumerate(zip(first, last, strict=True)):
             if nodes.slope[i] < 0:
                 candidate = self._candidate(nodes, i, kind="boundary")
-                ends.append((case, candidate if low > 0 else self._limit(candidate)))
-            elif low == 0 and self.sign < 0:
-                ends.append((case, self._limit(self._candidate(nodes, i, kind="boundary"))))
-            if nodes.slope[j] > 0 or self.sign < 0:
+                candidates.append((case, candidate if low > 0 else self._limit(candidate)))
+            elif low == 0 and self.least:
+                candidates.append((case, self._limit(self._candidate(nodes, i, kind="boundary"))))
+            if nodes.slope[j] > 0 or self.least:
                 candidate = self._candidate(nodes, j, kind="boundary")
-                ends.append((case, dataclasses.replace(candidate, alpha=high)))
-        return ends
+                candidates.append((case, dataclasses.replace(candidate, alpha=high)))
+        return candidates
 
-    def _nearest_jump(self, nodes: Nodes, found: Scan, jumped: np.ndarray) -> np.ndarray:
-        """The angle of the jump of the same case that is nearest to each node; infinite without one."""
-        jumps = found.narrow.low.take(jumped)
-        # Cases lie too far apart to be taken for one another.
-        marks = np.sort(np.concatenate([jumps.alpha + 10 * jumps.case, [-np.inf, np.inf]]))
-        place = nodes.alpha + 10 * nodes.case
-        after = np.clip(np.searchsorted(marks, place), 1, marks.size - 1)
-        before, after = marks[after - 1], marks[after]
-        return np.where(place - before < after - place, before, after) - 10 * nodes.case
+    def _nearest_jump(self, nodes: Nodes, scanned: Scan, jumped: np.ndarray) -> np.ndarray:
+        """The angle of the nearest jump of the same case [rad], shape (nodes,); infinite without one."""
+        jumps = scanned.narrow.low.take(jumped)
+        # 10 rad lie between two cases, more than between any two angles of one case.
+        angles = np.sort(np.concatenate([jumps.alpha + 10 * jumps.case, [-np.inf, np.inf]]))
+        shifted = nodes.alpha + 10 * nodes.case
+        i = np.clip(np.searchsorted(angles, shifted), 1, angles.size - 1)
+        before, after = angles[i - 1], angles[i]
+        return np.where(shifted - before < after - shifted, before, after) - 10 * nodes.case
 
     def _on_plateaus(
-        self, found: Scan, jumped: np.ndarray, candidates: list[list[Candidate]]
+        self, scanned: Scan, jumped: np.ndarray, candidates: list[list[Candidate]]
     ) -> list[tuple[int, Candidate]]:
-        """The best node where it is above all candidates.
+        """By case, the best node where it is above all candidates.
 
-        There the function is level; or so steep beside a jump that it is less already where
-        any evaluation agrees on the side.
+        There the function is level; or it falls so steeply from a jump that it is lower already
+        at the candidate beside the jump.
         """
-        nodes = found.nodes
-        jumps = self._nearest_jump(nodes, found, jumped)
+        nodes = scanned.nodes
+        jumps = self._nearest_jump(nodes, scanned, jumped)
         order = np.lexsort((np.nan_to_num(nodes.value, nan=-np.inf), nodes.case))
         last = np.append(np.flatnonzero(np.diff(nodes.case[order])), order.size - 1)
         plateaus = []
         for case, i in enumerate(order[last]):
-            best = max((self.sign * c.value for c in candidates[case]), default=-np.inf)
-            if nodes.value[i] > best + 1e-8 * found.size[case]:
+            best = max((candidate.value for candidate in candidates[case]), default=-np.inf)
+            if nodes.value[i] > best + 1e-8 * scanned.size[case]:
                 aside = float(nodes.alpha[i] - jumps[i])
                 if abs(aside) < _BESIDE:
                     side = "above" if aside > 0 else "below"
@@ -279,40 +295,44 @@ class Search:
         return plateaus
 
     def _limit(self, first: Candidate) -> Candidate:
-        """The supremum as α → 0, continued from the shallowest angle of the scan."""
+        """The supremum as α → 0, continued from the shallowest node."""
         h = first.alpha
         value = first.value - h * first.dvalue + h**2 / 2 * first.d2value
-        # α dV/dα over V is the power with which a function without a limit grows.
-        if abs(h * first.dvalue) > 0.01 * abs(first.value) and self.sign * first.dvalue < 0:
-            value = self.sign * np.inf
+        # α dV/dα over V is the exponent of a power; with a negative exponent there is no limit.
+        if abs(h * first.dvalue) > 0.01 * abs(first.value) and first.dvalue < 0:
+            value = np.inf
         return dataclasses.replace(first, alpha=0.0, value=value, attained=False)
 
-    def _jumps(self, found: Scan, jumped: np.ndarray, cases: int) -> list[tuple[Jump, ...]]:
-        cells = Cells._make(side.take(jumped) for side in found.narrow)
-        ends = [[self.names[end] for end in side.end] for side in cells]
-        values = [self.sign * side.value for side in cells]
-        jumps: list[list[Jump]] = [[] for _ in range(cases)]
-        middle = cells.middle
-        for i in np.argsort(middle):
-            below, above = (float(value[i]) for value in values)
-            jumps[cells.low.case[i]].append(Jump(float(middle[i]), below, above, ends[0][i], ends[1][i]))
-        return [tuple(some) for some in jumps]
+    def _jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[Jump, ...]]:
+        """The jumps of each case, by angle."""
+        low, high = cells = scanned.narrow.take(jumped)
+        jumps: list[list[Jump]] = [[] for _ in range(self.cases)]
+        for i in np.argsort(cells.middle):
+            jump = Jump(
+                alpha=float(cells.middle[i]),
+                below=float(low.value[i]),
+                above=float(high.value[i]),
+                ended_below=self.names[low.outcome[i]],
+                ended_above=self.names[high.outcome[i]],
+            )
+            jumps[low.case[i]].append(jump)
+        return [tuple(of_case) for of_case in jumps]
 
-    def _regimes(self, found: Scan, cases: int, low: float, high: float) -> list[tuple[Regime, ...]]:
-        changes = found.narrow.low.end != found.narrow.high.end
-        cells = Cells._make(side.take(changes) for side in found.narrow)
-        first = found.nodes.end[np.flatnonzero(np.diff(found.nodes.case, prepend=-1))]
-        regimes = [[Regime(low, high, self.names[end])] for end in first]
-        middle = cells.middle
-        for i in np.argsort(middle):
-            some, at = regimes[cells.low.case[i]], float(middle[i])
-            some[-1] = dataclasses.replace(some[-1], high=at)
-            some.append(Regime(at, high, self.names[cells.high.end[i]]))
-        return [tuple(some) for some in regimes]
+    def _regimes(self, scanned: Scan, low: float, high: float) -> list[tuple[Regime, ...]]:
+        """The regimes of each case, by angle."""
+        cells = scanned.narrow.take(scanned.narrow.outcome_changes)
+        nodes = scanned.nodes
+        first = nodes.outcome[np.flatnonzero(np.diff(nodes.case, prepend=-1))]
+        regimes = [[Regime(low, high, self.names[outcome])] for outcome in first]
+        for i in np.argsort(cells.middle):
+            of_case, change = regimes[cells.low.case[i]], float(cells.middle[i])
+            of_case[-1] = dataclasses.replace(of_case[-1], high=change)
+            of_case.append(Regime(change, high, self.names[cells.high.outcome[i]]))
+        return [tuple(of_case) for of_case in regimes]
 
 
-def _first_look(low: float, high: float) -> np.ndarray:
-    """Angles to begin with: geometric near 0, where functions may be powers; then even."""
+def _first_angles(low: float, high: float) -> np.ndarray:
+    """The first nodes [rad]: geometric near 0, where functions may be powers; then even."""
     # At π/2 itself an impact without spin cuts nothing: its neighbour stands for the limit.
     low, high = max(low, SHALLOWEST), min(high, STEEPEST - 1e-10)
     even = np.linspace(0.02, high, _GRID) if low < 0.02 < high else np.linspace(low, high, _GRID)

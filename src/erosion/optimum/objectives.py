@@ -1,7 +1,7 @@
-"""What may be greatest or least over the angle: other scalars of the same cut.
+"""Objectives of the search: the volume, and other integrals over the same cut.
 
-An objective is a model that moves as another does but integrates something else, so that
-the engine gives it, its derivatives and its end like any volume.
+An objective is a model with the motion of another model and another integrand. The engine
+computes the integral and its derivatives as it computes any volume.
 """
 
 import abc
@@ -41,7 +41,7 @@ class SameMotion(CuttingModel):
 
 
 class VolumePerMass(SameMotion):
-    """V/m: removal per mass of abrasive."""
+    """V/m, the volume per mass of abrasive [volume/mass]."""
 
     motion: CuttingModel
 
@@ -50,7 +50,7 @@ class VolumePerMass(SameMotion):
 
 
 class EndTime(SameMotion):
-    """t_c = ∫ dt."""
+    """t_c = ∫ dt [s]."""
 
     motion: CuttingModel
 
@@ -59,7 +59,7 @@ class EndTime(SameMotion):
 
 
 class Depth(SameMotion):
-    """The depth at which the tip first stops going deeper, ∫ d(depth)."""
+    """The depth at which the tip first stops going deeper, ∫ d(depth) [length]."""
 
     motion: CuttingModel
 
@@ -79,7 +79,7 @@ OBJECTIVES: Mapping[str, Objective] = {
     "t_c": EndTime,
     "depth": Depth,
 }
-"""What `alpha_max` can be asked about, by name."""
+"""The objectives of `alpha_max` by name."""
 
 MEASURES: Mapping[str, str] = {
     "volume": "volume",
@@ -87,4 +87,4 @@ MEASURES: Mapping[str, str] = {
     "t_c": "t_c",
     "depth": "max_depth",
 }
-"""Which of `erosion.parameters.quantities.RESULTS` each of them is."""
+"""The key of each objective in `erosion.parameters.quantities.RESULTS`."""

@@ -17,7 +17,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from erosion.arguments import check_scalars
 from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.units import System, check_system, conversion_factor, read_quantity, unit_name
 from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 
@@ -195,8 +197,12 @@ class Parameters(eqx.Module):
 REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("phidot0", "inertia"))
 """The fields without a default."""
 
-# α = π/2 reached through degrees may round up by an ulp.
-STEEPEST = np.pi / 2 * (1 + 4 * np.finfo(float).eps)
+_STEEPEST = STEEPEST * (1 + 4 * np.finfo(float).eps)  # π/2 reached through degrees may round up by an ulp
+
+
+def are_angles(values: np.ndarray) -> Any:
+    """Whether numbers are angles of attack, in (0, π/2] rad."""
+    return (values > 0) & (values <= _STEEPEST)
 
 
 def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> None:
@@ -222,7 +228,7 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         if name == "phidot0":
             good, condition = np.isfinite(values), "must be a finite number"
         elif name == "alpha":
-            good, condition = (values > 0) & (values <= STEEPEST), "must be in (0, π/2] rad"
+            good, condition = are_angles(values), "must be in (0, π/2] rad"
         else:
             good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
         if batch and values.ndim:
@@ -247,9 +253,7 @@ def require_scalars(p: Parameters, instead: str = "") -> None:
         ValueError: naming the first field that is an array, and its shape.
     """
     require_parameters(p)
-    for name in QUANTITIES:
-        if shape := np.shape(getattr(p, name)):
-            raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
+    check_scalars({name: getattr(p, name) for name in QUANTITIES}, instead)
 
 
 def require_concrete(p: Parameters) -> None:
@@ -281,7 +285,7 @@ def _first_bad(values: np.ndarray, good: Any) -> str:
 
 
 def _hint(name: str, values: np.ndarray) -> str:
-    if name == "alpha" and np.any((values > STEEPEST) & (values <= 90)):
+    if name == "alpha" and np.any((values > _STEEPEST) & (values <= 90)):
         return ' (for degrees write "20 deg" in files and on the command line, np.deg2rad(20) in Python)'
     return ""
 

@@ -1,4 +1,4 @@
-"""Axes as text: the values of a parameter, as the command line and case files write them.
+"""Ranges: the angles of attack, and axes as text, as the command line and case files write them.
 
 "1deg : 90deg : 90"           90 values, evenly from 1° to 90°
 "100 m/s : 1000 m/s : 5 : log"  5 values at even ratios
@@ -10,6 +10,10 @@ from typing import Any
 import numpy as np
 
 from erosion.parameters.units import Dimension, System, UnitError, read_quantity
+
+STEEPEST = np.pi / 2  # rad; the angle of attack of a perpendicular impact
+QUARTER_DEGREES = np.linspace(0, STEEPEST, 361)[1:]
+"""Every quarter of a degree up to 90°, shape (360,) [rad]."""
 
 
 def read_axis(value: Any, dimension: Dimension, system: System) -> np.ndarray:

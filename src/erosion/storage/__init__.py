@@ -1,1 +1,1 @@
-"""Results in files, and how a file says what it is a result of."""
+"""Results in files, each with the identity of its result."""

@@ -1,4 +1,4 @@
-"""netCDF files of results: written whole or not at all, and known by an identity."""
+"""netCDF files of results: written whole or not at all, with an identity."""
 
 import json
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from erosion.storage.identity import IDENTITY, StoreError, require_same
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path, identity: Mapping[str, str]) -> None:
-    """Write a result with its identity; the file is there completely or not at all."""
+    """Write a result with its identity, whole or not at all."""
     # In memory first: an HDF5 file that a full disk has cut short ends the process when it is closed.
     content = dataset.assign_attrs({IDENTITY: json.dumps(identity)}).to_netcdf(None, engine="h5netcdf")
     write_whole(path, content)
@@ -25,10 +25,10 @@ def read_netcdf(path: Path, identity: Mapping[str, str]) -> xr.Dataset:
         StoreError: where the file is something else.
     """
     try:
-        # Not by xarray yet, which has much to say of an HDF5 file that is not netCDF.
+        # Not by xarray, which prints warnings for an HDF5 file that is not netCDF.
         with h5py.File(path) as file:
-            there = file.attrs.get(IDENTITY)
+            stored = file.attrs.get(IDENTITY)
     except OSError as error:
         raise StoreError(f"{path}: is there already and is no netCDF file; it is left as it is.") from error
-    require_same(path, there, identity)
+    require_same(path, stored, identity)
     return xr.load_dataset(path, engine="h5netcdf")

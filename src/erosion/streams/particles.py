@@ -1,4 +1,4 @@
-"""Particles of a stream: points of the unit cube to the parameters of impacts."""
+"""Particles of a stream: from points of the unit cube to the parameters of impacts."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -10,26 +10,27 @@ from erosion.distributions import Distribution
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities, with_values
 from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters.ranges import STEEPEST
 
 _POSITIVE = tuple(name for name in QUANTITIES if name not in ("alpha", "phidot0"))
 
 
 @dataclasses.dataclass(frozen=True)
 class Particles:
-    """Model and case, and how their parameters vary; `draw` makes particles, `impacts` aims them.
+    """Model and case, and the laws of their parameters; `draw` makes particles, `impacts` aims them.
 
-    A size has consequences: where `r` varies, particles are scaled copies of the case's, so
-    that b goes with r and m with r³, unless these have laws of their own.
+    Where `r` varies, particles are scaled copies of the case's particle: b grows with r and m
+    with r³, unless b and m have laws of their own.
 
-    Angles need no cut-off: a particle that flies at more than 90° comes from the other side,
-    the mirror image of one at 180° - α with the opposite spin; one at less than 0° (or more
-    than 180°) flies away from the surface and misses it.
+    Angles need no cut-off. A particle at more than 90° comes from the other side: it is the
+    mirror image of a particle at 180° - α with the opposite spin. A particle below 0° (or above
+    180°) flies away from the surface and misses it.
 
     Args:
-        model: what cuts.
+        model: the model of the cut.
         p: the case, all scalars.
         laws: parameter name, of the case or the model's own, to its `Distribution`, one or more.
-            The range of an own parameter is not known here: its law is taken as it is.
+            The range of an own parameter is not known here, so its law is not restricted.
     """
 
     model: CuttingModel
@@ -49,7 +50,7 @@ class Particles:
                 raise ValueError(
                     f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
                 )
-        # An own parameter that cannot differ from impact to impact is refused now, not when impacts are computed.
+        # So that an own parameter that cannot be an array is refused before anything is computed.
         self.impacts(self._middle)
 
     def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
@@ -59,7 +60,7 @@ class Particles:
             points: in (0, 1), shape (…, number of laws).
 
         Returns:
-            By name, shape (…); the laws of positive parameters are restricted to x > 0.
+            Values by name, shape (…); the laws of positive parameters are restricted to x > 0.
         """
         values = {}
         for i, (name, law) in enumerate(self.laws.items()):
@@ -78,7 +79,7 @@ class Particles:
 
     @property
     def typical(self) -> tuple[CuttingModel, Parameters]:
-        """The impact of one particle without any spread: each law at its median."""
+        """Model and case of one particle with each law at its median."""
         return self.impacts({name: value.reshape(()) for name, value in self._middle.items()})[:2]
 
     @property
@@ -89,7 +90,7 @@ class Particles:
     def impacts(
         self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None
     ) -> tuple[CuttingModel, Parameters, np.ndarray]:
-        """The particles as impacts, and which of them hit the surface.
+        """The particles as impacts, and whether they hit the surface.
 
         Args:
             values: from `draw`.
@@ -97,18 +98,19 @@ class Particles:
                 particles [rad]; the deviations from it stay.
 
         Returns:
-            Model, parameters in range, and a mask of the same shape. What misses bears an angle of 90°.
+            Model, parameters in range, and the mask of the hits, of their shape. A miss gets an angle of 90°.
         """
         shape = np.broadcast_shapes(*(value.shape for value in values.values()))
         alpha = np.broadcast_to(values.get("alpha", np.asarray(self.p.alpha)), shape)
         if nozzle is not None:
             alpha = nozzle + (alpha - self.nozzle)
         hits = np.asarray((alpha > 0) & (alpha < np.pi))
-        mirrored = alpha > np.pi / 2
-        folded = np.where(hits, np.where(mirrored, np.pi - alpha, alpha), np.pi / 2)
+        mirrored = alpha > STEEPEST
+        folded = np.where(hits, np.where(mirrored, np.pi - alpha, alpha), STEEPEST)
         spin = values.get("phidot0", np.asarray(self.p.phidot0))
         changes = {**values, "alpha": folded, "phidot0": np.where(mirrored, -spin, spin)}
         return *with_values(self.model, self.p, changes), hits
 
     def _least_share(self, name: str) -> float:
+        """The share of a law that lies below the parameter's range."""
         return self.laws[name].cdf(0.0) if name in _POSITIVE else 0.0

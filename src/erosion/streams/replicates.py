@@ -1,4 +1,4 @@
-"""Independent sequences of points, and the estimates whose errors their spread tells."""
+"""Independent sequences of points, and estimates whose errors come from the spread of the sequences."""
 
 import dataclasses
 import math
@@ -9,26 +9,26 @@ from scipy.stats import qmc
 
 
 class Points:
-    """Points of the unit cube, in independent sequences whose spread tells the error.
+    """Points of the unit cube, in independent sequences.
 
     Args:
         kind: "sobol" (scrambled) or "random".
         dimension: of the cube.
         seed: of all sequences.
-        sequences: how many.
-        skip: points of each sequence that were taken before.
+        sequences: number of sequences.
+        skip: number of points of each sequence that were taken before.
     """
 
     def __init__(self, kind: str, dimension: int, seed: int, sequences: int, skip: int = 0) -> None:
         self._dimension = dimension
-        bits = [np.random.PCG64(child) for child in np.random.SeedSequence(seed).spawn(sequences)]
+        generators = [np.random.PCG64(child) for child in np.random.SeedSequence(seed).spawn(sequences)]
         if kind == "random":
             # Each number takes one step of the generator.
-            self._random = [np.random.Generator(one.advance(skip * dimension)) for one in bits]
+            self._random = [np.random.Generator(bits.advance(skip * dimension)) for bits in generators]
             self._sobol = []
             return
         self._random = []
-        self._sobol = [qmc.Sobol(dimension, scramble=True, rng=np.random.Generator(one)) for one in bits]
+        self._sobol = [qmc.Sobol(dimension, scramble=True, rng=np.random.Generator(bits)) for bits in generators]
         for sampler in self._sobol if skip else []:
             sampler.fast_forward(skip)
 
@@ -36,8 +36,8 @@ class Points:
         """The next points of each sequence, shape (sequences, count, dimension), in (0, 1)."""
         # Neither 0 nor 1 may come out: random numbers are multiples of 2⁻⁵³, Sobol points of 2⁻³⁰.
         if self._random:
-            return np.stack([one.random((count, self._dimension)) for one in self._random]) + 2.0**-54
-        return np.stack([one.random(count) for one in self._sobol]) + 2.0**-31
+            return np.stack([generator.random((count, self._dimension)) for generator in self._random]) + 2.0**-54
+        return np.stack([sampler.random(count) for sampler in self._sobol]) + 2.0**-31
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Estimate:
 
     Args:
         value: the estimate.
-        error: its standard error, the replicates' standard deviation over their number's root.
+        error: its standard error: the standard deviation of the replicates over the root of their number.
         low, high: the 95 % confidence interval, by Student's t.
     """
 

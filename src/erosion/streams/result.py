@@ -1,8 +1,9 @@
-"""What is known of a stream when its particles have passed, as numbers, table and Dataset."""
+"""The result of a stream, as numbers, table and Dataset."""
 
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,31 +11,33 @@ import xarray as xr
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words, quantities
+from erosion.models.registry import impact_to_dict
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS, result_row
+from erosion.parameters.units import System
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate
 from erosion.streams.tally import Tally
-from erosion.tables import Row, to_html, to_text
+from erosion.tables import Result, Row, to_plain
 from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclasses.dataclass(frozen=True)
-class Stream:
+class Stream(Result):
     """The erosion of a stream of particles.
 
     Args:
         particles: model and case, and their distributions.
-        tally: what was counted.
-        ends: how a particle may end, the columns of `tally.ends`.
+        tally: counts and moments of the particles.
+        ends: the outcomes of a particle, the columns of `tally.ends`.
         nozzle: the stream's own best angle, or None where it was not asked for.
-        sensitivities: by parameter, the shares of the volume's variance that it explains alone
-            (first order) and with its interactions (total), or None for a single distribution
-            or where nothing is removed.
+        sensitivities: by parameter, the shares of the volume's variance that the parameter causes
+            alone (first order) and with its interactions (total), or None for a single
+            distribution or where nothing is removed.
     """
 
     particles: Particles
@@ -45,12 +48,12 @@ class Stream:
 
     @property
     def model(self) -> CuttingModel:
-        """What cuts."""
+        """The model of the cut."""
         return self.particles.model
 
     @property
     def n(self) -> int:
-        """Particles computed."""
+        """Number of particles computed."""
         return self.tally.drawn * len(self.tally.mean)
 
     @property
@@ -60,7 +63,7 @@ class Stream:
 
     @property
     def total_volume(self) -> float:
-        """Removed by all particles computed [volume]."""
+        """Volume removed by all particles computed [volume]."""
         return float(self.tally.counted @ self.tally.mean)
 
     @property
@@ -75,19 +78,19 @@ class Stream:
 
     @property
     def erosion(self) -> Estimate:
-        """Removed volume per unit mass of abrasive [volume/mass]; what misses is abrasive too."""
+        """Removed volume per unit mass of abrasive [volume/mass]; particles that miss are abrasive too."""
         removed = self.tally.counted * self.tally.mean
         return Estimate.of(removed / self.tally.mass, float(removed.sum() / self.tally.mass.sum()))
 
     @property
     def shares(self) -> dict[str, Estimate]:
-        """Share of the particles by how they end, those that occur."""
+        """Share of the particles by outcome, for the outcomes that occur."""
         shares = self.tally.ends / self.tally.drawn
         return {end: Estimate.of(shares[:, i]) for i, end in enumerate(self.ends) if shares[:, i].any()}
 
     @property
     def quantiles(self) -> dict[float, float]:
-        """Volume that 5, 25, 50, 75 and 95 % of the particles do not pass [volume], to 0.12 %."""
+        """Volume that 5, 25, 50, 75 and 95 % of the particles do not exceed [volume], to 0.12 %."""
         return {share: self.tally.quantile(share) for share in QUANTILES}
 
     def rows(self) -> list[Row]:
@@ -122,20 +125,31 @@ class Stream:
             rows.append(Row("", "", f"{self.nozzle.single_alpha * degree:.6g}", "°", alone))
         return rows
 
-    def __str__(self) -> str:
-        return to_text(self.title, self.rows())
-
-    def _repr_html_(self) -> str:
-        return to_html(self.title, self.rows())
-
     @property
     def title(self) -> str:
         """Model and distributions in one line."""
-        laws = ", ".join(f"{name}: {law}" for name, law in self.particles.laws.items())
-        return f"stream of {model_name(self.model)}, {laws}"
+        return f"stream of {model_name(self.model)}, {self._laws(', ')}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The results with their standard errors and units, and the case."""
+        dataset = self.to_dataset()
+        scalars = [str(name) for name, variable in dataset.data_vars.items() if not variable.dims]
+        numbers: dict[str, Any] = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
+        numbers["quantiles"] = {f"{share:g}": volume for share, volume in self.quantiles.items()}
+        numbers["shares"] = {outcome: share.value for outcome, share in self.shares.items()}
+        if self.nozzle is not None:
+            numbers["alpha_max_interval"] = [self.nozzle.alpha.low, self.nozzle.alpha.high]
+        if self.sensitivities is not None:
+            numbers["sensitivities"] = {
+                name: {"first": first.value, "first_error": first.error,
+                       "total": total.value, "total_error": total.error}
+                for name, (first, total) in self.sensitivities.items()
+            }  # fmt: skip
+        numbers["units"] = {name: dataset[name].attrs["units"] for name in scalars}
+        return impact_to_dict(self.model, self.particles.p) | {"laws": self._laws("; ")} | to_plain(numbers)
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything as a Dataset with units: the results, and the tally they come from."""
+        """The results with their units, and the tally they come from, as a Dataset."""
         units = self.particles.p.units
         dataset = self.tally.to_dataset()
         dataset["end"] = ("end", np.array(self.ends, dtype=object))
@@ -155,24 +169,12 @@ class Stream:
         if self.sensitivities is not None:
             dataset["law"] = ("law", np.array(list(self.sensitivities), dtype=object))
             for i, name in enumerate(("first_order", "total_order")):
-                pairs = [orders[i] for orders in self.sensitivities.values()]
-                dataset[name] = (
-                    "law",
-                    [one.value for one in pairs],
-                    {"long_name": f"Sobol index, {name}", "units": "1"},
-                )
-                dataset[f"{name}_error"] = ("law", [one.error for one in pairs], {"units": "1"})
+                estimates = [orders[i] for orders in self.sensitivities.values()]
+                attributes = {"long_name": f"Sobol index, {name}", "units": "1"}
+                dataset[name] = ("law", [estimate.value for estimate in estimates], attributes)
+                dataset[f"{name}_error"] = ("law", [estimate.error for estimate in estimates], {"units": "1"})
         if self.nozzle is not None:
-            angle = QUANTITIES["alpha"].attributes(units)
-            dataset["nozzle"] = ("nozzle", self.nozzle.angles, {**angle, "long_name": "angle of the nozzle"})
-            dataset["curve"] = ("nozzle", self.nozzle.curve, RESULTS["mean_volume"].attributes(units))
-            dataset["curve_error"] = ("nozzle", self.nozzle.curve_error, RESULTS["mean_volume"].attributes(units))
-            best = self.nozzle.alpha
-            dataset["alpha_max"] = ((), best.value, {**angle, "long_name": "angle of the nozzle that removes most"})
-            single = {**angle, "long_name": "angle of attack at which a single, typical particle removes most"}
-            dataset["single_alpha_max"] = ((), self.nozzle.single_alpha, single)
-            dataset["alpha_max_interval"] = ("end_of_interval", [best.low, best.high], angle)
-        laws = "; ".join(f"{name}: {law}" for name, law in self.particles.laws.items())
+            _add_nozzle(dataset, self.nozzle, units)
         own = own_in_words(self.model, but=self.particles.laws)
         dataset.attrs |= {
             "Conventions": "CF-1.11",
@@ -180,12 +182,28 @@ class Stream:
             "source": f"erosion {__version__}",
             "model": model_name(self.model),
             **({"own_parameters": own} if own else {}),
-            "distributions": laws,
+            "distributions": self._laws("; "),
             "particles": self.n,
             "unit_system": units,
             "case": dump_case(self.particles.p),
         }
         return dataset
+
+    def _laws(self, separator: str) -> str:
+        return separator.join(f"{name}: {law}" for name, law in self.particles.laws.items())
+
+
+def _add_nozzle(dataset: xr.Dataset, nozzle: NozzleAngle, units: System) -> None:
+    """Put the best angle and its curve into the Dataset of a stream."""
+    angle, volume = QUANTITIES["alpha"].attributes(units), RESULTS["mean_volume"].attributes(units)
+    dataset["nozzle"] = ("nozzle", nozzle.angles, {**angle, "long_name": "angle of the nozzle"})
+    dataset["curve"] = ("nozzle", nozzle.curve, volume)
+    dataset["curve_error"] = ("nozzle", nozzle.curve_error, volume)
+    best = nozzle.alpha
+    dataset["alpha_max"] = ((), best.value, {**angle, "long_name": "angle of the nozzle that removes most"})
+    single = {**angle, "long_name": "angle of attack at which a single, typical particle removes most"}
+    dataset["single_alpha_max"] = ((), nozzle.single_alpha, single)
+    dataset["alpha_max_interval"] = ("end_of_interval", [best.low, best.high], angle)
 
 
 def _with_error(row: Row, estimate: Estimate, unit: float = 1.0) -> Row:

@@ -1,7 +1,7 @@
-"""What is kept of a stream while its particles pass by: counts, moments and a histogram.
+"""Counts, moments and a histogram of the particles of a stream.
 
-A tally is never changed; tallies of parts add up to the tally of the whole, so that a stream
-of any length needs the memory of one block.
+Tallies of parts add up to the tally of the whole, so a stream of any length needs the memory
+of one block.
 """
 
 import dataclasses
@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-_LOWEST = -24  # decades of the volume over V*: what is less counts as the least
+_LOWEST = -24  # decades of the volume over V*; smaller volumes are in the first bin
 _HIGHEST = 6
 _PER_DECADE = 1000
 BIN_RATIO = 10 ** (1 / _PER_DECADE)
-"""Of a histogram bin's ends: a quantile is known to 0.23 %."""
+"""Upper over lower edge of a histogram bin: a quantile is known to 0.23 %."""
 
 
 _DIMENSIONS = {
@@ -33,14 +33,14 @@ class Tally:
 
     Args:
         scale: V* of the case, the unit of the histogram [volume].
-        drawn: particles of each replicate.
-        counted: those whose volume is known (not "failed" or "unfinished"), shape (replicates,).
-        mean: of their volumes [volume], shape (replicates,).
-        squares: sum of squared deviations from it [volume²], shape (replicates,).
+        drawn: number of particles of each replicate.
+        counted: number of particles with a volume (not "failed" or "unfinished"), shape (replicates,).
+        mean: mean of their volumes [volume], shape (replicates,).
+        squares: sum of squared deviations from the mean [volume²], shape (replicates,).
         mass: sum of their masses [mass], shape (replicates,).
-        ends: particles by how they ended, shape (replicates, ends).
-        bins: particles by the logarithm of their volume, shape (bins,); those that remove
-            nothing come first.
+        ends: number of particles by how their cut ended, shape (replicates, ends).
+        bins: number of particles by the logarithm of their volume, shape (bins,); the first bin
+            holds those that remove nothing.
     """
 
     scale: float
@@ -56,7 +56,7 @@ class Tally:
     def of(
         cls, volume: np.ndarray, mass: np.ndarray, ended_by: np.ndarray, ends: Sequence[str], scale: float
     ) -> "Tally":
-        """Of particles with volumes, masses and names of ends, each of shape (replicates, n)."""
+        """The tally of particles; volumes [volume], masses [mass] and outcomes have the shape (replicates, n)."""
         known = np.isfinite(volume)
         counted = known.sum(axis=1)
         volume = np.where(known, volume, 0.0)
@@ -73,29 +73,29 @@ class Tally:
         )
 
     def __add__(self, other: "Tally") -> "Tally":
-        """Of the particles of both (Chan, Golub and LeVeque, 1983, for the moments)."""
+        """The tally of all particles (moments after Chan, Golub and LeVeque, 1983)."""
         counted = self.counted + other.counted
         share = other.counted / np.maximum(counted, 1)
-        apart = other.mean - self.mean
+        difference = other.mean - self.mean
         return Tally(
             scale=self.scale,
             drawn=self.drawn + other.drawn,
             counted=counted,
-            mean=self.mean + apart * share,
-            squares=self.squares + other.squares + apart**2 * self.counted * share,
+            mean=self.mean + difference * share,
+            squares=self.squares + other.squares + difference**2 * self.counted * share,
             mass=self.mass + other.mass,
             ends=self.ends + other.ends,
             bins=self.bins + other.bins,
         )
 
     def to_dataset(self) -> xr.Dataset:
-        """The tally as a Dataset, from which `from_dataset` makes it again to the last bit."""
+        """The tally as a Dataset; `from_dataset` restores it to the last bit."""
         variables = {name: (dims, getattr(self, name)) for name, dims in _DIMENSIONS.items()}
         return xr.Dataset(variables, attrs={"scale": self.scale, "drawn": self.drawn})
 
     @classmethod
     def from_dataset(cls, dataset: xr.Dataset) -> "Tally":
-        """The tally of a Dataset that has the variables and attributes of `to_dataset`."""
+        """The tally of a Dataset with the variables and attributes of `to_dataset`."""
         arrays = {name: dataset[name].values for name in _DIMENSIONS}
         return cls(scale=float(dataset.attrs["scale"]), drawn=int(dataset.attrs["drawn"]), **arrays)
 
@@ -107,32 +107,33 @@ class Tally:
         return float(np.sqrt((self.squares.sum() + self.counted @ (self.mean - mean) ** 2) / total))
 
     def quantile(self, share: float) -> float:
-        """The volume that this share of the particles does not pass [volume], to half a bin."""
+        """The volume that this share of the particles does not exceed [volume], to half a bin."""
         reached = np.cumsum(self.bins)
-        which = int(np.searchsorted(reached, share * reached[-1]))
-        return 0.0 if which == 0 else float(self.scale * 10 ** (_LOWEST + (which - 0.5) / _PER_DECADE))
+        index = int(np.searchsorted(reached, share * reached[-1]))
+        return 0.0 if index == 0 else float(self.scale * 10 ** (_LOWEST + (index - 0.5) / _PER_DECADE))
 
     def histogram(self, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
         """Edges [volume], even in the logarithm, shape (m + 1,), and shares of the particles, shape (m,).
 
         Particles that remove nothing are in no bin. The bins span the middle 99.8 % of the others.
         """
-        some = self.bins[1:]
-        reached = np.cumsum(some) / max(some.sum(), 1)
+        cutting = self.bins[1:]
+        reached = np.cumsum(cutting) / max(cutting.sum(), 1)
         first, last = (int(np.searchsorted(reached, share)) for share in (0.001, 0.999))
         width = max(1, -(-(last + 1 - first) // bins))
         count = -(-(last + 1 - first) // width)
-        filled = np.zeros(count * width, np.int64)
-        part = some[first : first + count * width]
-        filled[: len(part)] = part
+        counts = np.zeros(count * width, np.int64)
+        part = cutting[first : first + count * width]
+        counts[: len(part)] = part
         edges = self.scale * 10.0 ** (_LOWEST + (first + width * np.arange(count + 1)) / _PER_DECADE)
-        return edges, filled.reshape(count, width).sum(axis=1) / max(self.bins.sum(), 1)
+        return edges, counts.reshape(count, width).sum(axis=1) / max(self.bins.sum(), 1)
 
 
 def _count(volume: np.ndarray) -> np.ndarray:
+    """The histogram of volumes over V*, shape (bins,)."""
     bins = (_HIGHEST - _LOWEST) * _PER_DECADE
-    some = volume[volume > 0]
-    which = np.clip(((np.log10(some) - _LOWEST) * _PER_DECADE).astype(np.int64), 0, bins - 1)
-    counts = np.bincount(which + 1, minlength=bins + 1)
-    counts[0] = len(volume) - len(some)
+    removed = volume[volume > 0]
+    index = np.clip(((np.log10(removed) - _LOWEST) * _PER_DECADE).astype(np.int64), 0, bins - 1)
+    counts = np.bincount(index + 1, minlength=bins + 1)
+    counts[0] = len(volume) - len(removed)
     return counts

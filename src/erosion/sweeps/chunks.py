@@ -1,29 +1,29 @@
-"""How a grid is cut into blocks, each of which is computed and kept as one piece."""
+"""The blocks of a grid, each of which is computed and stored as one piece."""
 
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
 Region = tuple[slice, ...]
-"""Where a block lies in its grid: one slice for each dimension."""
+"""The place of a block in its grid: one slice for each dimension."""
 
 
 def block_shape(
     lengths: Mapping[str, int], chunks: Mapping[str, int] | None, least: int, usual: int
 ) -> tuple[int, ...]:
-    """The shape of blocks: the last dimensions whole, as far as `usual` impacts go.
+    """The shape of blocks: the last dimensions whole, up to `usual` impacts.
 
     Args:
-        lengths: of the dimensions of what is cut.
-        chunks: by dimension, lengths that the user wants; the others stay whole. None: choose.
-        least: impacts that a block must have, where the grid has them.
+        lengths: of the dimensions of the grid.
+        chunks: lengths of blocks by dimension, from the user; other dimensions stay whole. None: choose.
+        least: impacts that a block must have, if the grid has as many.
         usual: impacts that a block should have.
 
     Raises:
         ValueError: for an unknown dimension, a length that is no positive number, or blocks
             that are too small.
     """
-    # Each model is a program of its own, so blocks never hold two.
+    # Each model compiles to a program of its own, so a block has one model.
     whole = {dim: 1 if dim == "model" else n for dim, n in lengths.items()}
     if chunks is None:
         room, block = usual, {}

@@ -1,6 +1,6 @@
-"""Blocks of a sweep on a Dask cluster: one process a core, each writing its own blocks.
+"""Blocks of a sweep on a Dask cluster: one process on each core writes its own blocks.
 
-Nothing here imports JAX: a worker is pinned to its core before JAX counts how many there are.
+Nothing here imports JAX: a worker is pinned to its core before JAX counts the cores.
 """
 
 import logging
@@ -18,7 +18,7 @@ except ImportError as error:
     raise ImportError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
 
 _AHEAD = 3
-"""Blocks that a worker has at hand, so that it never waits for the client."""
+"""Blocks that each worker has in its queue, so that it never waits for the client."""
 
 
 def local_cluster(workers: int) -> LocalCluster:
@@ -56,9 +56,9 @@ def active_client() -> Client | None:
 
 
 def _threads(client: Client) -> dict[str, int]:
-    """Of each worker, by its address."""
-    found: Any = client.nthreads()
-    return found
+    """Number of threads of each worker, by its address."""
+    threads: Any = client.nthreads()
+    return threads
 
 
 def run_blocks(
@@ -68,9 +68,9 @@ def run_blocks(
 
     Args:
         client: of the cluster.
-        task: returns how many impacts it computed; it may run again for a block whose worker died.
-        blocks: taken as the workers come to them, so that there may be millions.
-        done: told of each block's impacts.
+        task: returns the number of impacts it computed; it runs again for a block whose worker died.
+        blocks: taken one by one as the workers are ready, so that there may be millions.
+        done: called with the number of impacts of each block that is done.
     """
     client.register_plugin(OneCore())
     running = as_completed()
@@ -93,19 +93,19 @@ def run_blocks(
 class OneCore(WorkerPlugin):
     """Pins a worker to one core before JAX is imported there.
 
-    Its arrival imports this package, which turns 64-bit mode on.
+    Loading it imports this package, which turns 64-bit mode on.
     """
 
     name = "erosion-one-core"
 
     def setup(self, worker: Worker) -> None:
-        """Called by Dask in each worker that is there or comes later, before its tasks."""
-        # Ctrl-C in a terminal reaches every process of it. The client is to act on it: workers
-        # that have a nanny are ended by it, without a traceback.
+        """Pin the worker; Dask calls it in each worker, now or when the worker starts, before its tasks."""
+        # Ctrl-C in a terminal reaches every process of the terminal. Only the client acts on it:
+        # its nannies end their workers, without a traceback.
         if worker.nanny is not None and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-        # Workers of one machine are told apart by the number at the end of their name; one
-        # without a name bears its address, and stays where the system puts it.
+        # The number at the end of its name tells a worker from the others of the same machine.
+        # A worker without a name is named by its address; the system chooses its core.
         number = None if worker.name == worker.address else re.search(r"\d+$", str(worker.name))
         if number is None or not hasattr(os, "sched_setaffinity"):
             return

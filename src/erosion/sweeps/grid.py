@@ -1,7 +1,7 @@
-"""Grids of impacts: which models, which values of which parameters, and what is kept of each.
+"""Grids of impacts: the models, the values of the parameters, and the results of each impact.
 
-A grid can be cut into blocks, which are grids themselves: the same numbers come out whichever
-way it is cut, because the engine computes every impact on its own.
+A grid can be cut into blocks, which are grids themselves. The numbers do not depend on the
+cuts, because the engine computes every impact on its own.
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ from erosion.version import __version__
 
 Model = CuttingModel | str | Path
 PAIR = "pair"
-"""The dimension along which paired axes go together."""
+"""The dimension of paired axes."""
 
 _ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
 KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none")
@@ -39,7 +39,7 @@ KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "non
 
 @dataclasses.dataclass(frozen=True)
 class Variable:
-    """An array of a sweep: its dimensions, what it is, and attributes beyond that."""
+    """An array of a sweep: its dimensions, its quantity (none for codes), and further attributes."""
 
     dims: tuple[str, ...]
     quantity: Quantity | None
@@ -51,8 +51,38 @@ class Variable:
 
     @property
     def empty(self) -> Any:
-        """What stands where nothing has been computed: NaN, or the code of "not-computed"."""
+        """The value of what is not computed yet: NaN, or the code of "not-computed"."""
         return np.int8(0) if self.quantity is None else np.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Outputs:
+    """What is computed of each impact.
+
+    Args:
+        derivatives, wrt, rtol: see `erosion.impact`; `wrt` is one parameter.
+        optimum: whether the best angle is computed too, over the other dimensions than "alpha".
+
+    Raises:
+        ValueError, TypeError: for an output that makes no sense.
+    """
+
+    derivatives: int = 0
+    wrt: str = "alpha"
+    rtol: float = 1e-9
+    optimum: bool = False
+
+    def __post_init__(self) -> None:
+        if self.derivatives not in (0, 1, 2):
+            raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {self.derivatives!r}.")
+        if not isinstance(self.optimum, bool):
+            raise TypeError(f"Argument `optimum` must be true or false, but is {self.optimum!r}.")
+        object.__setattr__(self, "rtol", check_tolerance(self.rtol))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the numbers of each impact."""
+        return ("volume", "t_c", *("dvolume", "d2volume")[: self.derivatives])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,15 +90,14 @@ class Grid:
     """A rectangle of impacts.
 
     Args:
-        models: what each model is called, and the model, its name or its path.
+        models: the label of each model, and the model, its name or its path.
         compared: whether "model" is a dimension (else there is one model).
-        p: the case, all scalars; the axes replace some of its leaves.
-        axes: parameter name to its values, one-dimensional; of the case, or every model's own.
+        p: the case, all scalars; the axes replace some of its values.
+        axes: parameter name, of the case or every model's own, to its values, shape (n,).
         paired: names of the axes that go together along the dimension "pair".
         ends: meanings of the codes 0, 1, … in `ended_by`; 0 is "not-computed".
-        derivatives, wrt, rtol: see `erosion.impact`.
-        optimum: whether the best angle is kept too, over the other dimensions than "alpha".
-        own: own parameters that are no axes, and their values for all models.
+        outputs: what is computed of each impact.
+        own: values, for all models, of own parameters that are no axes.
     """
 
     models: Mapping[str, Model]
@@ -77,10 +106,7 @@ class Grid:
     axes: Mapping[str, np.ndarray]
     paired: tuple[str, ...]
     ends: tuple[str, ...]
-    derivatives: int
-    wrt: str
-    rtol: float
-    optimum: bool = False
+    outputs: Outputs
     own: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
@@ -97,7 +123,7 @@ class Grid:
 
     @property
     def lengths(self) -> dict[str, int]:
-        """The shape, by dimension."""
+        """Length of each dimension, by name."""
         return dict(zip(self.dims, self.shape, strict=True))
 
     def __getitem__(self, region: Region) -> "Grid":
@@ -105,22 +131,23 @@ class Grid:
         along = dict(zip(self.dims, region, strict=True))
         labels = list(self.models)[along.get("model", slice(None))]
         axes = {name: v[along[PAIR if name in self.paired else name]] for name, v in self.axes.items()}
-        # Blocks along α share their optimum; the first of them has it.
-        optimum = self.optimum and along.get("alpha", slice(None)).start in (0, None)
+        # Blocks along α share their optimum; the first of them computes it.
+        optimum = self.outputs.optimum and along.get("alpha", slice(None)).start in (0, None)
         models = {label: self.models[label] for label in labels}
-        return dataclasses.replace(self, models=models, axes=axes, optimum=optimum)
+        outputs = dataclasses.replace(self.outputs, optimum=optimum)
+        return dataclasses.replace(self, models=models, axes=axes, outputs=outputs)
 
     def loaded(self) -> dict[str, CuttingModel]:
-        """The models, by what they are called."""
+        """The models by label, with the values of `own`."""
         return {label: _loaded(model).replace(**self.own) for label, model in self.models.items()}
 
     @functools.cached_property
     def quantities(self) -> dict[str, Quantity]:
-        """What the parameters of case and models are called."""
+        """Symbols and meanings of the parameters of case and models, by name."""
         return quantities(next(iter(self.loaded().values())))
 
     def impacts(self, model: CuttingModel, dims: Sequence[str]) -> tuple[CuttingModel, Parameters]:
-        """Model and case with the axes along `dims` in place: values that broadcast to the shape of `dims`."""
+        """Model and case with the axes along `dims`, as values that broadcast to the shape of `dims`."""
         along = {name: PAIR if name in self.paired else name for name in self.axes}
         values = {
             name: values.reshape([-1 if dim == along[name] else 1 for dim in dims])
@@ -130,25 +157,23 @@ class Grid:
         return with_values(model, self.p, values)
 
     def variables(self) -> dict[str, "Variable"]:
-        """What is kept of each impact, and of each best angle; `ended_by` comes last."""
-        beside = tuple(dim for dim in self.dims if dim != "alpha")
-        variables = {name: Variable(self.dims, RESULTS[name]) for name in ("volume", "t_c")}
-        for name in ("dvolume", "d2volume")[: self.derivatives]:
-            variables[name] = Variable(self.dims, RESULTS[name], self._derivative_attributes(name))
-        if self.optimum:
-            variables |= {name: Variable(beside, RESULTS[name]) for name in ("alpha_max", "volume_max")}
-            variables["alpha_max_kind"] = Variable(beside, None, _flags("what makes the angle the best", KINDS))
-            variables["alpha_max_ended_by"] = Variable(
-                beside, None, _flags("how the cut ends at that angle", self.ends)
-            )
+        """The arrays of impacts, and of best angles; `ended_by` comes last."""
+        variables = {
+            name: Variable(self.dims, RESULTS[name], self._derivative_attributes(name)) for name in self.outputs.names
+        }
+        if self.outputs.optimum:
+            dims = tuple(dim for dim in self.dims if dim != "alpha")
+            variables |= {name: Variable(dims, RESULTS[name]) for name in ("alpha_max", "volume_max")}
+            variables["alpha_max_kind"] = Variable(dims, None, _flags("what makes the angle the best", KINDS))
+            variables["alpha_max_ended_by"] = Variable(dims, None, _flags("how the cut ends at that angle", self.ends))
         variables["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
         return variables
 
     def solve(self) -> dict[str, np.ndarray]:
-        """Compute every impact: arrays of the variables' dimensions, names as codes."""
-        each = [self._of_model(model) for model in self.loaded().values()]
+        """Compute every impact: arrays of the variables' dimensions, words as codes."""
+        by_model = [self._of_model(model) for model in self.loaded().values()]
         return {
-            name: np.stack([values[name] for values in each]).reshape([self.lengths[dim] for dim in variable.dims])
+            name: np.stack([values[name] for values in by_model]).reshape([self.lengths[dim] for dim in variable.dims])
             for name, variable in self.variables().items()
         }
 
@@ -156,11 +181,10 @@ class Grid:
         """The variables of one model."""
         dims = [dim for dim in self.dims if dim != "model"]
         varied, p = self.impacts(model, dims)
-        hits = impact(varied, p, derivatives=self.derivatives, wrt=self.wrt, rtol=self.rtol)
-        values = {name: np.asarray(getattr(hits, name)) for name in ("volume", "t_c")}
-        for name in ("dvolume", "d2volume")[: self.derivatives]:
-            values[name] = np.asarray(getattr(hits, name))
-        if self.optimum:
+        outputs = self.outputs
+        hits = impact(varied, p, derivatives=outputs.derivatives, wrt=outputs.wrt, rtol=outputs.rtol)
+        values = {name: np.asarray(getattr(hits, name)) for name in outputs.names}
+        if outputs.optimum:
             best = alpha_max(*self.impacts(model, [dim for dim in dims if dim != "alpha"]))
             values["alpha_max"], values["volume_max"] = np.asarray(best.alpha), np.asarray(best.volume)
             values["alpha_max_kind"] = _codes(best.kind, KINDS)
@@ -175,14 +199,14 @@ class Grid:
         return dataset
 
     def identity(self) -> dict[str, str]:
-        """What makes this sweep this one."""
+        """In words, what the numbers of this sweep depend on."""
         return identity(
             self.loaded(),
             self.p,
             axes=f"{self.dims} " + " ".join(f"{name} {digest(v.tobytes())}" for name, v in self.axes.items()),
-            derivatives=f"{self.derivatives} by {self.wrt}",
-            optimum=str(self.optimum),
-            tolerance=repr(self.rtol),
+            derivatives=f"{self.outputs.derivatives} by {self.outputs.wrt}",
+            optimum=str(self.outputs.optimum),
+            tolerance=repr(self.outputs.rtol),
         )
 
     def _coordinates(self) -> dict[str, Any]:
@@ -197,7 +221,7 @@ class Grid:
 
     def _provenance(self) -> dict[str, Any]:
         only = {} if self.compared else {"model": next(iter(self.models))}
-        derivatives = {"derivatives_with_respect_to": self.wrt} if self.derivatives else {}
+        derivatives = {"derivatives_with_respect_to": self.outputs.wrt} if self.outputs.derivatives else {}
         own = {label: own_in_words(model, but=self.axes) for label, model in self.loaded().items()}
         own_words = "; ".join(f"{label}: {words}" if self.compared else words for label, words in own.items() if words)
         return {
@@ -212,9 +236,10 @@ class Grid:
         }
 
     def _derivative_attributes(self, name: str) -> dict[str, str]:
-        if self.wrt == "alpha":
+        """Names and unit of a derivative that is not by α; empty for other results."""
+        if self.outputs.wrt == "alpha" or name not in ("dvolume", "d2volume"):
             return {}
-        by, order = self.quantities[self.wrt], 1 if name == "dvolume" else 2
+        by, order = self.quantities[self.outputs.wrt], 1 if name == "dvolume" else 2
         power = "" if order == 1 else "²"
         return {
             "long_name": f"derivative of the volume by {by.symbol} ({by.meaning})" + (", twice" if order == 2 else ""),
@@ -227,12 +252,9 @@ def make_grid(
     model: Model | Sequence[Model],
     p: Parameters,
     axes: Mapping[str, Any],
+    outputs: Outputs | None = None,
     *,
     paired: Sequence[str] = (),
-    derivatives: int = 0,
-    wrt: str = "alpha",
-    rtol: float = 1e-9,
-    optimum: bool = False,
     own: Mapping[str, float] | None = None,
 ) -> Grid:
     """A grid, with everything checked that can be known before computing; arguments as of `Grid`.
@@ -240,52 +262,52 @@ def make_grid(
     Raises:
         ValueError, TypeError: one sentence naming the argument.
     """
-    several: Any = model if isinstance(model, Sequence) and not isinstance(model, str) else None
-    compared = several is not None
-    models = _labelled_models([model] if several is None else several)
-    for one in models.values():
-        require_one_impact(_loaded(one), p, "; give it as an axis")
-    known = _common(models, (*axes, wrt))
+    outputs = outputs or Outputs()
+    compared = isinstance(model, Sequence) and not isinstance(model, str)
+    models = _labelled_models(model if compared else [model])
+    for source in models.values():
+        require_one_impact(_loaded(source), p, "; give it as an axis")
+    known = _common(models, (*axes, outputs.wrt))
     arrays = {name: _axis(name, values, known) for name, values in axes.items()}
     if not arrays and not compared:
         raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
-    if isinstance(paired, str) or not isinstance(paired, Sequence):
-        raise TypeError(f"Argument `paired` must be a list of axes, but is {paired!r}.")
-    lengths = {len(arrays[name]) for name in paired if name in arrays}
-    if len(set(paired)) != len(paired) or any(name not in arrays for name in paired) or len(paired) == 1:
-        raise ValueError(f"Argument `paired` must name two or more of the axes, but is {list(paired)}.")
-    if len(lengths) > 1:
-        raise ValueError(f"Argument `paired` must name axes of one length, but they have {sorted(lengths)}.")
-    if derivatives not in (0, 1, 2):
-        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
-    if not isinstance(wrt, str) or wrt not in known:
-        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(known)}), but is {wrt!r}.")
-    if not isinstance(optimum, bool):
-        raise TypeError(f"Argument `optimum` must be true or false, but is {optimum!r}.")
-    rtol = check_tolerance(rtol)
-    events = [name for one in models.values() for name in end_names(_loaded(one))]
+    if not isinstance(outputs.wrt, str) or outputs.wrt not in known:
+        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(known)}), but is {outputs.wrt!r}.")
+    events = [name for source in models.values() for name in end_names(_loaded(source))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
-    grid = Grid(models, compared, p, arrays, tuple(paired), ends, derivatives, wrt, rtol, optimum, own or {})
+    grid = Grid(models, compared, p, arrays, _pairs(paired, arrays), ends, outputs, own or {})
     for name in arrays:
         if name in {*grid.variables(), "model", PAIR}:
             raise ValueError(f"An axis must not be called `{name}`, as something else in a sweep is.")
-        for one in grid.loaded().values():
-            validate(with_values(one, p, {name: arrays[name]})[1])
+        for loaded in grid.loaded().values():
+            validate(with_values(loaded, p, {name: arrays[name]})[1])
     return grid
 
 
+def _pairs(paired: Sequence[str], axes: Mapping[str, np.ndarray]) -> tuple[str, ...]:
+    """The names of axes that go together."""
+    if isinstance(paired, str) or not isinstance(paired, Sequence):
+        raise TypeError(f"Argument `paired` must be a list of axes, but is {paired!r}.")
+    lengths = {len(axes[name]) for name in paired if name in axes}
+    if len(set(paired)) != len(paired) or any(name not in axes for name in paired) or len(paired) == 1:
+        raise ValueError(f"Argument `paired` must name two or more of the axes, but is {list(paired)}.")
+    if len(lengths) > 1:
+        raise ValueError(f"Argument `paired` must name axes of one length, but they have {sorted(lengths)}.")
+    return tuple(paired)
+
+
 def _common(models: Mapping[str, Model], wanted: Sequence[str]) -> list[str]:
-    """The parameters of case and models that all of them have."""
-    each = {label: list(quantities(_loaded(model))) for label, model in models.items()}
+    """The parameters that all models have, of the case and their own; the wanted ones must be among them."""
+    names = {label: list(quantities(_loaded(model))) for label, model in models.items()}
     for name in wanted:
-        lacking = [label for label, known in each.items() if name not in known]
-        if 0 < len(lacking) < len(each):
+        lacking = [label for label, of_model in names.items() if name not in of_model]
+        if 0 < len(lacking) < len(names):
             raise ValueError(f"Argument `{name}` must be a parameter of every model, but {lacking[0]} has none such.")
-    first, *others = each.values()
-    return [name for name in first if all(name in other for other in others)]
+    first = next(iter(names.values()))
+    return [name for name in first if all(name in of_model for of_model in names.values())]
 
 
-def _labelled_models(models: Sequence[Any]) -> dict[str, Model]:
+def _labelled_models(models: Any) -> dict[str, Model]:
     for model in models:
         load_model(model)
     labels = [model_name(model) if isinstance(model, CuttingModel) else str(model) for model in models]
@@ -299,7 +321,7 @@ def _labelled_models(models: Sequence[Any]) -> dict[str, Model]:
 
 
 def _loaded(model: Model) -> CuttingModel:
-    """The model, the same object each time: JAX compiles once for each class it sees."""
+    """The model; the same object each time, because JAX compiles again for each new class."""
     if isinstance(model, CuttingModel):
         return model
     file = Path(model)
@@ -320,13 +342,14 @@ def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
         array = np.empty(0)
     if array.ndim != 1 or not array.size or array.dtype.kind not in "iuf":
         raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {values!r}.")
-    # Those of the case are checked with it.
+    # Parameters of the case are checked by `validate`.
     if name not in QUANTITIES and not np.isfinite(array).all():
         raise ValueError(f"Argument `{name}` must be finite, but is {values!r}.")
     return np.ascontiguousarray(array, np.float64)
 
 
 def _codes(names: Any, meanings: Sequence[str]) -> np.ndarray:
+    """Words as codes: indices into `meanings`."""
     codes = np.zeros(np.shape(names), np.int8)
     for code, name in enumerate(meanings):
         codes[np.asarray(names) == name] = code
@@ -334,11 +357,11 @@ def _codes(names: Any, meanings: Sequence[str]) -> np.ndarray:
 
 
 def in_words(codes: xr.DataArray) -> Any:
-    """What the codes of a sweep's variable mean, strings of its shape."""
+    """The words for the codes of a sweep's variable, strings of its shape."""
     return np.array(codes.attrs["flag_meanings"].split())[codes.values.astype(int)]
 
 
-def _flags(what: str, meanings: Sequence[str]) -> dict[str, Any]:
+def _flags(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
     """Codes 0, 1, … and their meanings, in the words of the CF conventions."""
     values = np.arange(len(meanings), dtype=np.int8)
-    return {"long_name": what, "flag_values": values, "flag_meanings": " ".join(meanings)}
+    return {"long_name": long_name, "flag_values": values, "flag_meanings": " ".join(meanings)}

@@ -1,8 +1,8 @@
-"""Where the blocks of a sweep are kept, so that an interrupted one goes on where it stopped.
+"""Stores for the blocks of a sweep, so that an interrupted sweep goes on where it stopped.
 
-A store knows which blocks are missing: those whose `ended_by` is still "not-computed", the
-code 0. In a block's place `ended_by` is written last, and a file is renamed into its place
-when it is whole, so a block counts only when all of it is there.
+A block is missing while its `ended_by` is "not-computed", the code 0. Of each block `ended_by`
+is written last, and a file gets its name when it is whole: a block counts only when it is
+complete.
 """
 
 import json
@@ -22,23 +22,23 @@ from erosion.sweeps.grid import Grid
 
 
 class Store(ABC):
-    """A place for the blocks of one sweep."""
+    """A store for the blocks of one sweep."""
 
     @abstractmethod
     def missing(self) -> list[Region]:
-        """The blocks that are still to be computed."""
+        """The regions of the blocks that are still to be computed."""
 
     @abstractmethod
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
-        """Put a block in its place."""
+        """Store the arrays of a block, by name."""
 
     @abstractmethod
     def save(self) -> None:
-        """Make what has been written last beyond this process."""
+        """Make the stored blocks outlast this process."""
 
     @abstractmethod
     def dataset(self) -> xr.Dataset:
-        """What is there, labelled."""
+        """All blocks, labelled."""
 
 
 class MemoryStore(Store):
@@ -82,7 +82,7 @@ class MemoryStore(Store):
 
 
 class ZarrStore(Store):
-    """A Zarr folder (format 3), one chunk of each array a block; any process may write.
+    """A Zarr folder (format 3), with one chunk of each array for a block; any process may write.
 
     Raises:
         StoreError: for a folder that exists and holds something else.
@@ -128,11 +128,11 @@ class ZarrStore(Store):
 
 
 def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
-    """Write a block into a Zarr store, in the values' order; the same bits may come twice.
+    """Write a block into a Zarr store, in the order of `values`; the same block may come twice.
 
     Args:
         path: of the store.
-        along: where the block lies, by dimension.
+        along: the slice of the block along each dimension.
         values: its arrays by name, `ended_by` last.
     """
     arrays = _arrays(path)
@@ -142,11 +142,11 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
 
 
 def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:
-    """The store that the path's suffix names: .zarr, .nc, or memory where there is no path.
+    """The store that the suffix of the path names, .zarr or .nc; the memory without a path.
 
     Raises:
         ValueError: for another suffix.
-        StoreError: where something else is there.
+        StoreError: where the path holds something else.
     """
     if path is None or path.suffix == ".nc":
         return MemoryStore(grid, block, path)

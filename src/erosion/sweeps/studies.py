@@ -1,4 +1,4 @@
-"""Ready-made sweeps: models side by side over the angle, and how cuts end over angle and spin."""
+"""Ready-made sweeps: several models over the angle, and how cuts end over angle and spin."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,10 +7,10 @@ import numpy as np
 import xarray as xr
 
 from erosion.parameters.parameters import Parameters, require_scalars
+from erosion.parameters.ranges import QUARTER_DEGREES
 from erosion.sweeps.grid import Model
 from erosion.sweeps.sweep import sweep
 
-_ANGLES = 360  # quarters of a degree
 _SPINS = 91  # s from -0.9 to 0.9
 
 
@@ -31,7 +31,7 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
     """
     if isinstance(models, str) or not isinstance(models, Sequence):
         raise TypeError(f"Argument `models` must be a list of models, but is {models!r}.")
-    return sweep(models, p, alpha=_angles(alpha), derivatives=2, optimum=True)
+    return sweep(models, p, alpha=QUARTER_DEGREES if alpha is None else alpha, derivatives=2, optimum=True)
 
 
 def regimes(model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = None) -> xr.Dataset:
@@ -53,9 +53,5 @@ def regimes(model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = No
     if phidot0 is None:
         require_scalars(p)
         phidot0 = np.linspace(-0.9, 0.9, _SPINS) * float(p.v0 / p.r)
-    angles = _angles(alpha)[1::2] if alpha is None else alpha
+    angles = QUARTER_DEGREES[1::2] if alpha is None else alpha
     return sweep(model, p, phidot0=phidot0, alpha=angles, derivatives=2, optimum=True)
-
-
-def _angles(alpha: Any) -> Any:
-    return np.linspace(0, np.pi / 2, _ANGLES + 1)[1:] if alpha is None else alpha

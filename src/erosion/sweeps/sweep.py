@@ -1,7 +1,7 @@
 """Sweeps: an xarray Dataset of impacts over axes of parameters and models.
 
-A grid is computed block by block. In memory the blocks follow one another, each on all cores;
-into a Zarr store they may also go to the workers of a Dask cluster.
+A grid is computed block by block. In memory the blocks follow one another, each on all cores.
+For a Zarr store the workers of a Dask cluster may compute them.
 """
 
 import dataclasses
@@ -13,20 +13,20 @@ from typing import Any
 
 import xarray as xr
 
-from erosion.arguments import check_path
+from erosion.arguments import Progress, check_path, no_progress
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
 from erosion.sweeps.chunks import Region, block_shape
-from erosion.sweeps.grid import Grid, Model, make_grid
+from erosion.sweeps.grid import Grid, Model, Outputs, make_grid
 from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
 
-_LEAST_BLOCK = 10_000
+_LEAST_BLOCK = 10_000  # impacts
 _STORED_BLOCK = 2**17  # impacts: a fraction of a second's work, a megabyte a variable
-_MEMORY_BLOCK = 2**20  # enough for all cores at once
+_MEMORY_BLOCK = 2**20  # impacts: enough for all cores at once
 
 
 class SweepInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a sweep that has a store; the message says what is there and how to go on."""
+    """Ctrl-C during a sweep that has a store; the message says how much the store holds and how to go on."""
 
 
 def sweep(
@@ -50,7 +50,7 @@ def sweep(
 
     Args:
         model: a model, its name or path; several in a list make the first dimension, "model".
-        p: the case, all scalars; an axis takes the place of its value, or of the model's own.
+        p: the case, all scalars; an axis replaces its value, or that of the model's own parameter.
         derivatives: 0, 1 or 2 derivatives of the volume by `wrt`.
         wrt: one parameter, of the case or the model's own.
         rtol: relative tolerance, see `impact`.
@@ -60,28 +60,29 @@ def sweep(
         chunks: with a Zarr store, lengths of its blocks by dimension (those left out are not
             cut); without it, blocks of about 10⁵ impacts.
         store: `….nc`: computed in memory and written at the end, or when interrupted.
-            `….zarr`: written block by block, by the workers of the Dask cluster that is
-            active, if one is; what comes back is lazy. The same call goes on with an
-            interrupted sweep and returns a finished one; the bits do not depend on where and
-            how often it was interrupted.
-        progress: called with the impacts done and their whole number.
+            `….zarr`: written block by block, by the workers of the active Dask cluster, if there
+            is one; the result is lazy. The same call goes on with an interrupted sweep and
+            returns a finished one; the bits do not depend on where and how often it was
+            interrupted.
+        progress: called with the number of impacts that are done, and of all.
         **axes: parameter name, of the case or every model's own, to one-dimensional values, in the
             units of `p`.
 
     Returns:
-        volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings say of
-        what), and what was asked for beyond that, over the axes, with units, names and the whole case.
+        volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings explain
+        them), derivatives and best angles if asked for, over the axes, with units and the whole case.
 
     Raises:
         ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`)
-            that holds something else, which is left as it is.
+            that holds something else and stays as it is.
         SweepInterrupted: after Ctrl-C, if there is a store.
     """
     require_float64()
     if chunks is not None and (store is None or check_path("store", store).suffix != ".zarr"):
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
-    grid = make_grid(model, p, axes, paired=paired, derivatives=derivatives, wrt=wrt, rtol=rtol, optimum=optimum)
-    return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
+    grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum), paired=paired)
+    job = prepare_sweep(grid, chunks=chunks, store=store)
+    return job.run() if progress is None else job.run(lambda work, done, total: progress(done, total))
 
 
 def prepare_sweep(
@@ -96,60 +97,59 @@ def prepare_sweep(
 
 @dataclasses.dataclass(frozen=True)
 class SweepJob:
-    """A grid that is checked, and a place for what comes out."""
+    """A checked grid, the store of its blocks, and the path of the store if it is not the memory."""
 
     grid: Grid
-    place: Store
+    store: Store
     path: Path | None
 
-    def run(self, progress: Callable[[int, int], object] | None = None) -> xr.Dataset:
-        """Compute what is not in its place yet; progress and errors as of `sweep`."""
-        todo = self.place.missing()
+    def run(self, progress: Progress = no_progress) -> xr.Dataset:
+        """Compute the blocks that the store lacks; errors as of `sweep`."""
+        missing = self.store.missing()
         whole = math.prod(self.grid.shape)
-        count = whole - sum(_size(region) for region in todo)
+        count = whole - sum(_size(region) for region in missing)
 
         def advance(impacts: int) -> None:
             nonlocal count
             count += impacts
-            if progress is not None:
-                progress(count, whole)
+            progress("sweep", count, whole)
 
         advance(0)
         try:
-            self._compute(todo, advance)
+            self._compute(missing, advance)
         except KeyboardInterrupt:
             if self.path is None:
                 raise
-            self.place.save()
+            self.store.save()
             raise SweepInterrupted(
                 f"interrupted: {self.path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
             ) from None
-        if todo:
-            self.place.save()
-        return self.place.dataset()
+        if missing:
+            self.store.save()
+        return self.store.dataset()
 
-    def _compute(self, todo: list[Region], advance: Callable[[int], None]) -> None:
+    def _compute(self, missing: list[Region], advance: Callable[[int], None]) -> None:
         # Without the import there is no active cluster.
-        if isinstance(self.place, ZarrStore) and "distributed" in sys.modules:
+        if isinstance(self.store, ZarrStore) and "distributed" in sys.modules:
             from erosion.sweeps.cluster import active_client, run_blocks
 
             client = active_client()
             if client is not None:
                 assert self.path is not None
                 shared = self.path.resolve()
-                run_blocks(client, compute_block, ((self.grid[region], shared, region) for region in todo), advance)
+                run_blocks(client, compute_block, ((self.grid[region], shared, region) for region in missing), advance)
                 return
-        for region in todo:
-            self.place.write(region, self.grid[region].solve())
+        for region in missing:
+            self.store.write(region, self.grid[region].solve())
             advance(_size(region))
 
 
 def compute_block(grid: Grid, path: Path, region: Region) -> int:
-    """Compute a block and write it into its place in a Zarr store; returns its impacts."""
+    """Compute a block and write it into a Zarr store; returns the number of its impacts."""
     require_float64()
     write_block(path, dict(zip(grid.dims, region, strict=True)), grid.solve())
     return _size(region)
 
 
 def _size(region: Region) -> int:
-    return math.prod(one.stop - one.start for one in region)
+    return math.prod(cut.stop - cut.start for cut in region)

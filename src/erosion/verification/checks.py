@@ -1,4 +1,4 @@
-"""The checks of one model: each gives the relative errors of some impacts."""
+"""The checks of one model: each gives the relative errors of the cases."""
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,12 +24,18 @@ from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
 from erosion.parameters.units import conversion_factor
 from erosion.trajectory.simulate import simulate
 from erosion.trajectory.trajectory import Trajectory
-from erosion.verification.witnesses import Witnessed, has_heyoka, heyoka_witness, scipy_of_model, scipy_witness
+from erosion.verification.reference_solutions import (
+    ReferenceSolution,
+    has_heyoka,
+    heyoka_solutions,
+    scipy_solution,
+    scipy_solution_of_model,
+)
 
 _RTOL = 1e-12
-_STEP = 5e-4  # of differences, relative; their error goes as its fourth power
+_STEP = 5e-4  # of differences, over the parameter's size; their error grows as its fourth power
 _SIMILAR = {"m": 3.0, "v0": 0.4, "sigma": 1.7, "b": 2.5, "psi": 0.6}
-"""Factors of an impact similar to another; r and the spin follow from them."""
+"""Factors between similar impacts; r and the spin follow from them."""
 
 
 def cases() -> list[Parameters]:
@@ -45,12 +51,12 @@ def cases() -> list[Parameters]:
     ]
 
 
-def _stacked(many: Sequence[Parameters]) -> Parameters:
-    return many[0].replace(**{q: np.array([float(getattr(p, q)) for p in many]) for q in QUANTITIES})
+def _stacked(cases: Sequence[Parameters]) -> Parameters:
+    return cases[0].replace(**{q: np.array([float(getattr(p, q)) for p in cases]) for q in QUANTITIES})
 
 
 class Subject:
-    """A model under examination, with what several checks need computed once."""
+    """A model that is checked, and the results that several checks share."""
 
     def __init__(self, name: str, model: CuttingModel, *, registered: bool) -> None:
         self.name, self.model, self.registered = name, model, registered
@@ -59,38 +65,38 @@ class Subject:
 
     def checks(self) -> dict[str, Callable[[], Iterable[Any]]]:
         """The checks that apply to the model: name to the errors of its cases."""
-        found: dict[str, Callable[[], Iterable[Any]]] = {}
+        checks: dict[str, Callable[[], Iterable[Any]]] = {}
         if self.model.closed_form() is not None:
-            found["closed form"] = self._closed_form
-        found["engines"] = lambda: self._against([Witnessed(c.volume, c.t_c, c.ended_by) for c in self.cuts])
+            checks["closed form"] = self._closed_form
+        checks["engines"] = lambda: self._against([ReferenceSolution(c.volume, c.t_c, c.ended_by) for c in self.cuts])
         if self.registered:
-            found["scipy"] = lambda: self._against([scipy_witness(self.name, p) for p in self.cases])
+            checks["scipy"] = lambda: self._against([scipy_solution(self.name, p) for p in self.cases])
             if has_heyoka():
-                found["heyoka"] = lambda: self._against(heyoka_witness(self.name, self.cases))
-            found["scaling"] = self._scaling
+                checks["heyoka"] = lambda: self._against(heyoka_solutions(self.name, self.cases))
+            checks["scaling"] = self._scaling
         else:
-            found["scipy"] = lambda: self._against([scipy_of_model(self.model, p) for p in self.cases])
-        found["identities"] = lambda: map(_identities, self.cuts)
-        found["units"] = self._units
-        found["dV/dα"] = lambda: self._slopes("alpha")[0]
-        found["d²V/dα²"] = lambda: self._slopes("alpha")[1]
-        # A program more, of twice the size, for the engine's own arithmetic: of registered models
-        # one shows it. A plug-in's is unknown.
+            checks["scipy"] = lambda: self._against([scipy_solution_of_model(self.model, p) for p in self.cases])
+        checks["identities"] = lambda: map(_identities, self.cuts)
+        checks["units"] = self._units
+        checks["dV/dα"] = lambda: self._slopes("alpha")[0]
+        checks["d²V/dα²"] = lambda: self._slopes("alpha")[1]
+        # These compile a second program, of twice the size. For the engine's own arithmetic one
+        # registered model is enough; the derivatives of a plug-in are always checked.
         if not self.registered or self.name == "rotating":
-            found["∂V/∂q"] = lambda: np.max([self._slopes(q)[0] for q in self.others], axis=0)
-            found["∂²V/∂α∂q"] = lambda: np.max([self._slopes(q)[1] for q in self.others], axis=0)
-        return found
+            checks["∂V/∂q"] = lambda: np.max([self._slopes(q)[0] for q in self.others], axis=0)
+            checks["∂²V/∂α∂q"] = lambda: np.max([self._slopes(q)[1] for q in self.others], axis=0)
+        return checks
 
     def worst(self, errors: Iterable[Any]) -> tuple[float, str]:
-        """The greatest of the cases' errors, and which case it is."""
-        greatest = [_greatest(one) for one in errors]
+        """The greatest of the cases' errors, and its case in words."""
+        greatest = [_greatest(of_case) for of_case in errors]
         i = int(np.argmax(greatest))
         p = self.cases[i]
         return greatest[i], f"α = {np.rad2deg(float(p.alpha)):.4g}°, s = {float(p.spin):.2g}"
 
     @functools.cached_property
     def hits(self) -> Impact:
-        """The cases in the batch, with V′ and V″."""
+        """The cases as one batch, with V′ and V″."""
         return self._impact(self.cases)
 
     @functools.cached_property
@@ -98,8 +104,8 @@ class Subject:
         """The cases as trajectories."""
         return [simulate(self.model, p, points=3) for p in self.cases]
 
-    def _impact(self, many: Sequence[Parameters], model: CuttingModel | None = None) -> Impact:
-        return impact(model or self.model, _stacked(many), derivatives=2, rtol=_RTOL)
+    def _impact(self, cases: Sequence[Parameters], model: CuttingModel | None = None) -> Impact:
+        return impact(model or self.model, _stacked(cases), derivatives=2, rtol=_RTOL)
 
     def _closed_form(self) -> Iterator[list[Any]]:
         exact, hits = self.model.closed_form(), self.hits
@@ -107,7 +113,7 @@ class Subject:
         for i, (p, cut) in enumerate(zip(self.cases, self.cuts, strict=True)):
             size = hits.volume[i]
             midway = jax.tree.map(
-                lambda got, true, most: float(got - true) / np.max(np.abs(most)),
+                lambda computed, true, path: float(computed - true) / np.max(np.abs(path)),
                 cut.at(cut.t_c / 2), exact.state(cut.t_c / 2, p), jax.tree.map(lambda leaf: leaf + 1e-300, cut.states),
             )  # fmt: skip
             yield [
@@ -119,40 +125,40 @@ class Subject:
                 *jax.tree.leaves(midway),
             ]
 
-    def _against(self, others: Sequence[Witnessed]) -> list[list[Any]]:
-        """The batch against another solution."""
+    def _against(self, solutions: Sequence[ReferenceSolution]) -> list[list[Any]]:
+        """The batch against solutions of the same cases."""
         hits = self.hits
         return [
             [
-                _alike(hits.ended_by[i], other.ended_by),
-                _relative(hits.volume[i], other.volume),
-                _relative(hits.t_c[i], other.t_c),
+                _alike(hits.ended_by[i], solution.ended_by),
+                _relative(hits.volume[i], solution.volume),
+                _relative(hits.t_c[i], solution.t_c),
             ]
-            for i, other in enumerate(others)
+            for i, solution in enumerate(solutions)
         ]
 
     def _scaling(self) -> list[list[Any]]:
         similar = self._impact([_similar(p) for p in self.cases])
-        return self._beside(similar, similar.p.volume_scale / self.hits.p.volume_scale)
+        return self._compared(similar, similar.p.volume_scale / self.hits.p.volume_scale)
 
     def _units(self) -> list[list[Any]]:
         converted = [self.model.to("si", p) for p in self.cases]
         # The same model for all, as all cases are in one unit system.
-        other = self._impact([p for _, p in converted], converted[0][0])
-        return self._beside(other, conversion_factor("volume", self.cases[0].units, "si"))
+        in_si = self._impact([p for _, p in converted], converted[0][0])
+        return self._compared(in_si, conversion_factor("volume", self.cases[0].units, "si"))
 
-    def _beside(self, other: Impact, factor: Any) -> list[list[Any]]:
-        """Other impacts against the cases, whose volumes differ by a factor."""
+    def _compared(self, hits: Impact, factor: Any) -> list[list[Any]]:
+        """Impacts whose volumes are those of the cases times a factor, against the cases."""
         volumes = self.hits.volume * factor
         return [
-            [_alike(self.hits.ended_by[i], other.ended_by[i]), _relative(other.volume[i], volume)]
+            [_alike(self.hits.ended_by[i], hits.ended_by[i]), _relative(hits.volume[i], volume)]
             for i, volume in enumerate(volumes)
         ]
 
     @functools.cached_property
     def _mixed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        found = pair_derivatives(self.model, self.hits.p, [("alpha", q) for q in self.others], rtol=_RTOL).volume
-        return {q: (found.other[:, j], found.second[:, j]) for j, q in enumerate(self.others)}
+        volume = pair_derivatives(self.model, self.hits.p, [("alpha", q) for q in self.others], rtol=_RTOL).volume
+        return {q: (volume.other[:, j], volume.second[:, j]) for j, q in enumerate(self.others)}
 
     def _slopes(self, q: str) -> list[np.ndarray]:
         """Errors of ∂V/∂q and ∂V′/∂q against central differences extrapolated to step 0 (Richardson)."""
@@ -160,36 +166,36 @@ class Subject:
         start, unit = values(self.model, p)[q], sizes(self.model, p)[q]
 
         def moved(share: float) -> Impact:
-            model, there = with_values(self.model, p, {q: start + share * _STEP * unit})
-            return impact(model, there, derivatives=2, rtol=_RTOL)
+            model, moved_p = with_values(self.model, p, {q: start + share * _STEP * unit})
+            return impact(model, moved_p, derivatives=2, rtol=_RTOL)
 
         exact = (hits.dvolume, hits.d2volume) if q == "alpha" else self._mixed[q]
         around = {share: moved(share) for share in (1.0, -1.0, 0.5, -0.5)}
         # Beside a kink or a jump there is no derivative to compare with.
-        smooth = np.all([there.ended_by == hits.ended_by for there in around.values()], axis=0)
+        smooth = np.all([neighbours.ended_by == hits.ended_by for neighbours in around.values()], axis=0)
         errors = []
-        for name, got in zip(("volume", "dvolume"), exact, strict=True):
+        for name, computed in zip(("volume", "dvolume"), exact, strict=True):
             coarse, fine = (
                 (getattr(around[share], name) - getattr(around[-share], name)) / (2 * share * _STEP * unit)
                 for share in (1.0, 0.5)
             )
-            size = np.maximum(np.maximum(hits.volume, np.abs(hits.dvolume)) / unit, np.abs(got))
-            error = np.abs(got - (4 * fine - coarse) / 3)
+            size = np.maximum(np.maximum(hits.volume, np.abs(hits.dvolume)) / unit, np.abs(computed))
+            error = np.abs(computed - (4 * fine - coarse) / 3)
             relative = np.where(error != 0, error / np.where(size > 0, size, 1.0), 0.0)
-            # A check that compared nothing has shown nothing.
+            # A check without any smooth case has compared nothing, so it must not pass.
             errors.append(np.where(smooth, relative, 0.0) if smooth.any() else np.full_like(relative, np.nan))
         return errors
 
 
 def _similar(p: Parameters) -> Parameters:
     """An impact with the same k, α, β, rω/v₀ and s, so that V/V* is the same."""
-    other = p.replace(**{q: getattr(p, q) * factor for q, factor in _SIMILAR.items()})
-    other = other.replace(r=p.r * (other.v0 / p.v0) * (p.rate / other.rate))
-    return other.replace(phidot0=p.spin * other.v0 / other.r)
+    similar = p.replace(**{q: getattr(p, q) * factor for q, factor in _SIMILAR.items()})
+    similar = similar.replace(r=p.r * (similar.v0 / p.v0) * (p.rate / similar.rate))
+    return similar.replace(phidot0=p.spin * similar.v0 / similar.r)
 
 
 def _identities(cut: Trajectory) -> list[Any]:
-    """What holds between beginning and end, or at every moment, without solving anything."""
+    """Errors of identities between the begin and the end of a cut, or at one moment, that need no solver."""
     model, p = cut.model, cut.p
     errors = [*_tip_moves(model, cut)]
     if not isinstance(model, RigidErodent) or len(cut.t) < 2:
@@ -215,15 +221,15 @@ def _identities(cut: Trajectory) -> list[Any]:
 
 
 def _constant_ratio(model: RigidErodent, p: Parameters) -> Any:
-    """K, where the force is -c · depth (1, K) with the same K throughout the cut; else None."""
+    """K, where the force is -c · depth (1, K) with the same K during the whole cut; else None."""
     if type(model.force) is ConstantRatio:
         return p.k
-    # d(ẏ/ẋ)/dt = 0: the force that follows the velocity never turns it.
+    # d(ẏ/ẋ)/dt = 0: a force along the velocity never turns the velocity.
     return np.tan(p.alpha) if type(model.force) in (TanAlpha, VelocityAligned) else None
 
 
 def _tip_moves(model: CuttingModel, cut: Trajectory) -> Iterator[Any]:
-    """The tip's velocity is the rate of its position, midway."""
+    """Errors of the tip's velocity against the rate of its position, midway."""
     p = cut.p
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf[len(leaf) // 2]), cut.states)
     rate = jax.tree.map(jnp.asarray, model.derivative(state, p))
@@ -232,15 +238,15 @@ def _tip_moves(model: CuttingModel, cut: Trajectory) -> Iterator[Any]:
     yield (flow.depth - tip.vdepth) / p.v0
 
 
-def _relative(got: Any, true: Any) -> Any:
-    return 0.0 if got == true else got / true - 1
+def _relative(computed: Any, reference: Any) -> Any:
+    return 0.0 if computed == reference else computed / reference - 1
 
 
-def _alike(one: str, other: str) -> float:
-    return 0.0 if one == other else np.inf
+def _alike(ended_by: str, reference: str) -> float:
+    return 0.0 if ended_by == reference else np.inf
 
 
 def _greatest(errors: Any) -> float:
-    """The greatest size; infinity where one is no number."""
-    sizes = np.abs(np.asarray(jax.tree.map(float, errors) if isinstance(errors, list) else errors, float))
-    return float(np.max(np.where(np.isnan(sizes), np.inf, sizes), initial=0.0))
+    """The greatest magnitude; infinity where a number is NaN."""
+    magnitudes = np.abs(np.asarray(jax.tree.map(float, errors) if isinstance(errors, list) else errors, float))
+    return float(np.max(np.where(np.isnan(magnitudes), np.inf, magnitudes), initial=0.0))

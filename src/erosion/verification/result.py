@@ -1,10 +1,11 @@
-"""What a verification found, and how it is read."""
+"""The checks of a verification, their bounds and their errors."""
 
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import Any
 
-from erosion.tables import to_html, to_text
+from erosion.tables import Result, to_plain
 
 BOUNDS: Mapping[str, tuple[float, str]] = {
     "closed form": (1e-9, "V, V′, V″, t_c and the state midway, where an exact solution is known"),
@@ -17,11 +18,13 @@ BOUNDS: Mapping[str, tuple[float, str]] = {
     "dV/dα": (1e-7, "against differences of V"),
     "d²V/dα²": (1e-6, "against differences of dV/dα"),
     "∂V/∂q": (1e-7, "against differences of V, q every other parameter"),
-    "∂²V/∂α∂q": (1e-6, "against differences of dV/dα, likewise"),
+    "∂²V/∂α∂q": (1e-6, "against differences of dV/dα, q every other parameter"),
 }
 """Every check: the greatest relative error that passes, and what it compares."""
 
 HEADINGS = ("check", "models", "worst error", "bound", "of")
+
+_NAMES = ("model", "name", "compares", "error", "bound", "passed", "where")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,9 +33,9 @@ class Check:
 
     Args:
         model: its name, or the path of its file.
-        name: which of `BOUNDS`.
-        error: the worst relative error; infinity where there is no number, or another end.
-        where: the impact of that error, or the sentence with which it failed.
+        name: a key of `BOUNDS`.
+        error: the worst relative error [-]; infinity where a number is missing or the cuts end differently.
+        where: the impact with that error, or the error message of a check that failed.
     """
 
     model: str
@@ -47,26 +50,26 @@ class Check:
 
     @property
     def compares(self) -> str:
-        """What is compared."""
+        """The quantities and the solution that they are compared with."""
         return BOUNDS[self.name][1]
 
     @property
     def passed(self) -> bool:
-        """Whether the error is within its bound; one that is no number is not."""
+        """Whether the error is within its bound; False for NaN."""
         return self.error <= self.bound
 
     def __str__(self) -> str:
-        found = f"{self.error:.1e} is above {self.bound:.0e}" if math.isfinite(self.error) else "failed"
-        return f"{self.model}: {self.name}: {found} ({self.where})"
+        verdict = f"{self.error:.1e} is above {self.bound:.0e}" if math.isfinite(self.error) else "failed"
+        return f"{self.model}: {self.name}: {verdict} ({self.where})"
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class Verification:
+class Verification(Result):
     """All checks of all models.
 
     Args:
         checks: model by model.
-        absent: witnesses that are not installed.
+        absent: solvers of reference solutions that are not installed.
     """
 
     checks: tuple[Check, ...]
@@ -89,23 +92,31 @@ class Verification:
         verdict = f"{len(self.failures)} out of bounds" if self.failures else "all within bounds"
         return f"{len(self.checks)} checks of {models} model{'s' * (models != 1)}: {verdict}"
 
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The columns of the table."""
+        return HEADINGS
+
     def rows(self) -> list[tuple[str, ...]]:
-        """For each kind of check the worst error of all models, as cells of text."""
+        """For each kind of check the worst error of all models."""
         rows: list[tuple[str, ...]] = []
         for name, (bound, _) in BOUNDS.items():
-            of = [check for check in self.checks if check.name == name]
-            if of:
-                worst = max(of, key=lambda check: check.error)
+            checks = [check for check in self.checks if check.name == name]
+            if checks:
+                worst = max(checks, key=lambda check: check.error)
                 mark = "" if worst.passed else " ✗"
-                rows.append((name, str(len(of)), f"{worst.error:.1e}{mark}", f"{bound:.0e}", worst.model))
+                rows.append((name, str(len(checks)), f"{worst.error:.1e}{mark}", f"{bound:.0e}", worst.model))
         return rows
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """A sentence for each failure."""
+        return tuple(map(str, self.failures))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict and every check."""
+        checks = [{name: getattr(check, name) for name in _NAMES} for check in self.checks]
+        return to_plain({"passed": self.passed, "absent": self.absent, "checks": checks})
 
     def __repr__(self) -> str:
         return f"Verification({self.title!r})"
-
-    def __str__(self) -> str:
-        lines = [to_text(self.title, self.rows(), HEADINGS), *map(str, self.failures)]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return to_html(self.title, self.rows(), HEADINGS)

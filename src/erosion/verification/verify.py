@@ -1,34 +1,35 @@
 """`verify`: every model through every check, two at a time."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from erosion.arguments import Progress, no_progress
 from erosion.models import available_models, load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.parameters.precision import require_float64
 from erosion.trajectory.trajectory import TurnWarning
 from erosion.verification.checks import Subject
+from erosion.verification.reference_solutions import EQUATIONS_OF, has_heyoka
 from erosion.verification.result import Check, Verification
-from erosion.verification.witnesses import EQUATIONS_OF, has_heyoka
 
-_THREADS = 2  # compiling leaves the interpreter free only now and then
+_THREADS = 2  # more would wait for Python's lock, which compiling seldom releases
 
 
 def verify(
     models: Sequence[CuttingModel | str | Path] | CuttingModel | str | Path | None = None,
     *,
-    progress: Callable[[str, int, int], object] | None = None,
+    progress: Progress | None = None,
 ) -> Verification:
     """Check models against closed forms, identities, and independent solutions, here and now.
 
-    Registered models are also held against their equations typed a second time, solved by scipy
-    and, where it is installed, by heyoka; others against their own equations, solved by scipy.
+    Registered models are also compared with their equations typed a second time, solved by scipy
+    and, where it is installed, by heyoka; other models with their own equations, solved by scipy.
 
     Args:
-        models: a model or several, by name, path or themselves; every registered one without it.
-        progress: called with the name of a model that is done, how many are, and of how many.
+        models: a model or several, names or paths; every registered model without it.
+        progress: called with the name of a model that is done, how many models are done, and how many there are.
 
     Returns:
         For each model and check the worst relative error and its bound; `passed` if all are within.
@@ -45,21 +46,20 @@ def verify(
     elif isinstance(models, (CuttingModel, str, Path)):
         models = [models]
     subjects = [_subject(model) for model in models]
-    done = 0
+    progress, done = progress or no_progress, 0
 
     def examined(subject: Subject) -> list[Check]:
         nonlocal done
         checks = _examine(subject)
         done += 1
-        if progress is not None:
-            progress(subject.name, done, len(subjects))
+        progress(subject.name, done, len(subjects))
         return checks
 
     # Filters are the process's, not the thread's.
     with warnings.catch_warnings(), ThreadPoolExecutor(_THREADS) as pool:
         warnings.simplefilter("ignore", TurnWarning)  # only numbers count here
-        for some in pool.map(examined, subjects):
-            checks += some
+        for of_model in pool.map(examined, subjects):
+            checks += of_model
     return Verification(tuple(checks), () if has_heyoka() else ("heyoka",))
 
 
@@ -75,7 +75,7 @@ def _examine(subject: Subject) -> list[Check]:
     try:
         for name, errors in subject.checks().items():
             checks.append(Check(subject.name, name, *subject.worst(errors())))
-    # A plug-in's own code may raise anything. What fails once would fail in the other checks too.
+    # A plug-in's own code may raise anything. A model that fails in one check would fail in the others too.
     except Exception as error:  # noqa: BLE001
         checks.append(Check(subject.name, name, float("inf"), " ".join(str(error).split()) or type(error).__name__))
     return checks

@@ -1,7 +1,7 @@
-"""Independent solutions: the equations of docs/physics.md typed once more, solved by others.
+"""Reference solutions: the equations of docs/physics.md typed a second time, solved by scipy and heyoka.
 
-Lengths are in v₀/ω and times in 1/ω, with ω = √(c/m); q = φ - π/2. Of the registered models
-nothing is shared with their classes, the engines or the events.
+Lengths are in v₀/ω and times in 1/ω, with ω = √(c/m); q = φ - π/2. They share nothing with
+the classes of the registered models, the engines or the events.
 """
 
 import dataclasses
@@ -19,13 +19,13 @@ import erosion.trajectory.diffrax_steps as flow
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 
-_LATE = 1e3  # [1/ω]; no cut of the cases is longer
-_LONGEST_STEP = 0.05  # [1/ω], so that no event hides in a step
-_NOTHING = 1e-300  # depth at contact: from exactly 0 heyoka 7.13 loses events within its first step
+_LATEST = 1e3  # [1/ω]; no cut of the cases is longer
+_LONGEST_STEP = 0.05  # [1/ω], so that no step passes over an event
+_FIRST_DEPTH = 1e-300  # depth at contact: from exactly 0 heyoka 7.13 loses events within its first step
 
 
-class Witnessed(NamedTuple):
-    """What a witness says of a cut: volume, end [s], and which event ended it."""
+class ReferenceSolution(NamedTuple):
+    """A cut as another solver computes it: volume [volume], end [s], and the event that ended it."""
 
     volume: float
     t_c: float
@@ -33,7 +33,7 @@ class Witnessed(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Names of a model's parts: where the tip is, what K is, which moment turns the body."""
+    """Names of a model's parts: the position of the tip, the force ratio K, the moment that turns the body."""
 
     tip: str
     ratio: str
@@ -99,18 +99,18 @@ class Equations:
         return [y, vx + self.size * spin if self.motion.tip == "first order" else vx]
 
 
-def scipy_witness(name: str, p: Parameters) -> Witnessed:
+def scipy_solution(name: str, p: Parameters) -> ReferenceSolution:
     """A registered model's cut by scipy."""
     equations = Equations(EQUATIONS_OF[name], *_numbers(name, p))
-    time, end, which = _by_scipy(equations.rates, equations.events, _start(p))
-    return _in_units(p, time, end[-1], which)
+    time, state, event = _by_scipy(equations.rates, equations.events, _start(p))
+    return _in_units(p, time, state[-1], event)
 
 
-def scipy_of_model(model: CuttingModel, p: Parameters) -> Witnessed:
-    """Any model's cut by scipy, from the model's own equations: what a plug-in has."""
-    begins, start, sizes, time = flow.begin(model, p)
-    if not begins:
-        return Witnessed(0.0, 0.0, "no-cut")
+def scipy_solution_of_model(model: CuttingModel, p: Parameters) -> ReferenceSolution:
+    """Any model's cut by scipy, from the model's own methods, the only equations that a plug-in has."""
+    cuts, start, sizes, time = flow.begin(model, p)
+    if not cuts:
+        return ReferenceSolution(0.0, 0.0, "no-cut")
     structure = flow.layout(model, p)
     names = list(model.events(flow.state_of(structure, start), p))
 
@@ -128,12 +128,12 @@ def scipy_of_model(model: CuttingModel, p: Parameters) -> Witnessed:
     def numbers(function: Any) -> Callable[[Any], Any]:
         return lambda state: np.asarray(function(state))
 
-    at, end, which = _by_scipy(numbers(rates), numbers(events), np.asarray(start / sizes))
-    return Witnessed(float(end[-1] * sizes[-1]), float(at * time), names[which])
+    t, state, event = _by_scipy(numbers(rates), numbers(events), np.asarray(start / sizes))
+    return ReferenceSolution(float(state[-1] * sizes[-1]), float(t * time), names[event])
 
 
 def _by_scipy(rates: Callable[[Any], Any], events: Callable[[Any], Any], start: Any) -> tuple[float, np.ndarray, int]:
-    """When the first event ends the motion, the state then, and which event it is."""
+    """The time of the first event, the state then, and the number of the event."""
 
     def falling(i: int) -> Any:
         def event(t: float, state: Any) -> Any:
@@ -142,9 +142,9 @@ def _by_scipy(rates: Callable[[Any], Any], events: Callable[[Any], Any], start: 
         event.terminal, event.direction = True, -1.0  # pyright: ignore[reportFunctionMemberAccess]
         return event
 
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda t, state: rates(state),
-        (0, _LATE),
+        (0, _LATEST),
         start,
         method="DOP853",
         rtol=1e-12,
@@ -152,14 +152,14 @@ def _by_scipy(rates: Callable[[Any], Any], events: Callable[[Any], Any], start: 
         max_step=_LONGEST_STEP,
         events=[falling(i) for i in range(len(events(start)))],
     )
-    ended = [i for i, times in enumerate(found.t_events) if len(times)]
-    if not ended:
-        raise ArithmeticError(f"scipy's DOP853 found no end: {found.message}")
-    return float(found.t[-1]), found.y[:, -1], ended[0]
+    events_reached = [i for i, times in enumerate(solution.t_events) if len(times)]
+    if not events_reached:
+        raise ArithmeticError(f"scipy's DOP853 found no end of the cut: {solution.message}")
+    return float(solution.t[-1]), solution.y[:, -1], events_reached[0]
 
 
-def heyoka_witness(name: str, many: Sequence[Parameters]) -> list[Witnessed]:
-    """A registered model's cuts by heyoka: a Taylor series with the roots of the events isolated."""
+def heyoka_solutions(name: str, cases: Sequence[Parameters]) -> list[ReferenceSolution]:
+    """A registered model's cuts by heyoka: a Taylor series, whose events are isolated roots."""
     import heyoka as hy
 
     state = hy.make_vars("y", "q", "vx", "vy", "spin", "volume")
@@ -172,17 +172,17 @@ def heyoka_witness(name: str, many: Sequence[Parameters]) -> list[Witnessed]:
         t_events=[hy.t_event(event, direction=falling) for event in equations.events(state)],
     )
 
-    def cut(p: Parameters) -> Witnessed:
+    def cut(p: Parameters) -> ReferenceSolution:
         integrator.state[:] = _start(p)
-        # Those of K, size and turning that the equations contain.
+        # heyoka has no places for parameters that the equations do not contain.
         integrator.pars[:] = _numbers(name, p)[: len(integrator.pars)]
         integrator.time = 0.0
         integrator.reset_cooldowns()
-        outcome = integrator.propagate_until(_LATE)[0]
+        outcome = integrator.propagate_until(_LATEST)[0]
         # heyoka numbers terminal events from -1 downwards.
         return _in_units(p, integrator.time, integrator.state[-1], -int(outcome) - 1)
 
-    return [cut(p) for p in many]
+    return [cut(p) for p in cases]
 
 
 def has_heyoka() -> bool:
@@ -198,12 +198,12 @@ def _numbers(name: str, p: Parameters) -> tuple[float, float, float]:
 
 def _start(p: Parameters) -> list[float]:
     alpha = float(p.alpha)
-    return [_NOTHING, 0.0, math.cos(alpha), math.sin(alpha), float(p.phidot0) / _rate(p), 0.0]
+    return [_FIRST_DEPTH, 0.0, math.cos(alpha), math.sin(alpha), float(p.phidot0) / _rate(p), 0.0]
 
 
-def _in_units(p: Parameters, time: float, volume: float, which: int) -> Witnessed:
+def _in_units(p: Parameters, time: float, volume: float, event: int) -> ReferenceSolution:
     length = float(p.v0) / _rate(p)
-    return Witnessed(float(p.b) * length**2 * volume, time / _rate(p), ("rebound", "stop")[which])
+    return ReferenceSolution(float(p.b) * length**2 * volume, time / _rate(p), ("rebound", "stop")[event])
 
 
 def _rate(p: Parameters) -> float:
