@@ -1,6 +1,7 @@
 """`erosion explore` before it serves: what it offers, and what it refuses."""
 
 import socket
+import subprocess
 import sys
 from pathlib import Path
 
@@ -51,3 +52,8 @@ def test_without_nicegui_it_says_what_to_install(capsys: pytest.CaptureFixture, 
         monkeypatch.delitem(sys.modules, name)
     assert _status(["explore", "--no-browser"]) == 2
     assert "pip install 'erosion[explorer]'" in capsys.readouterr().err
+
+
+def test_the_first_page_does_not_wait_for_the_figures_libraries() -> None:
+    code = "import sys, erosion.explorer.server; sys.exit(bool({'matplotlib', 'scipy', 'xarray'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

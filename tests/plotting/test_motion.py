@@ -16,7 +16,8 @@ from erosion.plotting.motion import (
     plot_trajectory,
     plot_volume,
 )
-from erosion.plotting.style import new_axes, new_figure, readable_scale, save_plot
+from erosion.plotting.scales import readable_scale
+from erosion.plotting.style import new_axes, new_figure, save_plot
 from erosion.trajectory.simulate import simulate
 from erosion.trajectory.trajectory import Trajectory
 

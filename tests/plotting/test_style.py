@@ -3,7 +3,8 @@
 import pytest
 
 from erosion.plotting.motion import plot_path, plot_trajectory
-from erosion.plotting.style import new_axes, new_figure, readable_scale, save_figure, save_plot
+from erosion.plotting.scales import readable_scale
+from erosion.plotting.style import new_axes, new_figure, save_figure, save_plot
 from erosion.trajectory.trajectory import Trajectory
 
 

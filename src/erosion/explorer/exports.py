@@ -2,11 +2,10 @@
 
 import csv
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from erosion.explorer.answers import ANGLES, SPINS, Answers
 from erosion.explorer.state import State
@@ -15,60 +14,24 @@ from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import Dimension, unit_name
-from erosion.plotting.angles import plot_optimum
-from erosion.plotting.families import BestAngles, plot_best_angles
-from erosion.plotting.motion import plot_end_times, plot_trajectory
-from erosion.plotting.studies import plot_comparison
-from erosion.plotting.style import new_axes, render
-from erosion.sweeps.studies import compare
 from erosion.tables import to_json
 
-
-def _cut(answers: Answers, state: State) -> Figure:
-    return plot_trajectory(answers.cut(state.shown, state.case))
-
-
-def _volumes(answers: Answers, state: State) -> Figure:
-    models = [answers.model(name, state.case) for name in state.models]
-    return plot_comparison(compare(models, state.case.parameters()))
-
-
-def _optimum(answers: Answers, state: State) -> Figure:
-    return plot_optimum(answers.best(state.shown, state.case.at_any_angle()))
-
-
-def _end_times(answers: Answers, state: State) -> Figure:
-    over_angles = state.case.at_any_angle()
-    fig, ax = new_axes(6.2, 4.4)
-    here = state.case.numbers()["alpha"], float(answers.point(state.shown, state.case).t_c)
-    ends, curve = answers.ends(state.shown, over_angles), answers.curve(state.shown, over_angles)
-    plot_end_times(ax, ANGLES, ends, np.asarray(curve.t_c), units=state.case.units, marks={"case": here})
-    return fig
-
-
-def _spins(answers: Answers, state: State) -> Figure:
-    fig, ax = new_axes(6.2, 4.4)
-    curves = []
-    for name in state.models:
-        spins = answers.spins(name, state.case.at_any_spin())
-        curves.append(BestAngles(name, SPINS, spins.alpha, spins.kind == "jump"))
-    plot_best_angles(ax, curves, xlabel="$s = r\\,\\dot\\varphi_0/v_0$  initial spin")
-    return fig
-
-
-FIGURES: Mapping[str, tuple[str, Callable[[Answers, State], Figure]]] = {
-    "cut": ("The cut and its histories", _cut),
-    "volumes": ("V(α) of the checked models", _volumes),
-    "optimum": ("V(α) with its maxima, jumps and regimes", _optimum),
-    "end-times": ("t_c(α) with both candidates", _end_times),
-    "spins": ("α_max over the spin", _spins),
+FIGURES: Mapping[str, str] = {
+    "cut": "The cut and its histories",
+    "volumes": "V(α) of the checked models",
+    "optimum": "V(α) with its maxima, jumps and regimes",
+    "end-times": "t_c(α) with both candidates",
+    "spins": "α_max over the spin",
 }
-"""By name of the file, what a figure shows and how it is drawn."""
+"""By name of the file, what a figure shows."""
 
 
 def figure(name: str, suffix: str, answers: Answers, state: State) -> bytes:
     """One of `FIGURES` as the bytes of an "svg" or "png" file."""
-    return render(FIGURES[name][1](answers, state), suffix)
+    # matplotlib, scipy and xarray would keep the first page waiting.
+    from erosion.explorer.figures import draw
+
+    return draw(name, suffix, answers, state)
 
 
 def curves_csv(answers: Answers, state: State) -> bytes:

@@ -32,7 +32,7 @@ class Sharing:
         self._answers, self._sources, self._state, self._go = answers, sources, state, go
         ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
         with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
-            for name, (title, _) in exports.FIGURES.items():
+            for name, title in exports.FIGURES.items():
                 for suffix in ("svg", "png"):
                     self._item(f"{title} ({suffix.upper()})", f"{name}.{suffix}", exports.figure, name, suffix)
             ui.separator()

@@ -14,8 +14,11 @@ from erosion.optimum.alpha_max import ASIDE, SHALLOWEST, Optimum
 from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
-from erosion.plotting.curves import describe, mark_best, star
-from erosion.plotting.style import DIM, ENDS, INK, house_style, new_axes, readable_scale, typeset
+from erosion.plotting.colors import DIM, ENDS, INK
+from erosion.plotting.curves import describe
+from erosion.plotting.marks import mark_best, star
+from erosion.plotting.scales import readable_scale
+from erosion.plotting.style import house_style, new_axes, typeset
 
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
 

@@ -10,7 +10,9 @@ from scipy import stats
 from erosion.calibration import Calibration
 from erosion.models import model_name
 from erosion.parameters.parameters import QUANTITIES
-from erosion.plotting.style import INK, PALETTE, house_style, new_figure, readable_scale
+from erosion.plotting.colors import INK, PALETTE
+from erosion.plotting.scales import readable_scale
+from erosion.plotting.style import house_style, new_figure
 
 _ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
 

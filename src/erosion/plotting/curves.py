@@ -1,14 +1,12 @@
 """Curves that jump, and their best point: broken, told and marked the same in every figure."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from erosion.optimum.alpha_max import ASIDE, Optimum
 from erosion.optimum.maxima import Jump
-from erosion.plotting.style import INK, PALETTE
 
 
 class Best(NamedTuple):
@@ -31,23 +29,6 @@ def describe(best: Best | Optimum) -> str:
     if best.kind != "jump":
         return f"at {at}"
     return f"just {best.side} the jump at {at}" if best.side else f"at the jump, {at}"
-
-
-def star(best: Best | Optimum, color: str = PALETTE["orange"]) -> dict[str, Any]:
-    """How its marker looks, in a figure and in a legend: hollow where it is only approached."""
-    return {
-        "marker": "*",
-        "markersize": 13,
-        "linestyle": "",
-        "color": color if best.attained else "white",
-        "markeredgecolor": INK if best.attained else color,
-        "markeredgewidth": 0.7 if best.attained else 1.2,
-    }
-
-
-def mark_best(ax: Axes, best: Best | Optimum, size: float, color: str = PALETTE["orange"]) -> None:
-    """A star where the optimum is; the axis shows its value over `size`."""
-    ax.plot([np.rad2deg(best.alpha)], [best.value / size], zorder=6, clip_on=False, **star(best, color))
 
 
 def with_gaps(before: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -12,29 +12,13 @@ from scipy.interpolate import CubicSpline
 
 from erosion.models import model_name
 from erosion.models.base import ClosedForm, State
-from erosion.parameters.quantities import RESULTS, Quantity
+from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System
-from erosion.plotting.style import (
-    DIM,
-    ENDS,
-    INK,
-    PALETTE,
-    Scale,
-    angle_axis,
-    house_style,
-    legend_below,
-    new_figure,
-    readable_scale,
-    typeset,
-)
+from erosion.plotting.colors import DIM, ENDS, INK, PALETTE
+from erosion.plotting.labels import EVENT_LABELS, HISTORIES
+from erosion.plotting.scales import Scale, readable_scale
+from erosion.plotting.style import angle_axis, house_style, legend_below, new_figure, typeset
 from erosion.trajectory.trajectory import Trajectory
-
-HISTORIES = (
-    ("x", "x_tip", Quantity("x", "along the surface", "length")),
-    ("y", "depth", Quantity("y", "depth", "length")),
-    ("vx", "vx_tip", Quantity("ẋ", "forward speed", "speed")),
-    ("vy", "vdepth", Quantity("ẏ", "downward speed", "speed")),
-)
 
 MARKS = {
     "cusp": ("D", PALETTE["green"], "cusp at {}"),
@@ -216,9 +200,6 @@ def plot_volume(
     angle_axis(ax)
     legend_below(ax, columns=2)
     return ax
-
-
-EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
 
 
 def _largest(values: Any) -> float:

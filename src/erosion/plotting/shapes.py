@@ -8,9 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
+from erosion.plotting.colors import DIM, STYLES
 from erosion.plotting.curves import broken
 from erosion.plotting.families import Curve
-from erosion.plotting.style import DIM, STYLES, angle_axis, house_style, legend_below, new_axes
+from erosion.plotting.style import angle_axis, house_style, legend_below, new_axes
 
 _DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
 

@@ -9,7 +9,9 @@ from matplotlib.ticker import PercentFormatter
 
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System, unit_name
-from erosion.plotting.style import DIM, INK, PALETTE, house_style, new_figure, readable_scale
+from erosion.plotting.colors import DIM, INK, PALETTE
+from erosion.plotting.scales import readable_scale
+from erosion.plotting.style import house_style, new_figure
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.result import Stream
 

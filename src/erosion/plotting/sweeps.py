@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System
-from erosion.plotting.style import INK, PALETTE, house_style, new_axes, readable_scale
+from erosion.plotting.colors import INK, PALETTE
+from erosion.plotting.scales import readable_scale
+from erosion.plotting.style import house_style, new_axes
 
 _FEW = 6
 """Curves that are told apart at a glance; more values of an axis make a map."""

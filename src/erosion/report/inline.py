@@ -6,7 +6,7 @@ from pathlib import Path
 
 from markupsafe import Markup, escape
 
-from erosion.plotting.style import DIM, FAINT, INK, PALETTE
+from erosion.plotting.colors import DIM, FAINT, INK, PALETTE
 
 THEMES: Mapping[str, Mapping[str, str]] = {
     "light": {**PALETTE, "ink": INK, "faint": FAINT, "dim": DIM, "paper": "#ffffff", "page": "#f4f5f7",

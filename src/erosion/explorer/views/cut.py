@@ -8,8 +8,9 @@ from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.models.base import State as Body
 from erosion.parameters.units import System, unit_name
-from erosion.plotting.motion import HISTORIES
-from erosion.plotting.style import PALETTE, Scale, readable_scale
+from erosion.plotting.colors import PALETTE
+from erosion.plotting.labels import HISTORIES
+from erosion.plotting.scales import Scale, readable_scale
 from erosion.trajectory.trajectory import Trajectory
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))

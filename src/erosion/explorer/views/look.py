@@ -10,8 +10,8 @@ from erosion.explorer.answers import ANGLES
 from erosion.explorer.sliders import ANGLES as ANGLE_SLIDER
 from erosion.explorer.state import State
 from erosion.parameters.parameters import QUANTITIES
+from erosion.plotting.colors import STYLES
 from erosion.plotting.curves import broken
-from erosion.plotting.style import STYLES
 
 Option = dict[str, Any]
 

@@ -11,7 +11,7 @@ from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.curves import describe
-from erosion.plotting.style import readable_scale
+from erosion.plotting.scales import readable_scale
 
 _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 

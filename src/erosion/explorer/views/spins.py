@@ -10,8 +10,8 @@ from erosion.explorer.sliders import SPINS as SPIN_SLIDER
 from erosion.explorer.views.look import Option, axis, frame, line, points, styles
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.plotting.colors import PALETTE
 from erosion.plotting.curves import with_gaps
-from erosion.plotting.style import PALETTE
 
 _APART = 4.0  # degrees; neighbouring maxima further apart are different ones: no line between
 

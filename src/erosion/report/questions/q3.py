@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from erosion.parameters.units import conversion_factor
 from erosion.plotting.motion import plot_removal_rate
-from erosion.plotting.style import new_axes, readable_scale
+from erosion.plotting.scales import readable_scale
+from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 
 _PANELS = (10, 100, 1000)

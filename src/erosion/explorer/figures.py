@@ -1,0 +1,61 @@
+"""The figures that a tab hands out."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from erosion.explorer.answers import ANGLES, SPINS, Answers
+from erosion.explorer.state import State
+from erosion.plotting.angles import plot_optimum
+from erosion.plotting.families import BestAngles, plot_best_angles
+from erosion.plotting.motion import plot_end_times, plot_trajectory
+from erosion.plotting.studies import plot_comparison
+from erosion.plotting.style import new_axes, render
+from erosion.sweeps.studies import compare
+
+
+def draw(name: str, suffix: str, answers: Answers, state: State) -> bytes:
+    """A figure by the name of its file, as the bytes of an "svg" or "png" file."""
+    return render(_DRAWN[name](answers, state), suffix)
+
+
+def _cut(answers: Answers, state: State) -> Figure:
+    return plot_trajectory(answers.cut(state.shown, state.case))
+
+
+def _volumes(answers: Answers, state: State) -> Figure:
+    models = [answers.model(name, state.case) for name in state.models]
+    return plot_comparison(compare(models, state.case.parameters()))
+
+
+def _optimum(answers: Answers, state: State) -> Figure:
+    return plot_optimum(answers.best(state.shown, state.case.at_any_angle()))
+
+
+def _end_times(answers: Answers, state: State) -> Figure:
+    over_angles = state.case.at_any_angle()
+    fig, ax = new_axes(6.2, 4.4)
+    here = state.case.numbers()["alpha"], float(answers.point(state.shown, state.case).t_c)
+    ends, curve = answers.ends(state.shown, over_angles), answers.curve(state.shown, over_angles)
+    plot_end_times(ax, ANGLES, ends, np.asarray(curve.t_c), units=state.case.units, marks={"case": here})
+    return fig
+
+
+def _spins(answers: Answers, state: State) -> Figure:
+    fig, ax = new_axes(6.2, 4.4)
+    curves = []
+    for name in state.models:
+        spins = answers.spins(name, state.case.at_any_spin())
+        curves.append(BestAngles(name, SPINS, spins.alpha, spins.kind == "jump"))
+    plot_best_angles(ax, curves, xlabel="$s = r\\,\\dot\\varphi_0/v_0$  initial spin")
+    return fig
+
+
+_DRAWN: Mapping[str, Callable[[Answers, State], Figure]] = {
+    "cut": _cut,
+    "volumes": _volumes,
+    "optimum": _optimum,
+    "end-times": _end_times,
+    "spins": _spins,
+}

@@ -1,0 +1,21 @@
+"""The colours of figures and pages."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+# Okabe and Ito (2008), "Color universal design": told apart with any colour vision.
+PALETTE: Mapping[str, str] = {
+    "blue": "#0072b2", "vermillion": "#d55e00", "green": "#009e73",
+    "purple": "#cc79a7", "sky": "#56b4e9", "orange": "#e69f00",
+}  # fmt: skip
+STYLES: Sequence[tuple[str, Any]] = tuple(
+    (color, line) for line in ("-", (0, (5, 2)), (0, (1.5, 1.5))) for color in PALETTE.values()
+)
+"""Colour and line of each of many curves."""
+
+INK = "#24292f"
+FAINT = "#d0d7de"
+DIM = "#7d858e"
+
+ENDS: Mapping[str, str] = {"rebound": PALETTE["blue"], "stop": PALETTE["vermillion"], "no-cut": DIM}
+"""The colour of each way a cut may end, the same in every figure."""
