@@ -29,7 +29,7 @@ _NEAR = 1e-2  # of the time scale, the cut and a good step: this near a steep fa
 _NEAR_FLAT = 1e-3  # the same for a flat one
 _SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
-_SOON = 2.0  # trials, at the rate of now: an event that near is worth to be looked for
+_IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
 _SHORTEST = 1e-14  # of the time scale
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
 
@@ -58,6 +58,7 @@ class Trial(NamedTuple):
     dip: Any  # where in the step one may dip to zero and return, from 0 to 1; 2 if none does
     lowest: Any  # the least value in the step
     past: Any  # whether its end is past an event
+    imminent: Any  # whether an event is so near the end that it is worth looking for
     low: Any  # a length before the event
     high: Any  # and one past it, or as far as to look ahead
     off: Sequence[Any]  # by how much the cubic of each event function errs; see `cubic_error`
@@ -108,6 +109,7 @@ def look(
         dip=functools.reduce(jnp.minimum, [dip for dip, _ in dips]),
         lowest=functools.reduce(jnp.minimum, [lowest for _, lowest in dips]),
         past=past,
+        imminent=_any(event.value < -_IMMINENT * control.trial * event.rate for event in end),
         low=jnp.where(past, 0.0, control.trial),
         high=jnp.where(_good(control, error) & past, control.trial, ahead),
         off=off,
@@ -116,10 +118,9 @@ def look(
 
 def is_near_an_end(control: Control, trial: Trial) -> Any:
     """Whether more must be known about events than that none is near."""
-    soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
     advancing = control.mode == ADVANCING
     crooked = _any(is_crooked(*each, control.trial, off) for *each, off in _events(trial))
-    return (control.mode == LOCATING) | (advancing & (trial.past | soon | crooked | (trial.dip < 1)))
+    return (control.mode == LOCATING) | (advancing & (trial.past | trial.imminent | crooked | (trial.dip < 1)))
 
 
 def go_on(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
@@ -221,13 +222,12 @@ def _good(control: Control, error: Any) -> Any:
 def _first_expected(control: Control, trial: Trial) -> tuple[Any, Any, Any, Any]:
     """When the first event is expected, from the step's start; which, whether steeply, and how far that is off."""
     advancing = control.mode == ADVANCING
-    soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
     falls = []
     for before, after in zip(trial.start, trial.end, strict=True):
         root, steep, uncertainty = expected_fall(before, after, control.trial, trial.low, trial.high)
         # Past the trial's end all may still fall; before it, those that have fallen at it.
         known = (after.value <= 0) | (~trial.past & ~advancing)
-        foreseen = advancing & ~trial.past & soon & (after.rate < 0)
+        foreseen = advancing & ~trial.past & trial.imminent & (after.rate < 0)
         falls.append((jnp.where(known | foreseen, root, jnp.inf), known | steep, steep, uncertainty))
     first = functools.reduce(jnp.minimum, [root for root, *_ in falls])
     sure, is_steep, off, which = True, False, 0.0 * first, 0 * control.mode
