@@ -15,7 +15,7 @@ from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, Graph, Value
 from erosion.lanes.passes import finish
 from erosion.lanes.places import PLACES
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind
+from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, converted
 
 _CALLS = {
     "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
@@ -115,10 +115,10 @@ class Flattener:
 
         def rule(graph: Graph, kind: Kind, *given: Value) -> Value:
             # In double precision, whatever the arguments are: whole powers, or single precision.
-            exact = [_converted(graph, value, of, _DOUBLE) for value, of in zip(given, kind.inputs, strict=True)]
+            exact = [converted(graph, value, of, _DOUBLE) for value, of in zip(given, kind.inputs, strict=True)]
             (result,) = self.closed(closed, exact)
             assert isinstance(result, Value)
-            return _converted(graph, result, _DOUBLE, kind.output)
+            return converted(graph, result, _DOUBLE, kind.output)
 
         return rule
 
@@ -251,7 +251,7 @@ def flatten(closed: ClosedJaxpr) -> Graph:
         dtype = np.dtype(variable.aval.dtype)
         array = np.empty(variable.aval.shape, object)
         for index in np.ndindex(array.shape):
-            array[index] = _converted(graph, graph.input(place), _DOUBLE, dtype)
+            array[index] = converted(graph, graph.input(place), _DOUBLE, dtype)
             place += 1
         arguments.append(part(array))
     try:
@@ -260,10 +260,6 @@ def flatten(closed: ClosedJaxpr) -> Graph:
         raise NotForLanesError(f"The function uses {error}, which lanes cannot do.") from None
     finish(graph, _scalars(results))
     return graph
-
-
-def _converted(graph: Graph, value: Value, from_: np.dtype, to: np.dtype) -> Value:
-    return SCALARS["convert_element_type"](graph, Kind({}, (from_,), to), value)
 
 
 @functools.cache
