@@ -129,10 +129,7 @@ def integrate_along(
         Arrays of shape (lanes, n).
     """
     count = places.shape[1]
-    repeated = [
-        np.repeat(number, count) if number.ndim > len(shape) else number
-        for number, shape in zip(numbers, layout.shapes, strict=True)
-    ]
+    repeated = layout.of_lanes(numbers, np.repeat(np.arange(lanes), count))
     along = tuple(np.tile(one.astype(float), lanes) for one in places)
     each = integrate(layout, repeated, lanes * count, order, along, rtol)
     return jax.tree.map(lambda part: part.reshape(lanes, count), each)

@@ -70,6 +70,13 @@ class Layout:
         p = Parameters(**dict(zip(_NAMES, numbers, strict=False)), units="inch-pound")
         return jax.tree.unflatten(self.structure, leaves), p
 
+    def of_lanes(self, numbers: Sequence[np.ndarray], lanes: Any) -> list[np.ndarray]:
+        """The numbers of some lanes, given by indices or a slice; those that all lanes share stay as they are."""
+        return [
+            number[lanes] if number.ndim > len(shape) else number
+            for number, shape in zip(numbers, self.shapes, strict=True)
+        ]
+
     def like(self) -> list[jax.ShapeDtypeStruct]:
         """What one impact's numbers look like."""
         return [jax.ShapeDtypeStruct(*each) for each in zip(self.shapes, self.dtypes, strict=True)]

@@ -205,11 +205,7 @@ def _optimum(
     sign = -1.0 if least else 1.0
 
     def resolved(begin: int) -> list[Maxima]:
-        some = slice(begin, begin + _TOGETHER)
-        each = [
-            number[some] if number.ndim > len(of_one) else number
-            for number, of_one in zip(numbers, layout.shapes, strict=True)
-        ]
+        each = layout.of_lanes(numbers, slice(begin, begin + _TOGETHER))
         return Search(layout, each, min(_TOGETHER, count - begin), sign).maxima(low, high)
 
     # While one thread integrates, Python's lock is another's, to see where to look next.
