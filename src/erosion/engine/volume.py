@@ -18,8 +18,8 @@ from erosion.engine.variational import Derivatives
 from erosion.lanes.choice import by_xla
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters
-from erosion.parameters.parameters import Parameters, require_scalars
+from erosion.models.own_parameters import require_one_impact
+from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
 
 _RTOL = 1e-11
@@ -41,14 +41,8 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:
         V [volume], a scalar.
     """
     require_float64()
-    require_scalars(p, "; for many impacts use `erosion.impact`, or `jax.vmap`")
     model = load_model(model)
-    for name, own in own_parameters(model).items():
-        if np.ndim(own.value):
-            raise ValueError(
-                f"Argument `{name}` must be a scalar here, but has shape {np.shape(own.value)}; "
-                "for many impacts use `erosion.impact`, or `jax.vmap`."
-            )
+    require_one_impact(model, p, "; for many impacts use `erosion.impact`, or `jax.vmap`")
     layout, numbers = split(model, p)
     return _volume(layout, [jnp.asarray(one, dtype) for one, dtype in zip(numbers, layout.dtypes, strict=True)])
 
