@@ -10,7 +10,8 @@ P = k/(1 + 1/β), because the torque slows the tip as well.
 """
 
 import abc
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -18,8 +19,14 @@ import numpy as np
 
 from erosion.models.base import ZERO, ClosedForm, State
 from erosion.models.rigid import UPRIGHT
-from erosion.models.tracing import traced_once
 from erosion.parameters.parameters import Parameters
+
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+def _traced_once(method: _Method) -> _Method:
+    """The method as one program: `jax.jit`, with the method's signature left as it is."""
+    return cast(_Method, jax.jit(method))
 
 
 class SineCut(ClosedForm):
@@ -41,7 +48,7 @@ class SineCut(ClosedForm):
     def turn(self, t: Any, x: Any, p: Parameters) -> Any:
         """φ - π/2 at time `t`, when the centre of mass is at `x`."""
 
-    @traced_once
+    @_traced_once
     def state(self, t: Any, p: Parameters) -> State:
         rate, sine = p.rate, jnp.sin(p.alpha)
         # 1 - cos ωt = 2 sin²(ωt/2), which keeps its digits for small ωt.
@@ -56,7 +63,7 @@ class SineCut(ClosedForm):
             omega=self.omega(vx, p),
         )
 
-    @traced_once
+    @_traced_once
     def end_times(self, p: Parameters) -> dict[str, Any]:
         fall = self.tip_ratio(p) * self.tip_speed(p) / (2 * jnp.sin(p.alpha))
         stops = (fall >= 0) & (fall <= 1)
@@ -64,7 +71,7 @@ class SineCut(ClosedForm):
         stop = 2 / p.rate * jnp.arcsin(jnp.sqrt(jnp.where(stops, fall, 0.0)))
         return {"rebound": jnp.pi / p.rate + 0 * stop, "stop": jnp.where(stops, stop, jnp.nan)}
 
-    @traced_once
+    @_traced_once
     def t_c(self, p: Parameters) -> Any:
         times = self.end_times(p)
         return jnp.where(self.tip_speed(p) <= ZERO, 0.0, jnp.fmin(times["rebound"], times["stop"]))
@@ -73,24 +80,24 @@ class SineCut(ClosedForm):
         ends = np.where(np.asarray(self._rebounds(p)), "rebound", "stop")
         return np.where(np.asarray(self.tip_speed(p)) <= ZERO, "no-cut", ends)
 
-    @traced_once
+    @_traced_once
     def volume(self, p: Parameters) -> Any:
         ratio, u, sine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha)
         return self._piecewise(p, 2 * u * sine - 2 / ratio * sine**2, ratio / 2 * u**2)
 
-    @traced_once
+    @_traced_once
     def dvolume(self, p: Parameters) -> Any:
         ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
         rebound = 2 * (u * cosine - sine**2) - 4 / ratio * sine * cosine
         return self._piecewise(p, rebound, -ratio * u * sine)
 
-    @traced_once
+    @_traced_once
     def d2volume(self, p: Parameters) -> Any:
         ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
         rebound = -2 * sine * (u + 3 * cosine) - 4 / ratio * (cosine**2 - sine**2)
         return self._piecewise(p, rebound, ratio * (sine**2 - u * cosine))
 
-    @traced_once
+    @_traced_once
     def alpha_max(self, p: Parameters) -> Any:
         """½ arctan P without spin; with spin the root of V′, by bisection to the last bit.
 
@@ -161,7 +168,7 @@ class StraightCut(ClosedForm):
     It always stops, at ωt = π/2, and V = (V*/2) cos²α only falls: no greatest angle.
     """
 
-    @traced_once
+    @_traced_once
     def state(self, t: Any, p: Parameters) -> State:
         rate = self._rate(p)
         along, speed = p.v0 * jnp.sin(rate * t) / rate, p.v0 * jnp.cos(rate * t)
@@ -169,31 +176,31 @@ class StraightCut(ClosedForm):
         phi = UPRIGHT + p.phidot0 * t
         return State(along * cosine, along * sine, phi, speed * cosine, speed * sine, p.phidot0 + 0 * speed)
 
-    @traced_once
+    @_traced_once
     def end_times(self, p: Parameters) -> dict[str, Any]:
         rate = self._rate(p)
         return {"rebound": jnp.pi / rate, "stop": jnp.pi / 2 / rate}
 
-    @traced_once
+    @_traced_once
     def t_c(self, p: Parameters) -> Any:
         return jnp.where(jnp.cos(p.alpha) <= ZERO, 0.0, self.end_times(p)["stop"])
 
     def ended_by(self, p: Parameters) -> np.ndarray:
         return np.where(np.cos(np.asarray(p.alpha + 0 * p.v0)) <= ZERO, "no-cut", "stop")
 
-    @traced_once
+    @_traced_once
     def volume(self, p: Parameters) -> Any:
         return p.volume_scale / 2 * jnp.cos(p.alpha) ** 2
 
-    @traced_once
+    @_traced_once
     def dvolume(self, p: Parameters) -> Any:
         return -p.volume_scale / 2 * jnp.sin(2 * p.alpha)
 
-    @traced_once
+    @_traced_once
     def d2volume(self, p: Parameters) -> Any:
         return -p.volume_scale * jnp.cos(2 * p.alpha)
 
-    @traced_once
+    @_traced_once
     def alpha_max(self, p: Parameters) -> Any:
         return jnp.nan * (p.alpha + p.v0)
 
