@@ -12,7 +12,7 @@ import numpy as np
 from erosion.engine.integrator import TIGHTEST, Solution, solve
 from erosion.engine.leaves import Layout
 from erosion.engine.ordering import alike_together
-from erosion.engine.outcomes import names_of
+from erosion.engine.outcomes import has_no_result
 from erosion.engine.variational import Derivatives
 from erosion.lanes.choice import Compiled, compile_lanes, threads
 from erosion.lanes.lanewise import WIDTH, number
@@ -35,6 +35,26 @@ class Results(NamedTuple):
     time: Derivatives
     volume: Derivatives
     trials: np.ndarray
+
+
+class _Batch(NamedTuple):
+    """A program, its arguments, and the arrays that it fills."""
+
+    layout: Layout
+    program: Compiled
+    leaves: list[np.ndarray]
+    results: Results
+    tolerance: np.ndarray
+
+    def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
+        """Integrate some lanes with their tolerances."""
+        _walk(self.program, [*self.leaves, rtol], lanes, self.outputs)
+
+    @property
+    def outputs(self) -> list[np.ndarray]:
+        """The arrays in the order of the program's results."""
+        results = self.results
+        return jax.tree.leaves(Solution(results.outcome, self.tolerance, *results[1:3], None, results.trials))
 
 
 def integrate(
@@ -66,41 +86,31 @@ def integrate(
     program = _program(layout, order, names, 0 if names else len(directions))
     places = () if names else tuple(np.asarray(one, float) for one in directions)
     leaves = [*(np.asarray(one, float) for one in numbers), *places]
-    results, tolerance = _empty(lanes, order, len(directions)), np.empty(lanes)
-    outputs = jax.tree.leaves(Solution(results.outcome, tolerance, *results[1:3], None, results.trials))
-    _walk(program, [*leaves, np.asarray(rtol)], np.arange(lanes), outputs)
+    batch = _Batch(layout, program, leaves, _empty(lanes, order, len(directions)), np.empty(lanes))
+    batch.run(np.arange(lanes), np.asarray(rtol))
     if again:
-        doubtful = np.flatnonzero(tolerance < rtol)
-        _repeat(program, leaves, doubtful, outputs, results, tolerance, rtol, len(names_of(layout)))
-    return results
+        _repeat(batch, np.flatnonzero(batch.tolerance < rtol), rtol)
+    return batch.results
 
 
-def _repeat(
-    program: Compiled,
-    leaves: list[np.ndarray],
-    lanes: np.ndarray,
-    outputs: list[np.ndarray],
-    results: Results,
-    tolerance: np.ndarray,
-    rtol: float,
-    ends: int,
-) -> None:
+def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
     """Integrate doubtful lanes again, each with its own tolerance, until two integrations agree.
 
     The error is in proportion to the tolerance, so that of the last integration is what it changed, times
     the ratio of both tolerances. One that fails, for rounding, leaves what was known before.
     """
-    used, following = np.full(lanes.size, rtol), tolerance[lanes]
-    whole = np.array(tolerance)
+    results, outputs = batch.results, batch.outputs
+    used, following = np.full(lanes.size, rtol), batch.tolerance[lanes]
+    tolerances = np.array(batch.tolerance)
     for _ in range(_REPEATED):
         if not lanes.size:
             return
         before = [output[lanes] for output in outputs]
         old = np.array(results.outcome[lanes]), results.time.value[lanes], results.volume.value[lanes]
-        whole[lanes] = following
-        _walk(program, [*leaves, whole], lanes, outputs)
+        tolerances[lanes] = following
+        batch.run(lanes, tolerances)
         outcome, time, volume = results.outcome[lanes], results.time.value[lanes], results.volume.value[lanes]
-        lost = (outcome >= ends - 2) & (old[0] < ends - 2)
+        lost = has_no_result(batch.layout, outcome) & ~has_no_result(batch.layout, old[0])
         for output, was in zip(outputs, before, strict=True):
             output[lanes[lost]] = was[lost]
         with np.errstate(all="ignore"):

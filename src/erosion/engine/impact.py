@@ -12,7 +12,7 @@ import numpy as np
 from erosion.arguments import check_tolerance
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
-from erosion.engine.outcomes import OTHER_ENDS, end_names, names_of
+from erosion.engine.outcomes import end_names, has_no_result
 from erosion.engine.variational import Derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
@@ -23,7 +23,6 @@ from erosion.parameters.quantities import derivative_row, result_row
 from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
-_FAILED = OTHER_ENDS.index("failed") - len(OTHER_ENDS)  # counted from the end of `end_names`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,7 +237,7 @@ def _along(
     places = np.array([[element_of(model, name) for name in names] for names in along], float).T
     each = integrate_along(layout, numbers, lanes, order, places, rtol)
     # A lane that fails along one direction fails.
-    failed = np.any(each.outcome - len(names_of(layout)) >= _FAILED, axis=1, keepdims=True)
+    failed = np.any(has_no_result(layout, each.outcome), axis=1, keepdims=True)
     outcome = np.where(failed[:, 0], each.outcome.max(axis=1), each.outcome[:, 0])
 
     def whole(parts: Any) -> Derivatives:

@@ -15,6 +15,7 @@ from jax import lax
 from erosion.engine import step_control
 from erosion.engine.crossings import Ends
 from erosion.engine.leaves import Layout
+from erosion.engine.outcomes import AFTER_ARRIVED, AFTER_FAILED, AFTER_NO_CUT, AFTER_UNFINISHED
 from erosion.engine.reduction import WholeMotion, reduced
 from erosion.engine.step_control import ARRIVED, ENDED, NO_CUT, UNFINISHED, Control, eighth_root, first_fall
 from erosion.engine.tableau import B_CHECK, B_ERROR, A, B
@@ -48,7 +49,7 @@ class Solution(NamedTuple):
     """What comes of an impact.
 
     Args:
-        outcome: the event's index; or of what comes after the events: nothing cut, failed, unfinished, arrived.
+        outcome: a code; see `erosion.engine.outcomes`.
         tolerance: with which the impact should have been integrated for its results to be as exact as asked for.
         time, volume: the end of the cut and the volume removed, with derivatives.
         state: the model's own state there, where it was asked for.
@@ -278,8 +279,10 @@ def _finish(problem: Problem, lane: Lane, rtol: Any) -> Solution:
     time, volume = jax.tree.unflatten(structure, [jnp.where(finite, number, jnp.nan) for number in numbers])
 
     count = len(events)
-    outcome = jnp.where(which == NO_CUT, count, jnp.where(which == ARRIVED, count + 3, which))
-    outcome = jnp.where(finite, outcome, jnp.where(control.mode == UNFINISHED, count + 2, count + 1))
+    without_event = jnp.where(which == ARRIVED, count + AFTER_ARRIVED, which)
+    outcome = jnp.where(which == NO_CUT, count + AFTER_NO_CUT, without_event)
+    no_result = jnp.where(control.mode == UNFINISHED, count + AFTER_UNFINISHED, count + AFTER_FAILED)
+    outcome = jnp.where(finite, outcome, no_result)
     amplified = cut & (end.amplification > _DOUBT)
     factor = jnp.where(amplified, _DOUBT / end.amplification, 1.0)
     factor = jnp.where(control.margin < _GRAZE * rtol, jnp.minimum(factor, 1 / _GRAZE), factor)

@@ -201,5 +201,8 @@ def cuts_at_all(model: CuttingModel, p: Parameters) -> Any:
     return begins
 
 
+NO_CUT = "no-cut"
+"""What `ended_by` says of an impact that cuts nothing."""
+
 ZERO = 1e-15
 """Event functions below this are zero at contact: cos(π/2) is 6e-17 in floating point."""

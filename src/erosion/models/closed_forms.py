@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.models.base import ZERO, ClosedForm, State
+from erosion.models.base import NO_CUT, ZERO, ClosedForm, State
 from erosion.models.rigid import UPRIGHT
 from erosion.parameters.parameters import Parameters
 
@@ -78,7 +78,7 @@ class SineCut(ClosedForm):
 
     def ended_by(self, p: Parameters) -> np.ndarray:
         ends = np.where(np.asarray(self._rebounds(p)), "rebound", "stop")
-        return np.where(np.asarray(self.tip_speed(p)) <= ZERO, "no-cut", ends)
+        return np.where(np.asarray(self.tip_speed(p)) <= ZERO, NO_CUT, ends)
 
     @_traced_once
     def volume(self, p: Parameters) -> Any:
@@ -186,7 +186,7 @@ class StraightCut(ClosedForm):
         return jnp.where(jnp.cos(p.alpha) <= ZERO, 0.0, self.end_times(p)["stop"])
 
     def ended_by(self, p: Parameters) -> np.ndarray:
-        return np.where(np.cos(np.asarray(p.alpha + 0 * p.v0)) <= ZERO, "no-cut", "stop")
+        return np.where(np.cos(np.asarray(p.alpha + 0 * p.v0)) <= ZERO, NO_CUT, "stop")
 
     @_traced_once
     def volume(self, p: Parameters) -> Any:
