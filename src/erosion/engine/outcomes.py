@@ -43,7 +43,7 @@ def names_of(layout: Layout) -> tuple[str, ...]:
         model, p = layout.joined(numbers)
         return model.events(model.initial_state(p), p)
 
-    return (*sorted(jax.eval_shape(events, layout.like())), *OTHER_ENDS)
+    return (*sorted(jax.eval_shape(events, layout.structs())), *OTHER_ENDS)
 
 
 def has_no_result(layout: Layout, codes: np.ndarray) -> np.ndarray:

@@ -50,7 +50,7 @@ class WholeMotion:
 
 def reduced(layout: Layout) -> Callable[[CuttingModel, Parameters], "ReducedMotion"]:
     """The motion of model and case whose state is a tuple of integrals: as few as the arithmetic shows."""
-    start = jax.make_jaxpr(lambda numbers: WholeMotion(*layout.joined(numbers)).start)(layout.like())
+    start = jax.make_jaxpr(lambda numbers: WholeMotion(*layout.joined(numbers)).start)(layout.structs())
 
     def look(numbers: list[Any], leaves: list[Any]) -> list[Any]:
         motion = WholeMotion(*layout.joined(numbers))
@@ -59,7 +59,7 @@ def reduced(layout: Layout) -> Callable[[CuttingModel, Parameters], "ReducedMoti
         return [*rate.state, rate.volume, *motion.events(cut)]
 
     like = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in start.out_avals]
-    unknowns = Unknowns(jax.make_jaxpr(look)(layout.like(), like), jaxpr_as_fun(start), len(like))
+    unknowns = Unknowns(jax.make_jaxpr(look)(layout.structs(), like), jaxpr_as_fun(start), len(like))
     return functools.partial(ReducedMotion, unknowns)
 
 
