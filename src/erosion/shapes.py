@@ -3,16 +3,16 @@
 import numpy as np
 from jaxtyping import Array, Bool, Int, Real, Shaped
 
-Scalar = Real[Array | np.ndarray, ""] | float
+Scalar = Real[Array | np.ndarray, ""] | float | int
 """One real number."""
 
 Flag = Bool[Array | np.ndarray, ""] | np.bool_ | bool
 """One truth value."""
 
-Number = Shaped[Array | np.ndarray, "..."] | float
+Number = Shaped[Array | np.ndarray, "..."] | float | int
 """One number of a model or case, or a small array of them, of any type."""
 
-Broadcast = Real[Array | np.ndarray, "..."] | float
+Broadcast = Real[Array | np.ndarray, "..."] | float | int
 """A real number, or an array that holds one for each of many impacts and broadcasts with others."""
 
 PerLane = Shaped[np.ndarray, "..."]

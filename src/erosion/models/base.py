@@ -11,12 +11,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
-
-Scalar = Float[Array | np.ndarray, ""]
 
 
 class State(eqx.Module):
