@@ -117,8 +117,8 @@ def _gather(equation: Any) -> Work:
             safe = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
             value = _element(graph, array, safe, offset)
             if mode == "FILL_OR_DROP":
-                nothing = constant(graph, _fill(fill, equation.outvars[0].aval.dtype), equation.outvars[0].aval.dtype)
-                value = graph.select(_within(graph, starts, most), value, nothing)
+                outside = constant(graph, _fill(fill, equation.outvars[0].aval.dtype), equation.outvars[0].aval.dtype)
+                value = graph.select(_within(graph, starts, most), value, outside)
             made[index] = value
         return [part(made)]
 

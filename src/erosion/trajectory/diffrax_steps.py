@@ -108,12 +108,12 @@ def look(model: CuttingModel, p: Parameters, ys: Any) -> Any:
     """Event functions, their rates, the tip's position and velocity, and dV/dt, at many y (times, quantities)."""
     structure = layout(model, p)
 
-    def one(y: Any) -> Any:
+    def look_at(y: Any) -> Any:
         state = state_of(structure, y)
         values, rates = event_rates(model, state, model.derivative(state, p), p)
         return values, rates, tuple(model.tip(state, p)), model.removal_rate(state, p)
 
-    return jax.vmap(one)(ys)
+    return jax.vmap(look_at)(ys)
 
 
 def _initial_state(model: CuttingModel, p: Parameters) -> Any:

@@ -94,8 +94,8 @@ def _follow(
     structure = flow.layout(model, p)
     begins, start, sizes, time = flow.begin(model, p)
     if not begins:
-        only = np.asarray(start)[None]
-        return _trajectory(model, given, structure, np.zeros(1), only, NO_CUT, lambda t: np.repeat(only, len(t), 0))
+        ys = np.asarray(start)[None]
+        return _trajectory(model, given, structure, np.zeros(1), ys, NO_CUT, lambda t: np.repeat(ys, len(t), 0))
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
     # Numpy from here: JAX would compile a program for every number of steps.
