@@ -1,62 +1,64 @@
 """Where in a step an event function may fall through zero, from the cubic through its ends."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-_ENDS = 0.02  # of a step: this far beyond its ends a lowest point may be by the cubic, and yet at an end
+from erosion.shapes import Flag, Scalar
+
+_ENDS = 0.02  # of a step: a lowest point that the cubic puts this far beyond an end may be at that end
 _LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known
-_STRAIGHT = 0.5  # of its slope at a step's end an event function keeps at least as much up to a zero foreseen
-_STEEP = 0.02  # of its slopes in a step: where it is flatter, it may turn before zero
-_FOUND = 1e-3  # of a step: the zero of the cubic is found when Newton's method would move by less
+_STRAIGHT = 0.5  # of its slope at a step's end: an event function keeps at least as much up to an expected zero
+_STEEP = 0.02  # of its slopes in a step: an event function that is flatter may turn before zero
+_CONVERGED = 1e-3  # of a step: the cubic's zero is known when Newton's method would move by less
 _NONE = 1e-200  # instead of no slope
-_LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)²; `is_crooked` says where not
+_LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)², unless `is_crooked`
 _LOOKS = (0.25, 0.5, 0.75)  # of a step: where the cubic of a crooked function is asked
 
 
 class Ends(NamedTuple):
     """An event function and its rate at one time."""
 
-    value: Any
-    rate: Any
+    value: Scalar
+    rate: Scalar
 
 
 # JAX traces these once, for all events and programs.
 @jax.jit
-def cubic_error(start: Ends, end: Ends, length: Any, looks: Sequence[tuple[Any, Any]]) -> Any:
-    """By how many times θ²(1-θ)² the cubic through both ends errs, from the function's values within the step.
+def cubic_error(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]]) -> Scalar:
+    """How many times θ²(1-θ)² the cubic through both ends errs by, from the function's values within the step.
 
     Args:
         start: the event function where the step begins.
-        end: where it ends.
-        length: of the step.
-        looks: where in the step, from 0 to 1, and the value there.
+        end: the event function where the step ends.
+        length: length of the step.
+        looks: places in the step, from 0 to 1, and the values there.
     """
-    worst: Any = 0.0
+    worst: Scalar = 0.0
     for theta, value in looks:
-        off = jnp.abs(value - _cubic(start, end, length, theta))
-        worst = jnp.maximum(worst, off / (theta * (1 - theta)) ** 2)
+        error = jnp.abs(value - _cubic(start, end, length, theta))
+        worst = jnp.maximum(worst, error / (theta * (1 - theta)) ** 2)
     return worst
 
 
 @jax.jit
-def is_crooked(start: Ends, end: Ends, length: Any, error: Any) -> Any:
-    """Whether the cubic errs by more than a search for dips may take for granted; see `cubic_error`."""
+def is_crooked(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Flag:
+    """Whether the cubic errs by more than a search for dips assumes; see `cubic_error`."""
     return 2 * error > _LOW * length * (jnp.abs(start.rate) + jnp.abs(end.rate))
 
 
 @jax.jit
-def may_hide_a_fall(start: Ends, end: Ends, length: Any, error: Any) -> Any:
-    """Whether an event function may have fallen to zero within the step, for all that its cubic says."""
-    low: Any = end.value <= 0
+def may_hide_a_fall(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Flag:
+    """Whether an event function may fall to zero within the step, given the error of its cubic."""
+    low: Flag = end.value <= 0
     for theta in _LOOKS:
         low = low | (_cubic(start, end, length, theta) <= 2 * error * (theta * (1 - theta)) ** 2)
     return low
 
 
-def _cubic(start: Ends, end: Ends, length: Any, theta: Any) -> Any:
+def _cubic(start: Ends, end: Ends, length: Scalar, theta: Scalar) -> Scalar:
     """The cubic through both ends (Hermite), at a share of the step."""
     rest = 1 - theta
     values = rest**2 * (1 + 2 * theta) * start.value + theta**2 * (3 - 2 * theta) * end.value
@@ -64,14 +66,12 @@ def _cubic(start: Ends, end: Ends, length: Any, theta: Any) -> Any:
 
 
 @jax.jit
-def dip_in_step(start: Ends, end: Ends, length: Any, error: Any) -> tuple[Any, Any]:
-    """Where in the step (0 to 1) an event function may dip to zero and return; 2 if it does not.
-
-    And its least value in between, by the cubic; infinity where it only rises or falls.
+def dip_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
+    """Where in the step (0 to 1) an event function may dip to zero and return, or 2; and its least value.
 
     The cubic through both ends has its minimum at θ. It errs by less than a small multiple
-    of θ²(1-θ)², so that a minimum above that is harmless, and one below is to be looked at.
-    For `error` see `cubic_error`.
+    of θ²(1-θ)², so that a minimum above this error is harmless. The least value is that of the
+    cubic, infinity where it only rises or falls. For `error` see `cubic_error`.
     """
     from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
     a, b = 3 * (from_ + to - 2 * rise), 2 * (3 * rise - 2 * from_ - to)
@@ -80,32 +80,32 @@ def dip_in_step(start: Ends, end: Ends, length: Any, error: Any) -> tuple[Any, A
     upper = jnp.where(b >= 0, -2 * from_ / (b + root), (root - b) / (2 * a))
     turns = (b * b > 4 * a * from_) & (end.value > 0)
     inside = turns & (upper > 0) & (upper < 1)
-    # A step that landed on a lowest point, and the next one, have it at their ends.
+    # A step that ends at a lowest point has it at its end, the next step at its start.
     within = turns & (upper > -_ENDS) & (upper < 1 + _ENDS)
     theta = jnp.where(within, jnp.clip(upper, 0.0, 1.0), 0.5)
     lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
     width = theta * (1 - theta)
     harmless = lowest > jnp.maximum(_LOW * (jnp.abs(from_) + jnp.abs(to)), 2 * error) * width**2
-    where = jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
-    return where, jnp.where(within, lowest, jnp.inf)
+    place = jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
+    return place, jnp.where(within, lowest, jnp.inf)
 
 
 @jax.jit
-def expected_fall(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
-    """When an event function is expected to fall through zero, whether steeply, and how far that may be off.
+def expected_fall(start: Ends, end: Ends, length: Scalar, low: Scalar, high: Scalar) -> tuple[Scalar, Flag, Scalar]:
+    """When an event function is expected to fall through zero, whether steeply, and the error of that time.
 
-    By the cubic through both ends of a trial, continued beyond it if need be; always between two
-    lengths: before and past the event, or before it and as far as to look.
+    The zero is that of the cubic through both ends of a trial, continued beyond them where needed. It lies
+    between two lengths: one before the event, and one past it or as far as to look.
 
-    Steep is a function whose slope at that zero is no small part of its slopes at the trial's ends.
-    Flat ones may turn before zero, and Newton's method is slow to find where they do not.
+    A function is steep if its slope at that zero is no small part of its slopes at the trial's ends.
+    A flat one may turn before zero, and Newton's method converges slowly.
     """
     mean = (end.value - start.value) / length
     c3 = start.rate + end.rate - 2 * mean
     c2 = mean - start.rate - c3
     left, right = low / length, high / length
 
-    def cubic(theta: Any) -> tuple[Any, Any]:
+    def cubic(theta: Scalar) -> tuple[Scalar, Scalar]:
         value = start.value / length + theta * (start.rate + theta * (c2 + theta * c3))
         return value, start.rate + theta * (2 * c2 + theta * (3 * c3))
 
@@ -121,6 +121,6 @@ def expected_fall(start: Ends, end: Ends, length: Any, low: Any, high: Any) -> t
         inside = (newton > left - 1e-9) & (newton < right + 1e-9)
         theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
     value, slope = cubic(theta)
-    off = jnp.minimum(jnp.abs(value / jnp.where(slope == 0, _NONE, slope)), right - left)
+    error = jnp.minimum(jnp.abs(value / jnp.where(slope == 0, _NONE, slope)), right - left)
     steep = jnp.minimum(_STRAIGHT * end.rate, -_STEEP * (jnp.abs(start.rate) + jnp.abs(end.rate)))
-    return length * theta, (slope < steep) & (end.rate < steep) & (off < _FOUND), length * off
+    return length * theta, (slope < steep) & (end.rate < steep) & (error < _CONVERGED), length * error

@@ -12,7 +12,7 @@ import numpy as np
 from erosion.arguments import check_tolerance
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
-from erosion.engine.outcomes import OTHER_ENDS, end_names, names_of
+from erosion.engine.outcomes import end_names, has_no_result
 from erosion.engine.variational import Derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
@@ -23,7 +23,6 @@ from erosion.parameters.quantities import derivative_row, result_row
 from erosion.tables import Row, abbreviate, format_number, to_html, to_text
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
-_FAILED = OTHER_ENDS.index("failed") - len(OTHER_ENDS)  # counted from the end of `end_names`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,8 +63,10 @@ class Impact:
         rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
         rows.append(result_row("volume", self.volume, self.p.units))
         if self.wrt == "alpha":
-            found = {"dvolume": self.dvolume, "d2volume": self.d2volume}
-            return rows + [result_row(name, value, self.p.units) for name, value in found.items() if value is not None]
+            derivatives = {"dvolume": self.dvolume, "d2volume": self.d2volume}
+            return rows + [
+                result_row(name, value, self.p.units) for name, value in derivatives.items() if value is not None
+            ]
         names = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
         known = quantities(self.model)
         for name, value, order in (("dvolume", self.dvolume, 1), ("d2volume", self.d2volume, 2)):
@@ -109,7 +110,7 @@ def impact(
         Results of the broadcast shape; scalars for scalar parameters.
 
     Raises:
-        ValueError: for parameters out of range or arguments that make no sense. NaN or
+        ValueError: for parameters out of range or invalid arguments. NaN or
             infinity in an array is no error: like run-time failures of single impacts it is
             an outcome, in `ended_by`, and leaves the other impacts as they are.
     """
@@ -182,21 +183,21 @@ def pair_derivatives(
 
 
 def lanes_of(model: CuttingModel, p: Parameters) -> tuple[Layout, list[np.ndarray], tuple[int, ...]]:
-    """Layout, numbers, and the shape over which they broadcast; the numbers are of one axis, or shared."""
+    """Layout, numbers and their broadcast shape; each number has one axis of lanes, or all lanes share it."""
     layout, numbers = split(model, p)
-    own = [number.ndim > 0 and shape == () for number, shape in zip(numbers, layout.shapes, strict=True)]
-    if not any(own):
+    varies = [number.ndim > 0 and shape == () for number, shape in zip(numbers, layout.shapes, strict=True)]
+    if not any(varies):
         return layout, numbers, ()
     try:
-        shape = np.broadcast_shapes(*(number.shape for number, varies in zip(numbers, own, strict=True) if varies))
+        shape = np.broadcast_shapes(*(number.shape for number, many in zip(numbers, varies, strict=True) if many))
     except ValueError:
-        shapes = ", ".join(str(number.shape) for number, varies in zip(numbers, own, strict=True) if varies)
+        shapes = ", ".join(str(number.shape) for number, many in zip(numbers, varies, strict=True) if many)
         raise ValueError(
             f"The model's own parameters must broadcast with the case's, but shapes are {shapes}."
         ) from None
     flat = [
-        number if not varies else number.reshape(()) if number.size == 1 else np.broadcast_to(number, shape).reshape(-1)
-        for number, varies in zip(numbers, own, strict=True)
+        number if not many else number.reshape(()) if number.size == 1 else np.broadcast_to(number, shape).reshape(-1)
+        for number, many in zip(numbers, varies, strict=True)
     ]
     return layout, flat, shape
 
@@ -231,19 +232,19 @@ def _along(
     numbers: list[np.ndarray],
     lanes: int,
     order: int,
-    along: Sequence[tuple[str, ...]],
+    directions: Sequence[tuple[str, ...]],
     rtol: float,
 ) -> Results:
-    """The lanes' results, with derivatives (lanes, along) along names, or along pairs of them."""
-    places = np.array([[element_of(model, name) for name in names] for names in along], float).T
-    each = integrate_along(layout, numbers, lanes, order, places, rtol)
-    # A lane that fails along one direction fails.
-    failed = np.any(each.outcome - len(names_of(layout)) >= _FAILED, axis=1, keepdims=True)
-    outcome = np.where(failed[:, 0], each.outcome.max(axis=1), each.outcome[:, 0])
+    """The lanes' results, with derivatives (lanes, directions) along names, or along pairs of names."""
+    places = np.array([[element_of(model, name) for name in names] for names in directions], float).T
+    results = integrate_along(layout, numbers, lanes, order, places, rtol)
+    # A lane that fails along one direction fails in all.
+    failed = np.any(has_no_result(layout, results.outcome), axis=1, keepdims=True)
+    outcome = np.where(failed[:, 0], results.outcome.max(axis=1), results.outcome[:, 0])
 
-    def whole(parts: Any) -> Derivatives:
+    def of_lanes(parts: Derivatives) -> Derivatives:
         value, *rest = parts
         slopes = (None if part is None else np.where(failed, np.nan, part) for part in rest)
         return Derivatives(np.where(failed[:, 0], np.nan, value[:, 0]), *slopes)
 
-    return Results(outcome, whole(each.time), whole(each.volume), each.trials[:, 0])
+    return Results(outcome, of_lanes(results.time), of_lanes(results.volume), results.trials[:, 0])

@@ -1,7 +1,7 @@
-"""Case and model as plain numbers, of which each impact may have its own, and the rest, which all share.
+"""Case and model as plain numbers, which may differ from impact to impact, and the rest, which all share.
 
-The numbers are the parameters of the case, then those leaves of the model that are real: floats, whole
-numbers, arrays. What else a model holds (functions, strings) is part of the program.
+The numbers are the parameters of the case, then those leaves of the model that are floats, whole
+numbers or arrays. Everything else in a model (functions, strings) is part of the program.
 """
 
 import functools
@@ -11,11 +11,13 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 from jax.core import Tracer
 
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.shapes import Indices, Number, PerLane
 
 _NAMES = tuple(QUANTITIES)
 
@@ -27,17 +29,17 @@ def is_number(leaf: Any) -> bool:
     return isinstance(leaf, (np.ndarray, np.generic, jax.Array, Tracer)) and np.dtype(leaf.dtype).kind in "fiub"
 
 
-def numbers_of(model: CuttingModel, p: Parameters) -> list[Any]:
+def numbers_of(model: CuttingModel, p: Parameters) -> list[Number]:
     """The numbers, in their order."""
     return [*(getattr(p, name) for name in _NAMES), *filter(is_number, jax.tree.leaves(model))]
 
 
 class Layout:
-    """What the numbers are, and everything else of the model. Where layouts are equal one program serves.
+    """The shapes and types of the numbers, and everything else of the model. Equal layouts share a program.
 
     Args:
         structure: of the model.
-        leaves: its leaves that are no numbers; `None` in the place of a number.
+        leaves: the model's leaves that are no numbers; `None` in the place of a number.
         shapes: of each number, for one impact.
         dtypes: of each number.
     """
@@ -60,34 +62,41 @@ class Layout:
 
     @functools.cached_property
     def offsets(self) -> list[int]:
-        """Of each number the place of its first element among the elements of all; then how many there are."""
+        """The place of each number's first element among the elements of all numbers; last, how many there are."""
         return [0, *np.cumsum([math.prod(shape) for shape in self.shapes]).tolist()]
 
-    def joined(self, numbers: Sequence[Any]) -> tuple[CuttingModel, Parameters]:
-        """Model and case of some numbers. The physics does not depend on the unit system: one stands for all."""
+    def joined(self, numbers: Sequence[Number]) -> tuple[CuttingModel, Parameters]:
+        """Model and case with these numbers, in any one unit system: the physics does not depend on it."""
         rest = iter(numbers[len(_NAMES) :])
         leaves = [next(rest) if leaf is None else leaf for leaf in self.leaves]
         p = Parameters(**dict(zip(_NAMES, numbers, strict=False)), units="inch-pound")
         return jax.tree.unflatten(self.structure, leaves), p
 
-    def like(self) -> list[jax.ShapeDtypeStruct]:
-        """What one impact's numbers look like."""
-        return [jax.ShapeDtypeStruct(*each) for each in zip(self.shapes, self.dtypes, strict=True)]
+    def of_lanes(self, numbers: Sequence[PerLane], lanes: Indices | slice) -> list[PerLane]:
+        """The numbers of some lanes, given by indices or a slice; those that all lanes share stay as they are."""
+        return [
+            number[lanes] if number.ndim > len(shape) else number
+            for number, shape in zip(numbers, self.shapes, strict=True)
+        ]
+
+    def structs(self) -> list[jax.ShapeDtypeStruct]:
+        """Shape and type of one impact's numbers."""
+        return [jax.ShapeDtypeStruct(*struct) for struct in zip(self.shapes, self.dtypes, strict=True)]
 
 
-def _array(leaf: Any) -> Any:
-    """As numpy has it, unless JAX is tracing it."""
+def _array(leaf: Number) -> Array | np.ndarray:
+    """As a numpy array, unless JAX is tracing it."""
     return leaf if isinstance(leaf, Tracer) else np.asarray(leaf)
 
 
 def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[Any]]:
     """Layout and numbers of many impacts.
 
-    The parameters of the case and the model's own may be arrays: these hold an impact's own
-    numbers. Any other array is part of the model, the same for all.
+    The parameters of the case and the model's own may be arrays, with one number for each impact.
+    Any other array is part of the model, the same for all impacts.
     """
     leaves, structure = jax.tree.flatten(model)
-    own = {one.leaf for one in own_parameters(model).values()} if leaves else ()
+    own = {parameter.leaf for parameter in own_parameters(model).values()} if leaves else ()
     fields = vars(p)
     numbers = [_array(fields[name]) for name in _NAMES]
     rest: list[Any] = []
@@ -111,6 +120,6 @@ def element_of(model: CuttingModel, name: str) -> int:
     if name in QUANTITIES:
         return _NAMES.index(name)
     own = own_parameters(model)
-    scalars = {one.leaf for one in own.values()}
+    scalars = {parameter.leaf for parameter in own.values()}
     before = jax.tree.leaves(model)[: own[name].leaf]
     return len(_NAMES) + sum(1 if i in scalars else np.size(leaf) for i, leaf in enumerate(before) if is_number(leaf))

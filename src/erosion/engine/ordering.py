@@ -1,4 +1,4 @@
-"""An order of lanes in which neighbours are alike: a vector takes as many steps as its slowest lane."""
+"""An order of lanes in which neighbours are similar: a vector takes as many steps as its slowest lane."""
 
 from collections.abc import Sequence
 
@@ -6,14 +6,14 @@ import numpy as np
 
 _KEYS = 2**16  # whole numbers of two bytes, which numpy sorts digit by digit
 _BINS = 2**12
-_CROWDED = 1 / 16  # share of the lanes in one bin: so many need better bins
+_CROWDED = 1 / 16  # share of the lanes in one bin, above which lanes are ranked instead
 
 
 def alike_together(numbers: Sequence[np.ndarray], group: int) -> np.ndarray:
     """An order of lanes in which each `group` of neighbours has similar numbers.
 
-    The first number's quantiles cut the lanes into strips, the next one's cut each strip, to and fro,
-    so that where one strip ends the next begins nearby.
+    The first number's quantiles cut the lanes into strips. The next number's quantiles cut each strip, in
+    alternating direction, so that the next strip begins near the end of this one.
 
     Args:
         numbers: arrays (lanes,); at least one.
@@ -35,7 +35,7 @@ def alike_together(numbers: Sequence[np.ndarray], group: int) -> np.ndarray:
 
 
 def _quantile(leaf: np.ndarray, parts: int) -> np.ndarray:
-    """Which of so many parts, as large as each other, a number belongs to."""
+    """To which of `parts` quantiles each number belongs."""
     low, high = leaf.min(), leaf.max()
     with np.errstate(all="ignore"):
         scale = (_BINS - 1) / (high - low)

@@ -1,32 +1,52 @@
-"""How an impact ended: codes where there are many, words for people."""
+"""How an impact ended: the one table of codes, names and sentences.
+
+A code below the number of the model's events is an event, in the order of their names. The codes after these
+are the others, in the order of `OTHER_ENDS`, and then "arrived": at the time asked for, before the end.
+"""
 
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import jax
+import numpy as np
 
 from erosion.engine.leaves import Layout, split
-from erosion.models.base import CuttingModel
+from erosion.engine.step_control import LONGEST_CUT
+from erosion.models.base import NO_CUT, CuttingModel
 from erosion.parameters.parameters import TABLE_1
 
-OTHER_ENDS = ("no-cut", "failed", "unfinished")
-"""What may be said of an impact that no event ended."""
+AFTER_NO_CUT, AFTER_FAILED, AFTER_UNFINISHED, AFTER_ARRIVED = range(4)
+"""Codes of ends that are no events, counted from the number of events."""
+
+OTHER_ENDS: Mapping[str, str] = {
+    NO_CUT: "nothing is cut",
+    "failed": "the motion is not finite, or no step of it is exact enough",
+    "unfinished": f"no event ended the cut within {LONGEST_CUT:,.0f} time scales",
+}
+"""The ends that are no events, with a sentence on each."""
 
 
 def end_names(model: CuttingModel) -> tuple[str, ...]:
     """What `ended_by` may say for a model: its events, then "no-cut", "failed", "unfinished".
 
-    A code of an outcome is an index of these.
+    The code of an outcome is an index of these.
     """
     return names_of(split(model, TABLE_1)[0])
 
 
 @functools.lru_cache(maxsize=256)
 def names_of(layout: Layout) -> tuple[str, ...]:
-    """Of all models of a layout."""
+    """`end_names` for all models of a layout."""
 
     def events(numbers: list[Any]) -> dict[str, Any]:
         model, p = layout.joined(numbers)
         return model.events(model.initial_state(p), p)
 
-    return (*sorted(jax.eval_shape(events, layout.like())), *OTHER_ENDS)
+    return (*sorted(jax.eval_shape(events, layout.structs())), *OTHER_ENDS)
+
+
+def has_no_result(layout: Layout, codes: np.ndarray) -> np.ndarray:
+    """Whether impacts failed or are unfinished."""
+    events = len(names_of(layout)) - len(OTHER_ENDS)
+    return codes >= events + AFTER_FAILED

@@ -1,9 +1,9 @@
-"""A model's motion with fewer unknowns, found in its own arithmetic.
+"""A model's motion with fewer unknowns, read from the model's own arithmetic.
 
 Where the rates of several parts of the state are known multiples of one expression, one
-integral of that expression gives them all: a force of constant direction has ẋ, ẏ and (with the
-horizontal torque) φ̇ follow from ∫ F_x dt. What nothing that matters depends on, as x itself,
-need not be integrated at all.
+integral of that expression gives them all: for a force of constant direction ẋ, ẏ and (with the
+horizontal torque) φ̇ follow from ∫ F_x dt. A part on which neither events nor volume depend,
+such as x itself, is not integrated.
 """
 
 import functools
@@ -19,6 +19,7 @@ from erosion.engine.leaves import Layout, numbers_of
 from erosion.engine.variational import Cut
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
+from erosion.shapes import Number, Scalar
 
 
 class WholeMotion:
@@ -28,7 +29,7 @@ class WholeMotion:
         self.model, self.p = model, p
         self.start, self.structure = jax.tree.flatten(model.initial_state(p))
 
-    def initial_state(self) -> tuple[Any, ...]:
+    def initial_state(self) -> tuple[Scalar, ...]:
         """The state at contact."""
         return tuple(self.start)
 
@@ -42,7 +43,7 @@ class WholeMotion:
         rates = jax.tree.leaves(self.model.derivative(state, self.p))
         return Cut(tuple(rates), self.model.removal_rate(state, self.p))
 
-    def events(self, cut: Cut) -> list[Any]:
+    def events(self, cut: Cut) -> list[Scalar]:
         """The event functions, by name."""
         # JAX sorts the keys of a dictionary that passes through it; so is the order everywhere.
         return [value for _, value in sorted(self.model.events(self.state(cut), self.p).items())]
@@ -50,16 +51,16 @@ class WholeMotion:
 
 def reduced(layout: Layout) -> Callable[[CuttingModel, Parameters], "ReducedMotion"]:
     """The motion of model and case whose state is a tuple of integrals: as few as the arithmetic shows."""
-    start = jax.make_jaxpr(lambda numbers: WholeMotion(*layout.joined(numbers)).start)(layout.like())
+    start = jax.make_jaxpr(lambda numbers: WholeMotion(*layout.joined(numbers)).start)(layout.structs())
 
-    def look(numbers: list[Any], leaves: list[Any]) -> list[Any]:
+    def look(numbers: list[Number], leaves: list[Scalar]) -> list[Scalar]:
         motion = WholeMotion(*layout.joined(numbers))
         cut = Cut(tuple(leaves), None)
         rate = motion.rate(cut)
         return [*rate.state, rate.volume, *motion.events(cut)]
 
-    like = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in start.out_avals]
-    unknowns = Unknowns(jax.make_jaxpr(look)(layout.like(), like), jaxpr_as_fun(start), len(like))
+    parts = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in start.out_avals]
+    unknowns = Unknowns(jax.make_jaxpr(look)(layout.structs(), parts), jaxpr_as_fun(start), len(parts))
     return functools.partial(ReducedMotion, unknowns)
 
 
@@ -69,7 +70,7 @@ class ReducedMotion:
     def __init__(self, unknowns: "Unknowns", model: CuttingModel, p: Parameters) -> None:
         self.unknowns, self.known = unknowns, numbers_of(model, p)
 
-    def initial_state(self) -> tuple[Any, ...]:
+    def initial_state(self) -> tuple[Scalar, ...]:
         """The integrals at contact."""
         return self.unknowns.initial(self.known)
 
@@ -78,7 +79,7 @@ class ReducedMotion:
         *rates, volume = self.unknowns.rates(self.known, cut.state)
         return Cut(tuple(rates), volume)
 
-    def events(self, cut: Cut) -> list[Any]:
+    def events(self, cut: Cut) -> list[Scalar]:
         """The event functions, by name."""
         return self.unknowns.events(self.known, cut.state)
 
@@ -93,12 +94,12 @@ class _Product(NamedTuple):
 
 
 class Unknowns:
-    """Which expressions to integrate, and how the parts of the state follow from them.
+    """The expressions to integrate, and how the parts of the state follow from them.
 
     Args:
-        closed: of (known …, state …); gives the state's rates, then that of the volume, then the events.
-        start: the state at contact, of (known …).
-        parts: of the state.
+        closed: a function of (known …, state …) that gives the state's rates, the volume's rate, the events.
+        start: a function of (known …) that gives the state at contact.
+        parts: number of parts of the state.
     """
 
     def __init__(self, closed: ClosedJaxpr, start: Callable[..., list[Any]], parts: int) -> None:
@@ -109,10 +110,10 @@ class Unknowns:
         self._state = set(state)
         self._known = _known(closed.jaxpr, self._state)
         rates = dict(zip(state, outputs[:parts], strict=True))
-        matter: set[Any] = set()
-        while (more := matter | self._inputs([*outputs[parts:], *(rates[part] for part in matter)])) > matter:
-            matter = more
-        moving = [i for i, part in enumerate(state) if part in matter and not _is_zero(rates[part])]
+        needed: set[Any] = set()
+        while (more := needed | self._inputs([*outputs[parts:], *(rates[part] for part in needed)])) > needed:
+            needed = more
+        moving = [i for i, part in enumerate(state) if part in needed and not _is_zero(rates[part])]
         products = {i: self._product(rates[state[i]]) for i in moving}
         groups: dict[tuple[int, int], list[int]] = {}
         for i, product in products.items():
@@ -138,12 +139,12 @@ class Unknowns:
             closed, [part for *_, product in self._follow for part in (*product.times, *product.over)]
         )
 
-    def _initial(self, known: Sequence[Any]) -> tuple[Any, ...]:
-        """The integrals at contact: of a part of the model's state, that part; else zero."""
+    def _initial(self, known: Sequence[Number]) -> tuple[Scalar, ...]:
+        """The integrals at contact: a part of the model's state where the integral is one, else zero."""
         start = self._start(*known)
         return tuple(jnp.zeros(()) if i is None else start[i] for i in self.itself)
 
-    def _parts(self, known: Sequence[Any], integrals: Sequence[Any]) -> list[Any]:
+    def _parts(self, known: Sequence[Number], integrals: Sequence[Scalar]) -> list[Scalar]:
         """The model's own state; parts of it that do not matter stay as they were at contact."""
         start = self._start(*known)
         parts = list(start)
@@ -159,7 +160,7 @@ class Unknowns:
         return parts
 
     def _product(self, core: Any) -> _Product:
-        """Takes known factors off an expression as long as there are any."""
+        """The expression with its known factors taken off."""
         sign, times, over = 1.0, [], []
         while not self._is_known(core) and core in self._made_by:
             name, inputs = self._made_by[core].primitive.name, self._made_by[core].invars
@@ -179,7 +180,7 @@ class Unknowns:
         return isinstance(value, Literal) or value in self._known
 
     def _inputs(self, values: Iterable[Any]) -> set[Any]:
-        """What of the state some values depend on."""
+        """The parts of the state that these values depend on."""
         seen: set[Any] = set()
         waiting = [value for value in values if not self._is_known(value)]
         while waiting:
@@ -192,7 +193,7 @@ class Unknowns:
 
 
 def _known(jaxpr: Jaxpr, state: set[Any]) -> set[Any]:
-    """What does not depend on the state."""
+    """The values that do not depend on the state."""
     known = {*jaxpr.constvars, *jaxpr.invars} - state
     for equation in jaxpr.eqns:
         if all(isinstance(atom, Literal) or atom in known for atom in equation.invars):
@@ -205,7 +206,7 @@ def _is_zero(value: Any) -> bool:
 
 
 def _evaluate(closed: ClosedJaxpr, wanted: list[Any]) -> Callable[..., list[Any]]:
-    """A function of the arguments: some values, and nothing else."""
+    """A function of the arguments that gives only the wanted values."""
     needed = {value for value in wanted if not isinstance(value, Literal)}
     kept = []
     for equation in reversed(closed.jaxpr.eqns):

@@ -1,7 +1,7 @@
-"""One impact's motion at given times: as many lanes as times, each of which goes no further than its own."""
+"""One impact's motion at given times: one lane for each time, which goes no further than its own."""
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -13,18 +13,19 @@ from erosion.lanes.choice import Compiled, compile_lanes
 from erosion.lanes.lanewise import number
 from erosion.models.base import CuttingModel, Tip
 from erosion.parameters.parameters import Parameters
+from erosion.shapes import Number, Scalar
 
 
 class States(NamedTuple):
     """The motion at times; arrays of shape (times,).
 
     Args:
-        outcome: an index of `end_names`; beyond it where the impact has not ended by then.
-        time: that of the state: the time asked for, or the end of the cut.
+        outcome: an index of `end_names`; beyond them where the impact has not ended by then.
+        time: the time asked for, or the end of the cut if that is earlier.
         state: the model's own, a pytree of arrays.
         tip: position and velocity of the tip.
-        volume, removal_rate: removed so far, and its time derivative.
-        dvolume: dV/dα; of the end of the cut alone it is a derivative of the volume removed.
+        volume, removal_rate: the volume removed so far, and its time derivative.
+        dvolume: dV/dα; only at the end of the cut does it include the change of the time.
     """
 
     outcome: np.ndarray
@@ -42,21 +43,23 @@ def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float
     with compiling:
         program, structure, shapes = _compiled(layout)
     results = [np.empty((times.size, *shape), dtype) for shape, dtype in shapes]
-    leaves = [np.asarray(one, float) for one in (*numbers, rtol, times)]
+    leaves = [np.asarray(leaf, float) for leaf in (*numbers, rtol, times)]
     program.run(leaves, np.arange(times.size), results)
     return jax.tree.unflatten(structure, results)
 
 
 @functools.lru_cache(maxsize=64)
 def _compiled(layout: Layout) -> tuple[Compiled, Any, list[tuple[tuple[int, ...], Any]]]:
-    def lane(numbers: list[Any], rtol: Any, until: Any) -> States:
+    def lane(numbers: list[Number], rtol: Scalar, until: Scalar) -> States:
         solution = solve(layout, numbers, ("alpha",), rtol, until, order=1, whole=True)
         model, p = layout.joined(numbers)
         rate = model.removal_rate(solution.state, p)
         time, volume = solution.time, solution.volume
         tip = model.tip(solution.state, p)
-        return States(solution.outcome, time.value, solution.state, tip, volume.value, rate, volume.first)
+        # One time's numbers here, arrays over times outside.
+        outcome = cast(Any, solution.outcome)
+        return States(outcome, time.value, solution.state, tip, volume.value, rate, volume.first)
 
-    like = (layout.like(), number, number)
-    leaves, structure = jax.tree.flatten(jax.eval_shape(lane, *like))
-    return compile_lanes(lane, like), structure, [(leaf.shape, leaf.dtype) for leaf in leaves]
+    arguments = (layout.structs(), number, number)
+    leaves, structure = jax.tree.flatten(jax.eval_shape(lane, *arguments))
+    return compile_lanes(lane, arguments), structure, [(leaf.shape, leaf.dtype) for leaf in leaves]

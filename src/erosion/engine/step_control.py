@@ -1,23 +1,24 @@
-"""What becomes of an impact after a trial step: whether it moves on, how long the next step is, where it ends.
+"""What follows a trial step: whether the impact moves on, how long its next step is, where its cut ends.
 
-An impact advances, or it locates the end of its cut. A step is cut short to end where an event is
-foreseen. An impact whose step went past an event locates it: it tries again **from the same start** with
+An impact advances, or it locates the end of its cut. A step is shortened to end where an event is
+expected. An impact whose step went past an event locates it: it tries again **from the same start** with
 the length at which it expects the event. So the state at the event has the full order of the method, not
 an interpolant's.
 """
 
 import functools
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from erosion.engine.crossings import Ends, cubic_error, dip_in_step, expected_fall, is_crooked, may_hide_a_fall
+from erosion.shapes import Flag, Scalar
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 
 NO_CUT, ARRIVED = -1, -2
-"""The event of an impact that cuts nothing, and of one that has come to the time it was asked for."""
+"""The event of an impact that cuts nothing, and of one that has reached the time asked for."""
 
 _SAFETY = 0.8  # of the step that would just do
 LONGEST_CUT = 1e4  # of the model's time scale; later is "unfinished"
@@ -29,7 +30,7 @@ _NEAR = 1e-2  # of the time scale, the cut and a good step: this near a steep fa
 _NEAR_FLAT = 1e-3  # the same for a flat one
 _SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
-_SOON = 2.0  # trials, at the rate of now: an event that near is worth to be looked for
+_IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
 _SHORTEST = 1e-14  # of the time scale
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
 
@@ -37,33 +38,34 @@ _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4
 class Control(NamedTuple):
     """Where an impact stands between two trials."""
 
-    mode: Any
-    time: Any  # from contact to the start of the step
-    trial: Any  # the length to try next
-    step: Any  # the length that the error control would like
-    high: Any  # while locating: a length past the event
-    event: Any  # the index of the one that ended the cut
-    left: Any  # from the last trial's end to the event
-    trials: Any
-    rejected: Any  # of them, those whose error was too large
-    margin: Any  # the least value that an event function dipped to so far
+    mode: Scalar
+    time: Scalar  # from contact to the start of the step
+    trial: Scalar  # the length to try next
+    step: Scalar  # the length that the error control would like
+    high: Scalar  # while locating: a length past the event
+    event: Scalar  # the index of the event that ended the cut
+    left: Scalar  # from the last trial's end to the event
+    trials: Scalar
+    rejected: Scalar  # trials whose error was too large
+    margin: Scalar  # the least value to which an event function has dipped so far
 
 
 class Trial(NamedTuple):
     """What is known after a trial step."""
 
-    error: Any  # over the tolerance; NaN is an error
+    error: Scalar  # over the tolerance; NaN is an error
     start: Sequence[Ends]  # the event functions where it began
-    end: Sequence[Ends]  # and where it ended
-    dip: Any  # where in the step one may dip to zero and return, from 0 to 1; 2 if none does
-    lowest: Any  # the least value in the step
-    past: Any  # whether its end is past an event
-    low: Any  # a length before the event
-    high: Any  # and one past it, or as far as to look ahead
-    off: Sequence[Any]  # by how much the cubic of each event function errs; see `cubic_error`
+    end: Sequence[Ends]  # the event functions where it ended
+    dip: Scalar  # where in the step, from 0 to 1, an event function may dip to zero and return; 2 if none does
+    lowest: Scalar  # the least value in the step
+    past: Flag  # whether its end is past an event
+    imminent: Flag  # whether an event is so near the end that it is worth looking for
+    low: Scalar  # a length before the event
+    high: Scalar  # a length past the event, or how far to look ahead
+    cubic_errors: Sequence[Scalar]  # of each event function; see `cubic_error`
 
 
-def begin(scale: Any, begins: Any, finite: Any, first: float) -> Control:
+def begin(scale: Scalar, begins: Flag, finite: Flag, first: float) -> Control:
     """At contact: `scale` is the model's time scale, `begins` says whether anything is cut."""
     zero = 0.0 * scale
     mode = jnp.where(finite & (scale > 0), jnp.where(begins, ADVANCING, ENDED), FAILED)
@@ -81,7 +83,7 @@ def begin(scale: Any, begins: Any, finite: Any, first: float) -> Control:
     )
 
 
-def goes_on(control: Control) -> Any:
+def goes_on(control: Control) -> Flag:
     """Whether there is another step to try."""
     return control.mode <= LOCATING
 
@@ -90,15 +92,15 @@ def look(
     control: Control,
     start: Sequence[Ends],
     end: Sequence[Ends],
-    within: Sequence[tuple[float, Sequence[Any]]],
-    error: Any,
+    within: Sequence[tuple[float, Sequence[Scalar]]],
+    error: Scalar,
 ) -> Trial:
-    """What a trial says about events; `within`: their values at some shares of the step."""
-    off = [
+    """What a trial says about events; `within` holds their values at some shares of the step."""
+    errors = [
         cubic_error(*each, control.trial, [(theta, values[i]) for theta, values in within])
         for i, each in enumerate(zip(start, end, strict=True))
     ]
-    dips = [dip_in_step(*each, control.trial, error) for *each, error in zip(start, end, off, strict=True)]
+    dips = [dip_in_step(*each, control.trial, error) for *each, error in zip(start, end, errors, strict=True)]
     past = _any(event.value <= 0 for event in end)
     ahead = jnp.where(control.mode == LOCATING, control.high, _AHEAD * control.trial)
     return Trial(
@@ -108,22 +110,22 @@ def look(
         dip=functools.reduce(jnp.minimum, [dip for dip, _ in dips]),
         lowest=functools.reduce(jnp.minimum, [lowest for _, lowest in dips]),
         past=past,
+        imminent=_any(event.value < -_IMMINENT * control.trial * event.rate for event in end),
         low=jnp.where(past, 0.0, control.trial),
         high=jnp.where(_good(control, error) & past, control.trial, ahead),
-        off=off,
+        cubic_errors=errors,
     )
 
 
-def is_near_an_end(control: Control, trial: Trial) -> Any:
-    """Whether more must be known about events than that none is near."""
-    soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
+def is_near_an_end(control: Control, trial: Trial) -> Flag:
+    """Whether an event may be in the step or near its end."""
     advancing = control.mode == ADVANCING
-    crooked = _any(is_crooked(*each, control.trial, off) for *each, off in _events(trial))
-    return (control.mode == LOCATING) | (advancing & (trial.past | soon | crooked | (trial.dip < 1)))
+    crooked = _any(is_crooked(*each, control.trial, error) for *each, error in _events(trial))
+    return (control.mode == LOCATING) | (advancing & (trial.past | trial.imminent | crooked | (trial.dip < 1)))
 
 
-def go_on(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
-    """After a trial that came close to no event: see `decide`."""
+def go_on(control: Control, trial: Trial, scale: Scalar) -> tuple[Control, Flag]:
+    """The control after a trial with no event near, and whether the impact moves to the trial's end."""
     good = trial.error <= 1
     step = _next_step(control, trial.error, good)
     moved = good & (control.mode == ADVANCING)
@@ -131,15 +133,15 @@ def go_on(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
     return _given_up(after._replace(step=step, trial=step), scale), moved
 
 
-def decide(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
-    """After a trial near an event; and whether the impact moves to the trial's end.
+def decide(control: Control, trial: Trial, scale: Scalar) -> tuple[Control, Flag]:
+    """The control after a trial near an event, and whether the impact moves to the trial's end.
 
-    A dip that may reach below zero is landed on before anything else is decided. Of a body that turns
-    by radians within a step the cubic says little: such a step is too long, if any event may be in it.
+    Where a dip may reach below zero, the next step ends there before anything else is decided. Where a body
+    turns by radians within a step, the cubic says little: the step is too long if an event may be in it.
     """
     hidden = _any(
-        is_crooked(*each, control.trial, off) & may_hide_a_fall(*each, control.trial, off)
-        for *each, off in _events(trial)
+        is_crooked(*each, control.trial, error) & may_hide_a_fall(*each, control.trial, error)
+        for *each, error in _events(trial)
     )
     too_long = (control.mode == ADVANCING) & hidden
     trial = trial._replace(error=jnp.where(too_long, jnp.maximum(trial.error, _TOO_LONG), trial.error))
@@ -152,7 +154,7 @@ def decide(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
     size = jnp.minimum(jnp.minimum(scale, control.step), control.time + control.trial)
     flat = jnp.where(uncertainty <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
     ended = fits & (jnp.abs(left) <= jnp.where(steep, _NEAR * size, flat))
-    # One that locates moves on as well, or it would look for ever at both sides of a dip.
+    # An impact that locates moves on as well, or it would look at both sides of a dip for ever.
     accepted = fits & ~past & ~ended
 
     step = jnp.where(locating, control.step, _next_step(control, trial.error, good))
@@ -171,10 +173,10 @@ def decide(control: Control, trial: Trial, scale: Any) -> tuple[Control, Any]:
     return after._replace(mode=mode), accepted | ended
 
 
-def stop_at(control: Control, until: Any) -> Control:
-    """No further than to a time: the next step ends there, and so does the impact."""
+def stop_at(control: Control, until: Scalar) -> Control:
+    """Go no further than to a time: the next step ends there, and so does the impact."""
     rest = until - control.time
-    # An event that was found beyond it does not count.
+    # An event located beyond that time does not count.
     over = (control.mode == ENDED) & (control.event >= 0) & (control.left > rest)
     arrived = goes_on(control) & (rest <= 0)
     return control._replace(
@@ -185,70 +187,69 @@ def stop_at(control: Control, until: Any) -> Control:
     )
 
 
-def first_fall(control: Control, events: Sequence[Ends]) -> tuple[Any, Any]:
-    """Which event ends the cut, and what time remains to it, given the events where it was expected.
+def first_fall(control: Control, events: Sequence[Ends]) -> tuple[Scalar, Scalar]:
+    """The index of the event that ends the cut, and the time that remains, from the events where it was expected.
 
-    Of events that fall almost together the trial's cubics may have expected the wrong one first:
-    they are off by far less than the way that was left.
+    Where two events fall almost together, the trial's cubics may have expected the wrong one first:
+    they err by far less than the time that was left.
     """
     newton = [-event.value / event.rate for event in events]
-    which = control.event
-    remaining = sum(jnp.where(which == i, time, 0.0) for i, time in enumerate(newton))
+    index = control.event
+    remaining = sum(jnp.where(index == i, time, 0.0) for i, time in enumerate(newton))
     for i, (event, time) in enumerate(zip(events, newton, strict=True)):
-        earlier = (event.rate < 0) & (time < remaining) & (time > -jnp.abs(control.left)) & (which >= 0)
-        which, remaining = jnp.where(earlier, i, which), jnp.where(earlier, time, remaining)
-    return which, remaining
+        earlier = (event.rate < 0) & (time < remaining) & (time > -jnp.abs(control.left)) & (index >= 0)
+        index, remaining = jnp.where(earlier, i, index), jnp.where(earlier, time, remaining)
+    return index, remaining
 
 
-def eighth_root(value: Any) -> Any:
+def eighth_root(value: Scalar) -> Scalar:
     """The root of the step control's order."""
     return jnp.sqrt(jnp.sqrt(jnp.sqrt(value)))
 
 
-def _events(trial: Trial) -> list[tuple[Ends, Ends, Any]]:
-    return list(zip(trial.start, trial.end, trial.off, strict=True))
+def _events(trial: Trial) -> list[tuple[Ends, Ends, Scalar]]:
+    return list(zip(trial.start, trial.end, trial.cubic_errors, strict=True))
 
 
-def _any(conditions: Any) -> Any:
+def _any(conditions: Iterable[Flag]) -> Flag:
     return functools.reduce(jnp.logical_or, conditions)
 
 
-def _good(control: Control, error: Any) -> Any:
-    """Whether a trial counts: while locating, any that is shorter than the one that did, if it is finite."""
+def _good(control: Control, error: Scalar) -> Flag:
+    """Whether a trial counts: while locating every finite trial does, as a longer one from the same start did."""
     return jnp.where(control.mode == LOCATING, jnp.isfinite(error), error <= 1)
 
 
-def _first_expected(control: Control, trial: Trial) -> tuple[Any, Any, Any, Any]:
-    """When the first event is expected, from the step's start; which, whether steeply, and how far that is off."""
+def _first_expected(control: Control, trial: Trial) -> tuple[Scalar, Scalar, Flag, Scalar]:
+    """The time of the first event from the step's start, its index, whether it falls steeply, and the time's error."""
     advancing = control.mode == ADVANCING
-    soon = _any(event.value < -_SOON * control.trial * event.rate for event in trial.end)
     falls = []
     for before, after in zip(trial.start, trial.end, strict=True):
         root, steep, uncertainty = expected_fall(before, after, control.trial, trial.low, trial.high)
-        # Past the trial's end all may still fall; before it, those that have fallen at it.
+        # Events that have fallen at the trial's end are known; while locating before the event, all are.
         known = (after.value <= 0) | (~trial.past & ~advancing)
-        foreseen = advancing & ~trial.past & soon & (after.rate < 0)
+        foreseen = advancing & ~trial.past & trial.imminent & (after.rate < 0)
         falls.append((jnp.where(known | foreseen, root, jnp.inf), known | steep, steep, uncertainty))
     first = functools.reduce(jnp.minimum, [root for root, *_ in falls])
-    sure, is_steep, off, which = True, False, 0.0 * first, 0 * control.mode
+    sure, is_steep, error, index = True, False, 0.0 * first, 0 * control.mode
     for i, (root, trusted, steep, uncertainty) in enumerate(falls):
-        # What is not sure to fall, but would first, may fall after the others.
+        # An event that is not sure to fall, but would be the first, may fall after the others.
         sure = ((root > first) | trusted) & sure
-        is_steep, off = jnp.where(root == first, steep, is_steep), jnp.where(root == first, uncertainty, off)
-        which = jnp.where(root == first, i, which)
-    return jnp.where(sure, first, jnp.inf), which, is_steep, off
+        is_steep, error = jnp.where(root == first, steep, is_steep), jnp.where(root == first, uncertainty, error)
+        index = jnp.where(root == first, i, index)
+    return jnp.where(sure, first, jnp.inf), index, is_steep, error
 
 
-def _next_step(control: Control, error: Any, good: Any) -> Any:
+def _next_step(control: Control, error: Scalar, good: Flag) -> Scalar:
     """The length that the error control would like, of the order of the embedded estimate."""
     factor = _SAFETY / eighth_root(error + 1e-30)
     wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * control.trial
-    # Steps cut short to land on a dip or at an event say little about the step to take next.
+    # A step shortened to end at a dip or an event says little about the next step.
     return jnp.where(good & (control.trial < control.step), jnp.maximum(wanted, control.step), wanted)
 
 
-def _counted(control: Control, trial: Trial, good: Any, moved: Any) -> Control:
-    """With one trial more."""
+def _counted(control: Control, trial: Trial, good: Flag, moved: Flag) -> Control:
+    """The control with one more trial."""
     return control._replace(
         time=control.time + jnp.where(moved, control.trial, 0.0),
         trials=control.trials + 1,
@@ -257,8 +258,8 @@ def _counted(control: Control, trial: Trial, good: Any, moved: Any) -> Control:
     )
 
 
-def _given_up(control: Control, scale: Any) -> Control:
-    """Unless it takes too long, or the error must be rounding."""
+def _given_up(control: Control, scale: Scalar) -> Control:
+    """The control, given up where the impact takes too long or the error must be rounding."""
     late = (control.time > LONGEST_CUT * scale) | (control.trials > _MAX_TRIALS)
     stuck = (control.trials > _STUCK) & (control.time < _PACE * control.trials * scale)
     hopeless = stuck | (control.rejected > _REJECTED + 8 * (control.trials - control.rejected))

@@ -17,13 +17,14 @@ from jax import lax
 from erosion.engine.leaves import Layout
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.shapes import Number, Scalar
 
-Direction = str | Any
-"""A parameter's name, or (traced) the place of an element among those of all numbers; see `Layout`."""
+Direction = str | Scalar
+"""A parameter's name, or (traced) the place of an element among the elements of all numbers; see `Layout`."""
 
 
 class Cut(NamedTuple):
-    """What is integrated: the model's state and the volume removed so far."""
+    """The integrated quantities: the model's state and the volume removed so far."""
 
     state: Any
     volume: Any
@@ -41,13 +42,13 @@ class Derivatives(NamedTuple):
 class Variational:
     """The state with its derivatives: at contact, its rate, and functions of it, for `order` 0, 1 or 2.
 
-    Such a state is a tuple of `order` + 1 members along one direction or, for two different
-    directions at order 2, of four: value, first, other, second.
+    The extended state is a tuple. Along one direction it has `order` + 1 members. For two different
+    directions at order 2 it has four: value, first, other, second.
 
     Args:
         layout: of the numbers.
-        numbers: one impact's.
-        order: how many derivatives.
+        numbers: of one impact.
+        order: number of derivatives, 0 to 2.
         directions: one direction, or two for a mixed second derivative.
         motion: from model and case to what is integrated; see `erosion.engine.reduction`.
     """
@@ -55,7 +56,7 @@ class Variational:
     def __init__(
         self,
         layout: Layout,
-        numbers: Sequence[Any],
+        numbers: Sequence[Number],
         order: int,
         directions: tuple[Direction, ...],
         motion: Callable[[CuttingModel, Parameters], Any],
@@ -76,22 +77,22 @@ class Variational:
         """A function of (cut, motion), with its derivatives along the directions."""
         return self._lift(function, members)
 
-    def at(self, numbers: Sequence[Any]) -> Any:
-        """The motion for some numbers."""
+    def at(self, numbers: Sequence[Number]) -> Any:
+        """The motion with these numbers."""
         return self.motion(*self.layout.joined(numbers))
 
     def per_unit(self, scaled: Derivatives) -> Derivatives:
         """Derivatives by the directions' units turned into derivatives by the parameters."""
         if self.order == 0:
             return scaled
-        one, other = self._unit(self.directions[0]), self._unit(self.directions[-1])
-        second = None if scaled.second is None else scaled.second / (one * other)
-        return Derivatives(scaled.value, scaled.first / one, scaled.other / other, second)
+        unit, other_unit = self._unit(self.directions[0]), self._unit(self.directions[-1])
+        second = None if scaled.second is None else scaled.second / (unit * other_unit)
+        return Derivatives(scaled.value, scaled.first / unit, scaled.other / other_unit, second)
 
-    def _pack(self, all_four: Derivatives) -> tuple[Cut, ...]:
+    def _pack(self, derivatives: Derivatives) -> tuple[Cut, ...]:
         if self.mixed:
-            return (all_four.value, all_four.first, all_four.other, all_four.second)
-        return (all_four.value, all_four.first, all_four.second)[: self.order + 1]
+            return (derivatives.value, derivatives.first, derivatives.other, derivatives.second)
+        return (derivatives.value, derivatives.first, derivatives.second)[: self.order + 1]
 
     def _lift(self, function: Callable[[Any, Any], Any], members: tuple[Any, ...]) -> Derivatives:
         """Push a state with its derivatives through a function of (cut, motion)."""
@@ -101,7 +102,7 @@ class Variational:
         if self.order == 0:
             return Derivatives(function(at.value, self.at(self.numbers)), None, None, None)
 
-        def along(cut: Any, step: Any, numbers: Sequence[Any]) -> Any:
+        def along(cut: Any, step: Any, numbers: Sequence[Number]) -> Any:
             return function(cut, self.at(self._moved(numbers, self.directions[0], step)))
 
         if self.order == 1:
@@ -115,7 +116,7 @@ class Variational:
         (value, first), (other, second) = jax.jvp(first_member, (at.value, at.first, zero), (at.other, at.second, one))
         return Derivatives(value, first, other, second)
 
-    def _moved(self, numbers: Sequence[Any], direction: Direction, step: Any) -> list[Any]:
+    def _moved(self, numbers: Sequence[Number], direction: Direction, step: Scalar) -> list[Number]:
         """The numbers moved along a direction by `step` of its unit."""
         if isinstance(direction, str):
             place = list(QUANTITIES).index(direction)
@@ -134,12 +135,12 @@ class Variational:
                 moved.append(number + jnp.where(direction == places, amount, 0.0))
         return moved
 
-    def _unit(self, direction: Direction) -> Any:
-        """A change of the parameter that matters: 1 rad, the spin v₀/r, or as much as there is.
+    def _unit(self, direction: Direction) -> Scalar:
+        """A significant change of the parameter: 1 rad, the spin v₀/r, or the parameter's own size.
 
         Derivatives by such units compare with the value itself, so that one tolerance fits all.
         """
-        sizes: list[Any] = [jnp.abs(n) for n in self.numbers]
+        sizes: list[Number] = [jnp.abs(n) for n in self.numbers]
         names = list(QUANTITIES)
         v0, r = (self.numbers[names.index(name)] for name in ("v0", "r"))
         sizes[names.index("alpha")], sizes[names.index("phidot0")] = np.ones(()), v0 / r
@@ -147,9 +148,9 @@ class Variational:
             size = sizes[names.index(direction)]
         else:
             size = 0.0
-            for one, shape, offset in zip(sizes, self.layout.shapes, self.layout.offsets, strict=False):
+            for number, shape, offset in zip(sizes, self.layout.shapes, self.layout.offsets, strict=False):
                 places = offset + np.arange(np.prod(shape), dtype=float).reshape(shape)
-                size = size + jnp.sum(jnp.where(direction == places, one, 0.0))
+                size = size + jnp.sum(jnp.where(direction == places, number, 0.0))
         return lax.stop_gradient(jnp.where(size == 0, 1.0, size))
 
 
@@ -158,46 +159,45 @@ class AtEvent(NamedTuple):
 
     time: Derivatives
     volume: Derivatives
-    amplification: Any
+    amplification: Scalar
 
 
-def at_event(equations: Variational, members: tuple[Cut, ...], which: Any, time: Any) -> AtEvent:
+def at_event(equations: Variational, members: tuple[Cut, ...], event: Scalar, time: Scalar) -> AtEvent:
     """Derivatives at the event, whose time depends on the parameters as well.
 
     With g the event function and R the removal rate along the flow, all at the event:
     t_ε = -g_ε/ġ;  V_ε = v_ε + R t_ε;  and for the second derivatives the chain rule once more.
     R vanishes at rebound and stop, but need not at the events of a plug-in.
 
-    `amplification` says how many times larger than the state's the errors of the results may be: how
-    much the function's slope changes relative to what is left of it, g̈ t/ġ, where it falls
-    slowly; times how much larger the terms of the second derivative are than their sum.
+    `amplification` is the ratio of the results' errors to the state's: g̈ t/ġ, large where the event
+    function falls slowly, times the ratio of the second derivative's terms to their sum.
 
     Args:
-        equations: the impact's.
+        equations: of the impact.
         members: the state at the event.
-        which: index of the event that ended the cut, in the order of their names; below 0 none did.
+        event: index of the event that ended the cut, in the order of names; below 0 if none did.
         time: since contact.
     """
 
-    def event(cut: Cut, motion: Any) -> Any:
+    def event_function(cut: Cut, motion: Any) -> Scalar:
         chosen = jnp.zeros(())
         for i, value in enumerate(motion.events(cut)):
-            chosen = jnp.where(which == i, value, chosen)
+            chosen = jnp.where(event == i, value, chosen)
         return chosen
 
-    def removal(cut: Cut, motion: Any) -> Any:
+    def removal(cut: Cut, motion: Any) -> Scalar:
         return motion.rate(cut).volume
 
     here = equations.at(equations.numbers)
     volume = equations.of(lambda cut, _: cut.volume, members)
-    g_rate = equations.of(_along_flow(event), members)
+    g_rate = equations.of(_along_flow(event_function), members)
     # Where no event ended the cut its time is given, and has no derivative.
-    g_rate = g_rate._replace(value=jnp.where(which < 0, 1.0, g_rate.value))
-    g_curve = _along_flow(_along_flow(event))(members[0], here)
+    g_rate = g_rate._replace(value=jnp.where(event < 0, 1.0, g_rate.value))
+    g_curve = _along_flow(_along_flow(event_function))(members[0], here)
     amplification = jnp.maximum(1.0, jnp.abs(g_curve * time / g_rate.value))
     if equations.order == 0:
         return AtEvent(Derivatives(time, None, None, None), volume, amplification)
-    g, r = equations.of(event, members), equations.of(removal, members)
+    g, r = equations.of(event_function, members), equations.of(removal, members)
     t_first, t_other = -g.first / g_rate.value, -g.other / g_rate.value
     v_first, v_other = volume.first + r.value * t_first, volume.other + r.value * t_other
     if equations.order == 1:
@@ -206,7 +206,7 @@ def at_event(equations: Variational, members: tuple[Cut, ...], which: Any, time:
         )
     r_rate = _along_flow(removal)(members[0], here)
 
-    def chain(mixed: Any, first: Any, other: Any, curve: Any) -> list[Any]:
+    def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
 
     t_second = -sum(chain(g.second, g_rate.first, g_rate.other, g_curve)) / g_rate.value

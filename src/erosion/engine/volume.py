@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from erosion.engine.batch import integrate, integrate_along
 from erosion.engine.integrator import solve
@@ -18,14 +19,15 @@ from erosion.engine.variational import Derivatives
 from erosion.lanes.choice import by_xla
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters
-from erosion.parameters.parameters import Parameters, require_scalars
+from erosion.models.own_parameters import require_one_impact
+from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
+from erosion.shapes import Number, Scalar
 
 _RTOL = 1e-11
 
 
-def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:
+def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
     """The removed volume of one impact, as a traceable number.
 
     Use it inside `jit`, `vmap`, `grad`, `jacfwd`, `hessian` and their compositions up to second order,
@@ -41,30 +43,24 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Any:
         V [volume], a scalar.
     """
     require_float64()
-    require_scalars(p, "; for many impacts use `erosion.impact`, or `jax.vmap`")
     model = load_model(model)
-    for name, own in own_parameters(model).items():
-        if np.ndim(own.value):
-            raise ValueError(
-                f"Argument `{name}` must be a scalar here, but has shape {np.shape(own.value)}; "
-                "for many impacts use `erosion.impact`, or `jax.vmap`."
-            )
+    require_one_impact(model, p, "; for many impacts use `erosion.impact`, or `jax.vmap`")
     layout, numbers = split(model, p)
-    return _volume(layout, [jnp.asarray(one, dtype) for one, dtype in zip(numbers, layout.dtypes, strict=True)])
+    return _volume(layout, [jnp.asarray(number, dtype) for number, dtype in zip(numbers, layout.dtypes, strict=True)])
 
 
-# Derivatives by one element after the other: places of elements, see `Variational`.
+# For each derivative the places of one or two elements, see `Variational`.
 _Places = tuple[tuple[int, ...], ...]
 
 
-def _solve(layout: Layout, numbers: Sequence[Any], order: int, places: _Places) -> Any:
+def _solve(layout: Layout, numbers: Sequence[Number], order: int, places: _Places) -> Array:
     """V, or the derivatives along each of the directions, shape (directions,)."""
     if by_xla():
         rows = jnp.asarray(places, float)
-        of = functools.partial(solve, layout, list(numbers), rtol=_RTOL, order=order)
+        solve_along = functools.partial(solve, layout, list(numbers), rtol=_RTOL, order=order)
         if not places:
-            return of(()).volume.value
-        return jax.vmap(lambda row: of(tuple(row)).volume)(rows)[1 if order == 1 else 3]
+            return solve_along(()).volume.value
+        return jax.vmap(lambda row: solve_along(tuple(row)).volume)(rows)[1 if order == 1 else 3]
     shape = jax.ShapeDtypeStruct((len(places),) if places else (), np.float64)
     return jax.pure_callback(_callback(layout, order, places), shape, *numbers, vmap_method="expand_dims")
 
@@ -75,15 +71,17 @@ def _callback(layout: Layout, order: int, places: _Places) -> Callable[..., np.n
     return functools.partial(_on_host, layout, order, places)
 
 
-def _on_host(layout: Layout, order: int, places: _Places, *given: Any) -> np.ndarray:
-    """The same, for numbers that may have axes of `vmap` before their own."""
-    arrays = [np.asarray(one) for one in given]
-    leading = [one.shape[: one.ndim - len(shape)] for one, shape in zip(arrays, layout.shapes, strict=True)]
+def _on_host(layout: Layout, order: int, places: _Places, *given: Number) -> np.ndarray:
+    """`_solve` by the batch, for numbers that may have axes of `vmap` before their own."""
+    arrays = [np.asarray(number) for number in given]
+    leading = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, layout.shapes, strict=True)]
     batch = np.broadcast_shapes(*leading)
     lanes = math.prod(batch)
     numbers = [
-        one.reshape(shape) if math.prod(before) == 1 else np.broadcast_to(one, (*batch, *shape)).reshape(lanes, *shape)
-        for one, before, shape in zip(arrays, leading, layout.shapes, strict=True)
+        array.reshape(shape)
+        if math.prod(before) == 1
+        else np.broadcast_to(array, (*batch, *shape)).reshape(lanes, *shape)
+        for array, before, shape in zip(arrays, leading, layout.shapes, strict=True)
     ]
     if not places:
         return integrate(layout, numbers, lanes, 0, (), _RTOL).volume.value.reshape(batch)
@@ -93,7 +91,7 @@ def _on_host(layout: Layout, order: int, places: _Places, *given: Any) -> np.nda
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _volume(layout: Layout, numbers: list[Any]) -> Any:
+def _volume(layout: Layout, numbers: list[Number]) -> Array:
     return _solve(layout, numbers, 0, ())
 
 
@@ -105,7 +103,7 @@ def _volume_jvp(layout: Layout, primals: Any, tangents: Any) -> Any:
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _slopes(layout: Layout, elements: tuple[int, ...], numbers: list[Any]) -> Any:
+def _slopes(layout: Layout, elements: tuple[int, ...], numbers: list[Number]) -> Array:
     """∂V/∂(element i) for each i of `elements`."""
     return _solve(layout, numbers, 1, tuple((i,) for i in elements))
 
@@ -118,7 +116,7 @@ def _slopes_jvp(layout: Layout, elements: tuple[int, ...], primals: Any, tangent
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
-def _curvatures(layout: Layout, elements: tuple[int, ...], others: tuple[int, ...], numbers: list[Any]) -> Any:
+def _curvatures(layout: Layout, elements: tuple[int, ...], others: tuple[int, ...], numbers: list[Number]) -> Array:
     """∂²V/∂(element i)∂(element j) for each i of `elements` and j of `others`."""
     # One direction twice is cheaper than a pair.
     alone = elements == others and len(elements) == 1

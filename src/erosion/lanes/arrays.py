@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from erosion.lanes.graph import BOOL, Graph, Value
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, Rule, type_of
+from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, Rule, converted, type_of
 
 Part = Value | np.ndarray
 """A scalar, or an array of values."""
@@ -60,14 +60,6 @@ def kind_of(equation: Any) -> Kind:
     """What rules may need of an equation."""
     inputs = tuple(np.dtype(atom.aval.dtype) for atom in equation.invars)
     return Kind(equation.params, inputs, np.dtype(equation.outvars[0].aval.dtype))
-
-
-def converted(graph: Graph, array: Any, from_: np.dtype, to: np.dtype) -> Any:
-    """The elements as another type."""
-    made = np.empty(array.shape, object)
-    for index in np.ndindex(array.shape):
-        made[index] = SCALARS["convert_element_type"](graph, Kind({}, (from_,), to), array[index])
-    return made
 
 
 def _moved(move: Callable[..., np.ndarray]) -> Callable[[Any], Work]:
@@ -195,15 +187,18 @@ def _dot_general(equation: Any) -> Work:
     kind = kind_of(equation)
     product, total = SCALARS["mul"], SCALARS["add"]
 
-    def folded(array: np.ndarray, contracted: Any, batch: Any) -> np.ndarray:
-        """As (batch, free, contracted)."""
+    def folded(graph: Graph, array: Any, dtype: np.dtype, contracted: Any, batch: Any) -> np.ndarray:
+        """Of the output's type, as (batch, free, contracted)."""
         free = [axis for axis in range(array.ndim) if axis not in (*contracted, *batch)]
         lengths = [math.prod(array.shape[axis] for axis in axes) for axes in (batch, free, contracted)]
-        return array.transpose(*batch, *free, *contracted).reshape(lengths)
+        elements = np.empty(array.shape, object)
+        for index in np.ndindex(array.shape):
+            elements[index] = converted(graph, array[index], dtype, kind.output)
+        return elements.transpose(*batch, *free, *contracted).reshape(lengths)
 
     def work(graph: Graph, inputs: list[Part]) -> list[Part]:
-        x = folded(converted(graph, whole(inputs[0]), kind.inputs[0], kind.output), left, batch_left)
-        y = folded(converted(graph, whole(inputs[1]), kind.inputs[1], kind.output), right, batch_right)
+        x = folded(graph, whole(inputs[0]), kind.inputs[0], left, batch_left)
+        y = folded(graph, whole(inputs[1]), kind.inputs[1], right, batch_right)
         made = np.empty((len(x), x.shape[1], y.shape[1]), object)
         for b, i, j in np.ndindex(made.shape):
             terms = [product(graph, kind, u, v) for u, v in zip(x[b, i], y[b, j], strict=True)]

@@ -28,9 +28,9 @@ class Compiled(Protocol):
         ...
 
 
-def compile_lanes(function: Callable[..., Any], like: Sequence[Any]) -> Compiled:
+def compile_lanes(function: Callable[..., Any], examples: Sequence[Any]) -> Compiled:
     """Compile a function of one lane's numbers; see `Lanewise`."""
-    return XlaLanes(function, like) if by_xla() else Lanewise(function, like)
+    return XlaLanes(function, examples) if by_xla() else Lanewise(function, examples)
 
 
 @functools.cache
@@ -38,12 +38,12 @@ def by_xla() -> bool:
     """Whether XLA compiles lanes.
 
     Raises:
-        ValueError: for a value of `EROSION_ENGINE` that means nothing.
+        ValueError: for an unknown value of `EROSION_ENGINE`.
     """
     asked = os.environ.get(ENGINE, "")
     if asked not in ("", "lanes", "xla"):
         raise ValueError(f"The environment variable {ENGINE} must be `lanes` or `xla`, but is {asked!r}.")
-    # To ask JAX for its devices takes a tenth of a second: only where it may have found another.
+    # Asking JAX for its devices takes a tenth of a second, so only where a GPU's plug-in is installed.
     plugins = ("jax_cuda12_plugin", "jax_cuda13_plugin", "jax_rocm60_plugin", "jax_rocm7_plugin", "libtpu")
     may_be_gpu = any(importlib.util.find_spec(name) for name in plugins)
     return asked == "xla" or (not asked and may_be_gpu and jax.default_backend() != "cpu")

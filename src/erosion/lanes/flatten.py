@@ -15,7 +15,7 @@ from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, Graph, Value
 from erosion.lanes.passes import finish
 from erosion.lanes.places import PLACES
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind
+from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, converted
 
 _CALLS = {
     "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
@@ -56,7 +56,7 @@ class Flattener:
         return [values[slot] for slot in steps.results]
 
     def closed(self, closed: ClosedJaxpr, arguments: Sequence[Part]) -> list[Part]:
-        """Likewise, of a function with its constants."""
+        """The results of a function that has its constants with it."""
         return self.call(closed.jaxpr, closed.consts, arguments)
 
     def _steps(self, jaxpr: Jaxpr) -> "_Steps":
@@ -115,10 +115,10 @@ class Flattener:
 
         def rule(graph: Graph, kind: Kind, *given: Value) -> Value:
             # In double precision, whatever the arguments are: whole powers, or single precision.
-            exact = [_converted(graph, value, of, _DOUBLE) for value, of in zip(given, kind.inputs, strict=True)]
+            exact = [converted(graph, value, dtype, _DOUBLE) for value, dtype in zip(given, kind.inputs, strict=True)]
             (result,) = self.closed(closed, exact)
             assert isinstance(result, Value)
-            return _converted(graph, result, _DOUBLE, kind.output)
+            return converted(graph, result, _DOUBLE, kind.output)
 
         return rule
 
@@ -147,8 +147,8 @@ class Flattener:
 
         def all_of(changed: Sequence[Value]) -> list[Part]:
             carried = list(initial)
-            for i, one in zip(changing, _gathered(changed, [initial[i] for i in changing]), strict=True):
-                carried[i] = one
+            for i, new in zip(changing, _gathered(changed, [initial[i] for i in changing]), strict=True):
+                carried[i] = new
             return carried
 
         loop = graph.loop(_scalars([initial[i] for i in changing]))
@@ -170,17 +170,17 @@ class Flattener:
         return made
 
     def _cond(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
-        which, *arguments = inputs
-        assert isinstance(which, Value)
-        cases, outputs, like = [], [], []
+        case, *arguments = inputs
+        assert isinstance(case, Value)
+        cases, outputs, results = [], [], []
         for closed in equation.params["branches"]:
             cases.append(graph.begin_case())
-            like = self.closed(closed, arguments)
-            outputs.append(_scalars(like))
+            results = self.closed(closed, arguments)
+            outputs.append(_scalars(results))
             graph.end_case()
-        if len(cases) == 2 and which.type != BOOL:
-            which = graph.compare("icmp ne", which, graph.constant(0, which.type))
-        return _gathered(graph.branch(which, cases, outputs), like)
+        if len(cases) == 2 and case.type != BOOL:
+            case = graph.compare("icmp ne", case, graph.constant(0, case.type))
+        return _gathered(graph.branch(case, cases, outputs), results)
 
     def _scan(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
         params = equation.params
@@ -251,7 +251,7 @@ def flatten(closed: ClosedJaxpr) -> Graph:
         dtype = np.dtype(variable.aval.dtype)
         array = np.empty(variable.aval.shape, object)
         for index in np.ndindex(array.shape):
-            array[index] = _converted(graph, graph.input(place), _DOUBLE, dtype)
+            array[index] = converted(graph, graph.input(place), _DOUBLE, dtype)
             place += 1
         arguments.append(part(array))
     try:
@@ -262,10 +262,6 @@ def flatten(closed: ClosedJaxpr) -> Graph:
     return graph
 
 
-def _converted(graph: Graph, value: Value, from_: np.dtype, to: np.dtype) -> Value:
-    return SCALARS["convert_element_type"](graph, Kind({}, (from_,), to), value)
-
-
 @functools.cache
 def _traced(name: str, inputs: int) -> ClosedJaxpr:
     number = jax.ShapeDtypeStruct((), np.float64)
@@ -273,14 +269,14 @@ def _traced(name: str, inputs: int) -> ClosedJaxpr:
 
 
 def _scalars(parts: Sequence[Part]) -> list[Value]:
-    return [value for one in parts for value in whole(one).ravel()]
+    return [value for array in map(whole, parts) for value in array.ravel()]
 
 
-def _gathered(values: Sequence[Value], like: Sequence[Part]) -> list[Part]:
-    """Scalars put together to parts of these shapes."""
+def _gathered(values: Sequence[Value], shaped: Sequence[Part]) -> list[Part]:
+    """Scalars put together to parts of the shapes of `shaped`."""
     rest, made = iter(values), []
-    for one in like:
-        array = np.empty(whole(one).shape, object)
+    for shape in (whole(example).shape for example in shaped):
+        array = np.empty(shape, object)
         for index in np.ndindex(array.shape):
             array[index] = next(rest)
         made.append(part(array))
@@ -292,7 +288,7 @@ def _dtype(atom: Any) -> Any:
 
 
 def _unchanged(body: Jaxpr, constants: int) -> set[int]:
-    """Which of the values that a loop carries its body gives back as they are."""
+    """Indices of the values that a loop carries and its body returns unchanged."""
     carried = body.invars[constants:]
     return {i for i, (before, after) in enumerate(zip(carried, body.outvars, strict=True)) if before is after}
 

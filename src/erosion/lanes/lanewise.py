@@ -19,7 +19,7 @@ WIDTH = 8
 """Lanes of a vector: eight float64 fill the widest registers; narrower ones take two or four for each."""
 
 number = jax.ShapeDtypeStruct((), np.float64)
-"""What a lane's plain number looks like."""
+"""Shape and type of a lane's plain number."""
 
 
 class Lanewise:
@@ -27,7 +27,7 @@ class Lanewise:
 
     Args:
         function: takes and returns pytrees of numbers and small arrays; written in plain JAX.
-        like: its arguments, as `jax.ShapeDtypeStruct` or as examples.
+        examples: examples of its arguments, or `jax.ShapeDtypeStruct` of them.
         width, target: of the vectors, and the processor; for tests.
 
     Raises:
@@ -37,13 +37,13 @@ class Lanewise:
     def __init__(
         self,
         function: Callable[..., Any],
-        like: Sequence[Any],
+        examples: Sequence[Any],
         *,
         width: int = WIDTH,
         target: Target | None = None,
     ) -> None:
         with without_garbage_collection():
-            closed, shapes = jax.make_jaxpr(function, return_shape=True)(*like)
+            closed, shapes = jax.make_jaxpr(function, return_shape=True)(*examples)
             graph = flatten(closed)
             self._code = MachineCode(vector_ir(graph, width), target)
         self.inputs = [tuple(aval.shape) for aval in closed.in_avals]

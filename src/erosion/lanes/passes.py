@@ -54,8 +54,8 @@ def _prune(region: Region, live: set[Value]) -> None:
             inner = step.cases
         if indices:
             kept.append(step)
-            for one in inner:
-                _prune(one, live)
+            for part in inner:
+                _prune(part, live)
     region.steps = kept
 
 

@@ -8,14 +8,10 @@ import numpy as np
 
 from erosion.lanes.arrays import Part, Work, constant, kind_of, part, whole
 from erosion.lanes.graph import BOOL, LONG, Graph, Value
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind
+from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, converted
 
 _LONG = np.dtype(np.int64)
 _OF_LONGS = Kind({}, (_LONG, _LONG), _LONG)
-
-
-def _long(graph: Graph, value: Value, dtype: np.dtype) -> Value:
-    return SCALARS["convert_element_type"](graph, Kind({}, (dtype,), _LONG), value)
 
 
 def _clamped(graph: Graph, start: Value, most: int) -> Value:
@@ -69,7 +65,7 @@ def _dynamic_slice(equation: Any) -> Work:
     def work(graph: Graph, inputs: list[Any]) -> list[Part]:
         array, places = whole(inputs[0]), zip(inputs[1:], dtypes, strict=True)
         starts = [
-            _clamped(graph, _long(graph, *place), n - size)
+            _clamped(graph, converted(graph, *place, _LONG), n - size)
             for place, n, size in zip(places, array.shape, sizes, strict=True)
         ]
         made = np.empty(sizes, object)
@@ -87,7 +83,7 @@ def _dynamic_update_slice(equation: Any) -> Work:
         array, update = whole(inputs[0]).copy(), whole(inputs[1])
         places = zip(inputs[2:], dtypes, strict=True)
         starts = [
-            _clamped(graph, _long(graph, *place), n - size)
+            _clamped(graph, converted(graph, *place, _LONG), n - size)
             for place, n, size in zip(places, array.shape, update.shape, strict=True)
         ]
         for offset in np.ndindex(update.shape):
@@ -121,8 +117,8 @@ def _gather(equation: Any) -> Work:
             safe = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
             value = _element(graph, array, safe, offset)
             if mode == "FILL_OR_DROP":
-                nothing = constant(graph, _fill(fill, equation.outvars[0].aval.dtype), equation.outvars[0].aval.dtype)
-                value = graph.select(_within(graph, starts, most), value, nothing)
+                outside = constant(graph, _fill(fill, equation.outvars[0].aval.dtype), equation.outvars[0].aval.dtype)
+                value = graph.select(_within(graph, starts, most), value, outside)
             made[index] = value
         return [part(made)]
 
@@ -133,7 +129,7 @@ def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dt
     """By axis of the array, where a slice starts."""
     starts = [graph.constant(0, LONG)] * ndim
     for axis, value in zip(axes, vector, strict=True):
-        starts[axis] = _long(graph, value, dtype)
+        starts[axis] = converted(graph, value, dtype, _LONG)
     return starts
 
 

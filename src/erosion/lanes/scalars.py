@@ -228,6 +228,11 @@ def _convert(graph: Graph, kind: Kind, x: Value) -> Value:
     return graph.op("sext" if from_.kind == "i" else "zext", type_, x)
 
 
+def converted(graph: Graph, value: Value, from_: np.dtype, to: np.dtype) -> Value:
+    """The value as another type."""
+    return _convert(graph, Kind({}, (from_,), to), value)
+
+
 def _bitcast(graph: Graph, kind: Kind, x: Value) -> Value:
     type_ = type_of(kind.output)
     if kind.inputs[0].itemsize != kind.output.itemsize:

@@ -13,8 +13,8 @@ _ON_A_CPU = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion", "xla_bac
 class XlaLanes:
     """A function of one lane's numbers, compiled for many lanes: `jax.vmap` of it; arguments as of `Lanewise`."""
 
-    def __init__(self, function: Callable[..., Any], like: Sequence[Any]) -> None:
-        leaves, structure = jax.tree.flatten(tuple(like))
+    def __init__(self, function: Callable[..., Any], examples: Sequence[Any]) -> None:
+        leaves, structure = jax.tree.flatten(tuple(examples))
         self.inputs = [tuple(leaf.shape) for leaf in leaves]
         self._dtypes = [leaf.dtype for leaf in leaves]
 

@@ -11,12 +11,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
-
-Scalar = Float[Array | np.ndarray, ""]
 
 
 class State(eqx.Module):
@@ -200,6 +197,9 @@ def cuts_at_all(model: CuttingModel, p: Parameters) -> Any:
         begins = begins & ((value > ZERO) | rises)
     return begins
 
+
+NO_CUT = "no-cut"
+"""What `ended_by` says of an impact that cuts nothing."""
 
 ZERO = 1e-15
 """Event functions below this are zero at contact: cos(π/2) is 6e-17 in floating point."""

@@ -1,4 +1,4 @@
-"""What a model must be before anything is computed with it, told from the shapes of what it gives."""
+"""Checks of a model before anything is computed with it, by the shapes of its methods' results."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ def flaw(model: CuttingModel) -> str | None:
     """What is wrong with a model, as a clause on one of its methods; None where nothing is.
 
     Its methods are traced, not run: a model of NaN, or one whose cut never ends, passes. Each
-    kind of model is looked at once.
+    kind of model is checked once.
     """
     leaves, structure = jax.tree.flatten(model)
     for leaf in leaves:
@@ -31,7 +31,7 @@ def flaw(model: CuttingModel) -> str | None:
         if name in QUANTITIES:
             return f"its own parameters must have other names than those of a case, but one is `{name}`"
     # An array of an own parameter holds one number for each of many impacts.
-    scalars = {one.leaf for one in own.values()}
+    scalars = {parameter.leaf for parameter in own.values()}
     numbers = (
         (() if i in scalars else np.shape(leaf), str(jnp.result_type(leaf)))
         for i, leaf in enumerate(leaves)
@@ -55,8 +55,8 @@ def _flaw(structure: Any, functions: tuple[Any, ...], numbers: tuple[tuple[tuple
             raise _FlawError("`derivative` must give what `initial_state` gives, its rate, but gives something else")
         _require_scalars("derivative", rate)
         for name, kind in (("tip", Tip), ("removal_rate", None), ("events", dict)):
-            found = _given(name, lambda model, p, state, n=name: getattr(model, n)(state, p), model, TABLE_1, state)
-            _require(name, found, kind)
+            given = _given(name, lambda model, p, state, n=name: getattr(model, n)(state, p), model, TABLE_1, state)
+            _require(name, given, kind)
         _require("scales", _given("scales", lambda model, p: model.scales(p), model, TABLE_1), Scales)
     except _FlawError as error:
         return str(error)
@@ -79,16 +79,16 @@ def _given(name: str, method: Callable[..., Any], model: tuple[Callable[..., Any
         raise _FlawError(f"`{name}` fails: {type(error).__name__}: {short.rstrip('.')}") from error
 
 
-def _require(name: str, found: Any, kind: type | None) -> None:
-    if kind is not None and not isinstance(found, kind):
-        raise _FlawError(f"`{name}` must give a {kind.__name__}, but gives a {type(found).__name__}")
-    if kind is dict and not found:
+def _require(name: str, given: Any, kind: type | None) -> None:
+    if kind is not None and not isinstance(given, kind):
+        raise _FlawError(f"`{name}` must give a {kind.__name__}, but gives a {type(given).__name__}")
+    if kind is dict and not given:
         raise _FlawError(f"`{name}` must name at least one event, but is empty")
-    _require_scalars(name, found)
+    _require_scalars(name, given)
 
 
-def _require_scalars(name: str, found: Any) -> None:
-    parts = jax.tree_util.tree_flatten_with_path(found)[0]
+def _require_scalars(name: str, given: Any) -> None:
+    parts = jax.tree_util.tree_flatten_with_path(given)[0]
     if not parts:
         raise _FlawError(f"`{name}` must give numbers, but gives none")
     for path, leaf in parts:

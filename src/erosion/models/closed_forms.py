@@ -10,39 +10,47 @@ P = k/(1 + 1/β), because the torque slows the tip as well.
 """
 
 import abc
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.models.base import ZERO, ClosedForm, State
+from erosion.models.base import NO_CUT, ZERO, ClosedForm, State
 from erosion.models.rigid import UPRIGHT
-from erosion.models.tracing import traced_once
 from erosion.parameters.parameters import Parameters
+from erosion.shapes import Broadcast
+
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+def _traced_once(method: _Method) -> _Method:
+    """The method as one program: `jax.jit`, with the method's signature left as it is."""
+    return cast(_Method, jax.jit(method))
 
 
 class SineCut(ClosedForm):
     """Constant force ratio and depth y: what `linearized` and `finnie` share."""
 
     @abc.abstractmethod
-    def tip_ratio(self, p: Parameters) -> Any:
+    def tip_ratio(self, p: Parameters) -> Broadcast:
         """P [-]."""
 
     @abc.abstractmethod
-    def tip_speed(self, p: Parameters) -> Any:
+    def tip_speed(self, p: Parameters) -> Broadcast:
         """u, the tip's horizontal speed at contact over v₀ [-]."""
 
     @abc.abstractmethod
-    def omega(self, vx: Any, p: Parameters) -> Any:
+    def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
         """φ̇ when the centre of mass moves at `vx`."""
 
     @abc.abstractmethod
-    def turn(self, t: Any, x: Any, p: Parameters) -> Any:
+    def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
         """φ - π/2 at time `t`, when the centre of mass is at `x`."""
 
-    @traced_once
-    def state(self, t: Any, p: Parameters) -> State:
+    @_traced_once
+    def state(self, t: Broadcast, p: Parameters) -> State:
         rate, sine = p.rate, jnp.sin(p.alpha)
         # 1 - cos ωt = 2 sin²(ωt/2), which keeps its digits for small ωt.
         vx = p.v0 * (jnp.cos(p.alpha) - sine / p.k * 2 * jnp.sin(rate * t / 2) ** 2)
@@ -56,42 +64,42 @@ class SineCut(ClosedForm):
             omega=self.omega(vx, p),
         )
 
-    @traced_once
-    def end_times(self, p: Parameters) -> dict[str, Any]:
+    @_traced_once
+    def end_times(self, p: Parameters) -> dict[str, Broadcast]:
         fall = self.tip_ratio(p) * self.tip_speed(p) / (2 * jnp.sin(p.alpha))
         stops = (fall >= 0) & (fall <= 1)
         # cos ωt = 1 - P u/sin α, as sin²(ωt/2) = P u/(2 sin α).
         stop = 2 / p.rate * jnp.arcsin(jnp.sqrt(jnp.where(stops, fall, 0.0)))
         return {"rebound": jnp.pi / p.rate + 0 * stop, "stop": jnp.where(stops, stop, jnp.nan)}
 
-    @traced_once
-    def t_c(self, p: Parameters) -> Any:
+    @_traced_once
+    def t_c(self, p: Parameters) -> Broadcast:
         times = self.end_times(p)
         return jnp.where(self.tip_speed(p) <= ZERO, 0.0, jnp.fmin(times["rebound"], times["stop"]))
 
     def ended_by(self, p: Parameters) -> np.ndarray:
         ends = np.where(np.asarray(self._rebounds(p)), "rebound", "stop")
-        return np.where(np.asarray(self.tip_speed(p)) <= ZERO, "no-cut", ends)
+        return np.where(np.asarray(self.tip_speed(p)) <= ZERO, NO_CUT, ends)
 
-    @traced_once
-    def volume(self, p: Parameters) -> Any:
+    @_traced_once
+    def volume(self, p: Parameters) -> Broadcast:
         ratio, u, sine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha)
         return self._piecewise(p, 2 * u * sine - 2 / ratio * sine**2, ratio / 2 * u**2)
 
-    @traced_once
-    def dvolume(self, p: Parameters) -> Any:
+    @_traced_once
+    def dvolume(self, p: Parameters) -> Broadcast:
         ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
         rebound = 2 * (u * cosine - sine**2) - 4 / ratio * sine * cosine
         return self._piecewise(p, rebound, -ratio * u * sine)
 
-    @traced_once
-    def d2volume(self, p: Parameters) -> Any:
+    @_traced_once
+    def d2volume(self, p: Parameters) -> Broadcast:
         ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
         rebound = -2 * sine * (u + 3 * cosine) - 4 / ratio * (cosine**2 - sine**2)
         return self._piecewise(p, rebound, ratio * (sine**2 - u * cosine))
 
-    @traced_once
-    def alpha_max(self, p: Parameters) -> Any:
+    @_traced_once
+    def alpha_max(self, p: Parameters) -> Broadcast:
         """½ arctan P without spin; with spin the root of V′, by bisection to the last bit.
 
         V′ is positive as α → 0, negative where rebound gives way to stop and beyond, and
@@ -117,7 +125,7 @@ class SineCut(ClosedForm):
     def _rebounds(self, p: Parameters) -> Any:
         return jnp.sin(p.alpha) <= self.tip_ratio(p) / 2 * self.tip_speed(p)
 
-    def _piecewise(self, p: Parameters, rebound: Any, stop: Any) -> Any:
+    def _piecewise(self, p: Parameters, rebound: Broadcast, stop: Broadcast) -> Broadcast:
         value = p.volume_scale / p.k * jnp.where(self._rebounds(p), rebound, stop)
         return jnp.where(self.tip_speed(p) <= ZERO, 0.0, value)
 
@@ -125,33 +133,33 @@ class SineCut(ClosedForm):
 class LinearizedCut(SineCut):
     """Laverty (22)-(25): V = (V*/k)[sin 2α - (2/k) sin²α] for tan α ≤ k/2, (V*/2) cos²α above."""
 
-    def tip_ratio(self, p: Parameters) -> Any:
+    def tip_ratio(self, p: Parameters) -> Broadcast:
         return p.k
 
-    def tip_speed(self, p: Parameters) -> Any:
+    def tip_speed(self, p: Parameters) -> Broadcast:
         return jnp.cos(p.alpha)
 
-    def omega(self, vx: Any, p: Parameters) -> Any:
+    def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
         return p.phidot0 + 0 * vx
 
-    def turn(self, t: Any, x: Any, p: Parameters) -> Any:
+    def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
         return p.phidot0 * t + 0 * x
 
 
 class FinnieCut(SineCut):
     """Finnie 1958, for any β and spin; P = k/3 for β = ½ is his "6/k" form."""
 
-    def tip_ratio(self, p: Parameters) -> Any:
+    def tip_ratio(self, p: Parameters) -> Broadcast:
         return p.k / (1 + 1 / p.inertia)
 
-    def tip_speed(self, p: Parameters) -> Any:
+    def tip_speed(self, p: Parameters) -> Broadcast:
         return jnp.cos(p.alpha) + p.spin
 
-    def omega(self, vx: Any, p: Parameters) -> Any:
+    def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
         # φ̇ - φ̇₀ = (ẋ - ẋ(0))/(β r), from I φ̈ = r m ẍ.
         return p.phidot0 + (vx - p.v0 * jnp.cos(p.alpha)) / (p.inertia * p.r)
 
-    def turn(self, t: Any, x: Any, p: Parameters) -> Any:
+    def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
         return p.phidot0 * t + (x - p.v0 * jnp.cos(p.alpha) * t) / (p.inertia * p.r)
 
 
@@ -161,41 +169,41 @@ class StraightCut(ClosedForm):
     It always stops, at ωt = π/2, and V = (V*/2) cos²α only falls: no greatest angle.
     """
 
-    @traced_once
-    def state(self, t: Any, p: Parameters) -> State:
+    @_traced_once
+    def state(self, t: Broadcast, p: Parameters) -> State:
         rate = self._rate(p)
         along, speed = p.v0 * jnp.sin(rate * t) / rate, p.v0 * jnp.cos(rate * t)
         sine, cosine = jnp.sin(p.alpha), jnp.cos(p.alpha)
         phi = UPRIGHT + p.phidot0 * t
         return State(along * cosine, along * sine, phi, speed * cosine, speed * sine, p.phidot0 + 0 * speed)
 
-    @traced_once
-    def end_times(self, p: Parameters) -> dict[str, Any]:
+    @_traced_once
+    def end_times(self, p: Parameters) -> dict[str, Broadcast]:
         rate = self._rate(p)
         return {"rebound": jnp.pi / rate, "stop": jnp.pi / 2 / rate}
 
-    @traced_once
-    def t_c(self, p: Parameters) -> Any:
+    @_traced_once
+    def t_c(self, p: Parameters) -> Broadcast:
         return jnp.where(jnp.cos(p.alpha) <= ZERO, 0.0, self.end_times(p)["stop"])
 
     def ended_by(self, p: Parameters) -> np.ndarray:
-        return np.where(np.cos(np.asarray(p.alpha + 0 * p.v0)) <= ZERO, "no-cut", "stop")
+        return np.where(np.cos(np.asarray(p.alpha + 0 * p.v0)) <= ZERO, NO_CUT, "stop")
 
-    @traced_once
-    def volume(self, p: Parameters) -> Any:
+    @_traced_once
+    def volume(self, p: Parameters) -> Broadcast:
         return p.volume_scale / 2 * jnp.cos(p.alpha) ** 2
 
-    @traced_once
-    def dvolume(self, p: Parameters) -> Any:
+    @_traced_once
+    def dvolume(self, p: Parameters) -> Broadcast:
         return -p.volume_scale / 2 * jnp.sin(2 * p.alpha)
 
-    @traced_once
-    def d2volume(self, p: Parameters) -> Any:
+    @_traced_once
+    def d2volume(self, p: Parameters) -> Broadcast:
         return -p.volume_scale * jnp.cos(2 * p.alpha)
 
-    @traced_once
-    def alpha_max(self, p: Parameters) -> Any:
+    @_traced_once
+    def alpha_max(self, p: Parameters) -> Broadcast:
         return jnp.nan * (p.alpha + p.v0)
 
-    def _rate(self, p: Parameters) -> Any:
+    def _rate(self, p: Parameters) -> Broadcast:
         return jnp.sqrt(p.stiffness * jnp.tan(p.alpha) / p.m)

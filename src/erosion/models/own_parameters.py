@@ -29,7 +29,7 @@ class OwnParameter(NamedTuple):
     Args:
         path: the fields that lead to it: ("force", "friction").
         leaf: its place among the leaves of the model.
-        value: of the model at hand, a number or JAX's stand-in for one.
+        value: the model's number, or JAX's tracer for it.
         quantity: symbol, meaning and dimension.
     """
 
@@ -75,15 +75,15 @@ def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
         path = tuple(key.name for key in keys if isinstance(key, jax.tree_util.GetAttrKey))
         if len(path) == len(keys) and _is_number(value, many=_is_declared(model, path)):
             own.append(OwnParameter(path, leaf, value, _quantity(model, path)))
-    paths = [one.path for one in own]
-    return {_name(one.path, paths): one for one in own}
+    paths = [parameter.path for parameter in own]
+    return {_name(parameter.path, paths): parameter for parameter in own}
 
 
 def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
     """The same model with other values of some of its own parameters.
 
     Raises:
-        TypeError, ValueError: for a name that is none of them, or a value that is no finite number.
+        TypeError, ValueError: for an unknown name, or a value that is no finite number.
             NaN or infinity in an array is no error: it is an impact that fails.
     """
     if not changes:
@@ -116,10 +116,10 @@ def converted(model: _Model, p: Parameters, units: str) -> tuple[_Model, Paramet
     require_parameters(p)
     there = p.to(units)
     changes = {}
-    for name, one in own_parameters(model).items():
-        factor = conversion_factor(one.quantity.dimension, p.units, there.units)
+    for name, parameter in own_parameters(model).items():
+        factor = conversion_factor(parameter.quantity.dimension, p.units, there.units)
         if factor != 1:
-            changes[name] = one.value * factor
+            changes[name] = parameter.value * factor
     return replaced(model, changes), there
 
 
@@ -140,19 +140,19 @@ def require_one_impact(model: eqx.Module, p: Parameters, instead: str = "") -> N
 
 def quantities(model: eqx.Module) -> dict[str, Quantity]:
     """What the parameters of an impact are called: those of the case, then the model's own."""
-    return {**QUANTITIES, **{name: one.quantity for name, one in own_parameters(model).items()}}
+    return {**QUANTITIES, **{name: parameter.quantity for name, parameter in own_parameters(model).items()}}
 
 
 def values(model: eqx.Module, p: Parameters) -> dict[str, Any]:
     """The parameters of an impact, as `quantities` has them."""
-    own = {name: one.value for name, one in own_parameters(model).items()}
+    own = {name: parameter.value for name, parameter in own_parameters(model).items()}
     return {**{name: getattr(p, name) for name in QUANTITIES}, **own}
 
 
 def sizes(model: eqx.Module, p: Parameters) -> dict[str, Any]:
-    """A change of each parameter that matters: as much as there is of it, 1 where that is 0; of the spin v₀/r."""
-    each = {name: np.where(value == 0, 1.0, np.abs(value)) for name, value in values(model, p).items()}
-    return {**each, "phidot0": np.asarray(p.v0 / p.r)}
+    """A significant change of each parameter: its size, 1 where that is 0; v₀/r for the spin."""
+    changes = {name: np.where(value == 0, 1.0, np.abs(value)) for name, value in values(model, p).items()}
+    return {**changes, "phidot0": np.asarray(p.v0 / p.r)}
 
 
 def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tuple[_Model, Parameters]:
@@ -164,11 +164,11 @@ def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tup
 def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
     """The own parameters with their values in one line, those named `but` left out; empty where there are none."""
     own = own_parameters(model).items()
-    return ", ".join(f"{name} = {abbreviate(one.value)}" for name, one in own if name not in but)
+    return ", ".join(f"{name} = {abbreviate(parameter.value)}" for name, parameter in own if name not in but)
 
 
 def _is_number(value: Any, *, many: bool) -> bool:
-    """Whether it is a real number; or an array of such, where that may be."""
+    """Whether it is a real number, or, with `many`, an array of real numbers."""
     if isinstance(value, (bool, np.bool_)):
         return False
     if isinstance(value, (int, float)):
@@ -199,7 +199,7 @@ def _field(model: Any, path: tuple[str, ...]) -> Any:
 
 
 def _name(path: tuple[str, ...], paths: list[tuple[str, ...]]) -> str:
-    """The shortest end of the path that no other has."""
+    """The shortest end of the path that no other path has."""
     ends = (path[-length:] for length in range(1, len(path)))
     alone = (end for end in ends if sum(other[-len(end) :] == end for other in paths) == 1)
     return ".".join(next(alone, path))

@@ -88,18 +88,18 @@ def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
     Raises:
         ModelError: where there is no such file or folder.
     """
-    found = dict(BUILT_IN)
+    models = dict(BUILT_IN)
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
-        if entry.name not in found:
-            found[entry.name] = _listed(entry.name, functools.partial(_entry, entry))
+        if entry.name not in models:
+            models[entry.name] = _listed(entry.name, functools.partial(_entry, entry))
     if path is not None:
         folder = check_path("path", path)
         if not folder.exists():
             raise ModelError(f"{folder}: there is no such file or folder of models.")
         files = sorted(folder.glob("*.py")) if folder.is_dir() else [folder]
         for file in files:
-            found[str(file)] = _listed(str(file), functools.partial(_file, file))
-    return found
+            models[str(file)] = _listed(str(file), functools.partial(_file, file))
+    return models
 
 
 def usable_models() -> list[str]:
@@ -215,13 +215,13 @@ def _choose(module: types.ModuleType, path: Path) -> object:
         for value in vars(module).values()
         if inspect.isclass(value) and issubclass(value, CuttingModel) and value.__module__ == module.__name__
     ]
-    complete = [one for one in classes if not inspect.isabstract(one)]
+    complete = [candidate for candidate in classes if not inspect.isabstract(candidate)]
     if len(classes) == 1 and not complete:
         lacking = ", ".join(f"`{name}`" for name in sorted(classes[0].__abstractmethods__))
         raise ModelError(f"{path}: {classes[0].__name__} must have all methods of a model, but lacks {lacking}.")
     if len(complete) != 1:
-        found = ", ".join(c.__name__ for c in complete) or "none"
-        raise ModelError(f"{path}: must define `model`, or exactly one complete CuttingModel class, but has {found}.")
+        names = ", ".join(c.__name__ for c in complete) or "none"
+        raise ModelError(f"{path}: must define `model`, or exactly one complete CuttingModel class, but has {names}.")
     return complete[0]
 
 

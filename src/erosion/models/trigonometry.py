@@ -12,8 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.models.tracing import traced_once
-
 # π/2 in three parts; the first two have 33 significant bits, so that their products with
 # the number of quarter turns (below 2^20) are exact.
 _PI_2_HIGH = float.fromhex("0x1.921fb544p+0")
@@ -26,7 +24,7 @@ _COS = [(-1) ** n / math.factorial(2 * n) for n in range(9)]
 
 
 @jax.custom_jvp
-@traced_once
+@jax.jit
 def sincos(angle: Any) -> tuple[Any, Any]:
     """Sine and cosine of `angle` [rad] between -10⁶ and 10⁶, to within 2 ulp of 1.
 

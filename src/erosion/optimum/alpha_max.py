@@ -224,11 +224,7 @@ def _searched(
     count = int(np.prod(shape, dtype=int))
 
     def search(begin: int) -> list[Maxima]:
-        cases = slice(begin, begin + _TOGETHER)
-        leaves = [
-            number[cases] if number.ndim > len(of_one) else number
-            for number, of_one in zip(numbers, layout.shapes, strict=True)
-        ]
+        leaves = layout.of_lanes(numbers, slice(begin, begin + _TOGETHER))
         return Search(layout, leaves, min(_TOGETHER, count - begin), least=least).optima(low, high)
 
     # While one thread integrates, another uses Python to choose the next angles.

@@ -130,10 +130,7 @@ class _Objective(NamedTuple):
         return results.outcome, results.time.value
 
     def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Results:
-        lanes = [
-            leaf[case] if leaf.ndim > len(shape) else leaf
-            for leaf, shape in zip(self.numbers, self.layout.shapes, strict=True)
-        ]
+        lanes = self.layout.of_lanes(self.numbers, case)
         lanes[_ALPHA] = alpha
         along = ("alpha",) if order else ()
         return integrate(self.layout, lanes, alpha.size, order, along, self.rtol, again=False)

@@ -5,7 +5,7 @@ their time over each array of a program, and diffrax has many uses for it.
 """
 
 import dataclasses
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import diffrax
 import equinox as eqx
@@ -42,24 +42,24 @@ def begin(model: CuttingModel, p: Parameters) -> Any:
     return cuts_at_all(model, p), start, sizes, time
 
 
-@seldom_run
-def solve(
-    model: CuttingModel,
-    p: Parameters,
-    solver: diffrax.AbstractSolver,
-    controller: diffrax.AbstractStepSizeController,
-    start: Any,
-    sizes: Any,
-    t0: Any,
-    t1: Any,
-) -> tuple[Any, Any, Any, dict[str, Any]]:
-    """Integrate y from `t0` until `t1`, or the first step that ends past an event.
+class Problem(NamedTuple):
+    """An impact and how to integrate it: diffrax sees y divided by `sizes`, so that one absolute tolerance fits all."""
 
-    diffrax sees everything divided by `sizes`, so that one absolute tolerance fits all.
+    model: CuttingModel
+    p: Parameters
+    solver: diffrax.AbstractSolver
+    controller: diffrax.AbstractStepSizeController
+    sizes: Any
+
+
+@seldom_run
+def solve(problem: Problem, start: Any, t0: Any, t1: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
+    """Integrate y from `t0` until `t1`, or the first step that ends past an event.
 
     Returns:
         The ends of the steps (padded), y there, y at the last, and what `interpolate` takes.
     """
+    model, p, solver, controller, sizes = problem
     structure = layout(model, p)
 
     def rate(t: Any, y: Any, args: Any) -> Any:
@@ -108,12 +108,12 @@ def look(model: CuttingModel, p: Parameters, ys: Any) -> Any:
     """Event functions, their rates, the tip's position and velocity, and dV/dt, at many y (times, quantities)."""
     structure = layout(model, p)
 
-    def one(y: Any) -> Any:
+    def look_at(y: Any) -> Any:
         state = state_of(structure, y)
         values, rates = event_rates(model, state, model.derivative(state, p), p)
         return values, rates, tuple(model.tip(state, p)), model.removal_rate(state, p)
 
-    return jax.vmap(one)(ys)
+    return jax.vmap(look_at)(ys)
 
 
 def _initial_state(model: CuttingModel, p: Parameters) -> Any:

@@ -33,7 +33,7 @@ def first_fall(t: np.ndarray, values: Mapping[str, np.ndarray], rates: Mapping[s
     Raises:
         ArithmeticError: where a function is not finite.
     """
-    found: list[Fall] = []
+    first_falls: list[Fall] = []
     for name in values:
         value, rate = np.array(values[name]), rates[name]
         finite = np.isfinite(value) & np.isfinite(rate)
@@ -46,9 +46,9 @@ def first_fall(t: np.ndarray, values: Mapping[str, np.ndarray], rates: Mapping[s
         for i in np.flatnonzero(falls | dips):
             root = _first_root(t[i : i + 2], value[i : i + 2], rate[i : i + 2])
             if root is not None:
-                found.append(Fall(root, float(t[i]), float(t[i + 1]), name))
+                first_falls.append(Fall(root, float(t[i]), float(t[i + 1]), name))
                 break
-    return min(found, default=None)
+    return min(first_falls, default=None)
 
 
 def find_root(event: Callable[[float], tuple[float, float]], fall: Fall) -> float:
@@ -59,11 +59,11 @@ def find_root(event: Callable[[float], tuple[float, float]], fall: Fall) -> floa
         low, high = (t, high) if value > 0 else (low, t)
         step = -value / rate if rate < 0 else np.inf
         # Asked first: a step below rounding may leave the bracket, which has closed to `t` by then.
-        found = abs(step) <= _CLOSE * t
+        converged = abs(step) <= _CLOSE * t
         # A graze at its lowest point has no slope to follow.
-        step = step if found or low < t + step <= high else (low + high) / 2 - t
+        step = step if converged or low < t + step <= high else (low + high) / 2 - t
         t += step
-        if found or abs(step) <= _CLOSE * t:
+        if converged or abs(step) <= _CLOSE * t:
             break
     return t
 

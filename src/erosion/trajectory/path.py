@@ -2,20 +2,15 @@
 
 import numpy as np
 
-from erosion.engine.outcomes import end_names
+from erosion.engine.outcomes import OTHER_ENDS, end_names
 from erosion.engine.states import states_at
-from erosion.engine.step_control import LONGEST_CUT
 from erosion.models import model_name
-from erosion.models.base import CuttingModel
+from erosion.models.base import NO_CUT, CuttingModel
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
 from erosion.trajectory.trajectory import SimulationError, Trajectory
 
 _RTOL = 1e-12
-_WHY_NOT = {
-    "failed": "the motion is not finite, or no step of it is exact enough",
-    "unfinished": f"no event ended the cut within {LONGEST_CUT:,.0f} time scales",
-}
 
 
 def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
@@ -29,24 +24,24 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
     require_float64()
     end = states_at(model, p, np.array([np.inf]), _RTOL)
     name = end_names(model)[int(end.outcome[0])]
-    if name in _WHY_NOT:
-        raise SimulationError(f"{model_name(model)}: {_WHY_NOT[name]}.")
+    if name in OTHER_ENDS and name != NO_CUT:
+        raise SimulationError(f"{model_name(model)}: {OTHER_ENDS[name]}.")
     t_c = float(end.time[0])
-    t = np.linspace(0.0, t_c, points) if name != "no-cut" else np.zeros(1)
+    t = np.linspace(0.0, t_c, points) if name != NO_CUT else np.zeros(1)
     # The end itself is known better than what is integrated to that time.
-    times = np.where(np.arange(t.size) < t.size - 1, t, np.inf) if name != "no-cut" else t
-    along = states_at(model, p, times, _RTOL)
+    times = np.where(np.arange(t.size) < t.size - 1, t, np.inf) if name != NO_CUT else t
+    states = states_at(model, p, times, _RTOL)
     return Trajectory(
         model=model,
         p=p,
         t=t,
-        states=along.state,
-        x_tip=along.tip.x,
-        depth=along.tip.depth,
-        vx_tip=along.tip.vx,
-        vdepth=along.tip.vdepth,
-        removed=along.volume,
-        removal_rate=along.removal_rate,
+        states=states.state,
+        x_tip=states.tip.x,
+        depth=states.tip.depth,
+        vx_tip=states.tip.vx,
+        vdepth=states.tip.vdepth,
+        removed=states.volume,
+        removal_rate=states.removal_rate,
         t_c=t_c,
         ended_by=name,
         volume=float(end.volume[0]),

@@ -19,8 +19,9 @@ import numpy as np
 
 import erosion.trajectory.diffrax_steps as flow
 from erosion.arguments import check_tolerance, check_whole
+from erosion.engine.step_control import LONGEST_CUT
 from erosion.models import load_model, model_name
-from erosion.models.base import CuttingModel, Tip
+from erosion.models.base import NO_CUT, CuttingModel, Tip
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
@@ -28,7 +29,6 @@ from erosion.trajectory.events import find_root, first_fall
 from erosion.trajectory.trajectory import SimulationError, Trajectory, TurnWarning
 
 _SAMPLES = 8  # looks at the event functions within each step
-_LONGEST_CUT = 1e4  # of the model's time scale; longer ones are reported, not waited for
 _ATOL = 1e-15  # of each quantity's size: rounding
 _LONGEST_STEP = 0.05  # of the model's time scale: sampled 8 times, a cubic errs by 1e-10 or less
 
@@ -94,17 +94,18 @@ def _follow(
     structure = flow.layout(model, p)
     begins, start, sizes, time = flow.begin(model, p)
     if not begins:
-        only = np.asarray(start)[None]
-        return _trajectory(model, given, structure, np.zeros(1), only, "no-cut", lambda t: np.repeat(only, len(t), 0))
+        ys = np.asarray(start)[None]
+        return _trajectory(model, given, structure, np.zeros(1), ys, NO_CUT, lambda t: np.repeat(ys, len(t), 0))
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
     # Numpy from here: JAX would compile a program for every number of steps.
-    ends, states, _, found = flow.solve(model, p, solver, controller, start, sizes, 0.0 * time, _LONGEST_CUT * time)
+    problem = flow.Problem(model, p, solver, controller, sizes)
+    ends, states, _, interpolant = flow.solve(problem, start, 0.0 * time, LONGEST_CUT * time)
     ends = np.asarray(ends)
     ends = np.append(0.0, ends[np.isfinite(ends)])
 
     def dense(t: np.ndarray) -> np.ndarray:
-        return np.asarray(flow.interpolate(solver, found, sizes, _padded(t)))[: len(t)]
+        return np.asarray(flow.interpolate(solver, interpolant, sizes, _padded(t)))[: len(t)]
 
     t, values, rates = _looks(model, p, dense, ends, float(time))
     try:
@@ -130,7 +131,7 @@ def _follow(
     def reach(t: float) -> Any:
         if t <= ends[begun]:
             return before
-        return flow.solve(model, p, solver, controller, before, sizes, jnp.float64(ends[begun]), jnp.float64(t))[2]
+        return flow.solve(problem, before, jnp.float64(ends[begun]), jnp.float64(t))[2]
 
     def event(t: float) -> tuple[float, float]:
         value, rate = flow.event(model, p, reach(t))

@@ -1,0 +1,22 @@
+"""Types of numbers, by how many there are; where JAX traces, its tracers are of these types as well."""
+
+import numpy as np
+from jaxtyping import Array, Bool, Int, Real, Shaped
+
+Scalar = Real[Array | np.ndarray, ""] | float | int
+"""One real number."""
+
+Flag = Bool[Array | np.ndarray, ""] | np.bool_ | bool
+"""One truth value."""
+
+Number = Shaped[Array | np.ndarray, "..."] | float | int
+"""One number of a model or case, or a small array of them, of any type."""
+
+Broadcast = Real[Array | np.ndarray, "..."] | float | int
+"""A real number, or an array that holds one for each of many impacts and broadcasts with others."""
+
+PerLane = Shaped[np.ndarray, "..."]
+"""An array (lanes, …) of each lane's number or small array, or a single one that all lanes share."""
+
+Indices = Int[np.ndarray, "_"]
+"""Indices of lanes, or of other things in one row."""
