@@ -126,6 +126,7 @@ def test_an_optimum_comes_without_what_it_does_not_use():
     assert process.returncode == 0, process.stderr
 
 
+@pytest.mark.slow
 def test_the_process_exits_with_the_status():
     assert erosion("run", "--alpha", "95deg").returncode == 2
     assert erosion("--version").stdout.strip() == "0.1.0"

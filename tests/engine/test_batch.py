@@ -88,16 +88,18 @@ def test_no_tolerance_is_beyond_rounding(monkeypatch) -> None:
     assert min(program.tolerances(0)) == 1e-13
 
 
-class Restless(Program):
-    """Each integration has another volume."""
+class Lost(Program):
+    """Fails with any tolerance but the first."""
 
     def spoil(self, lanes, outputs):
-        outputs[3][lanes] = 2.0 ** len(self.runs)
+        outputs[0][lanes[self.runs[-1][1] < RTOL]] = 3
 
 
-def test_integrations_that_never_agree_come_to_an_end(monkeypatch) -> None:
-    _, program = integrate(monkeypatch, Restless, alpha=np.array([0.3]), m=10.0)
-    assert len(program.runs) <= 1 + batch._REPEATED
+def test_what_never_succeeds_is_tried_four_times(monkeypatch) -> None:
+    results, program = integrate(monkeypatch, Lost, alpha=np.array([0.3]), psi=1e3, m=1e4)
+    assert len(program.runs) == 1 + 4
+    assert results.outcome == [0]
+    assert results.volume.value == pytest.approx(0.3 * (1 + 1e3 * RTOL), rel=1e-15)
 
 
 class Rounded(Program):

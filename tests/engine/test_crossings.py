@@ -80,6 +80,12 @@ def test_a_dip_near_zero_is_where_the_parabola_is_lowest(theta: float, lowest: f
     assert value == pytest.approx(lowest if where < 1 else np.inf, abs=1e-12)
 
 
+def test_a_cubic_is_lowest_where_its_slope_is_zero() -> None:
+    """(t - 0.4)² (t + 1) - 0.01, which touches -0.01 at 0.4."""
+    touching = np.polynomial.Polynomial.fromroots([0.4, 0.4, -1.0]) - 0.01
+    assert dip(touching) == (pytest.approx(0.4, rel=1e-12), pytest.approx(-0.01, rel=1e-12))
+
+
 def test_a_dip_is_harmless_above_what_its_cubic_may_err() -> None:
     high = np.polynomial.Polynomial([0.25 + 0.1, -1.0, 1.0])
     assert dip(high) == (2, pytest.approx(0.1))

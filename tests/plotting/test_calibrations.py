@@ -12,6 +12,8 @@ from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.calibrations import plot_calibration, plot_profile
 from erosion.plotting.style import new_axes
 
+pytestmark = pytest.mark.slow
+
 DEGREES = np.linspace(5.0, 88.0, 50)
 
 
@@ -50,7 +52,6 @@ def test_data_fit_band_and_residuals(fit):
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
 
 
-@pytest.mark.slow
 def test_a_profile_shows_where_it_crosses(fit):
     ax = plot_profile(new_axes()[1], fit, "k", 0.9)
     profile = fit.profile("k")

@@ -9,6 +9,8 @@ from erosion.plotting.studies import plot_comparison, plot_regimes
 from erosion.plotting.style import render
 from tests.reference import closed_form
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 
 
