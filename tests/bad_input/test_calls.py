@@ -88,7 +88,7 @@ ROWS = [
     (
         "erosion.alpha_max('finnie', P, objective=lambda m: None)",
         "TypeError",
-        "must turn a model into one, but makes None.",
+        "must turn a model into a model, but makes None.",
     ),
     ("erosion.compare('finnie', P)", "TypeError", "Argument `models` must be a list of models, but is 'finnie'."),
     ("erosion.compare(3, P)", "TypeError", "Argument `models` must be a list of models, but is 3."),
