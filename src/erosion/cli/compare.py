@@ -83,9 +83,10 @@ def _curves(names: list[str], p: "Parameters") -> "xr.Dataset":
     """V(α) of each model; the case's own angle goes along as one more angle."""
     import numpy as np
 
+    from erosion.parameters.ranges import QUARTER_DEGREES
     from erosion.sweeps.studies import compare as compare_models
 
-    return compare_models(names, p, alpha=np.union1d(np.linspace(0, np.pi / 2, 361)[1:], p.alpha))
+    return compare_models(names, p, alpha=np.union1d(QUARTER_DEGREES, p.alpha))
 
 
 def _at_the_case(curves: "xr.Dataset", p: "Parameters") -> list[dict[str, Any]]:

@@ -52,7 +52,7 @@ def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray,
 
     Args:
         x: along the axis, shape (n,).
-        y: the curve, likewise.
+        y: the curve, shape (n,).
         slope: dy/dx, shape (n,).
     """
     h = np.diff(x)

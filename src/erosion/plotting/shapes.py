@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
+from erosion.parameters.ranges import QUARTER_DEGREES
 from erosion.plotting.colors import DIM, STYLES
 from erosion.plotting.curves import broken
 from erosion.plotting.families import Curve
@@ -25,7 +26,7 @@ def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) 
         curves: of models; those that cut nothing are left out.
         correlations: names in `erosion.CORRELATIONS`.
     """
-    angles = np.linspace(0, np.pi / 2, 361)
+    angles = np.append(0.0, QUARTER_DEGREES)
     for i, name in enumerate(correlations):
         one = CORRELATIONS[name]
         label = f"{one.title}: {np.rad2deg(one.alpha_max):.1f}°"
