@@ -8,7 +8,7 @@ from numpy.polynomial import Polynomial
 
 from erosion.engine import step_control
 from erosion.engine.crossings import Ends
-from erosion.engine.step_control import ADVANCING, ARRIVED, ENDED, FAILED, LOCATING, NO_CUT, UNFINISHED, Control
+from erosion.engine.step_control import ADVANCING, ARRIVED, ENDED, FAILED, LOCATING, NOT_BEGUN, UNFINISHED, Control
 
 FIRST = 0.17
 SCALE = 1.0
@@ -92,7 +92,7 @@ def test_an_impact_begins_only_with_finite_numbers_and_a_time_scale() -> None:
     assert start().mode == ADVANCING
     assert [start(finite=False).mode, start(scale=0.0).mode, start(scale=np.nan).mode] == [FAILED] * 3
     nothing = start(begins=False)
-    assert (nothing.mode, nothing.event) == (ENDED, NO_CUT)
+    assert (nothing.mode, nothing.event) == (ENDED, NOT_BEGUN)
 
 
 @pytest.mark.parametrize("step", [FIRST, 3.0])

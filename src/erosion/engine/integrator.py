@@ -17,7 +17,7 @@ from erosion.engine.crossings import Ends
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import AFTER_ARRIVED, AFTER_FAILED, AFTER_NO_CUT, AFTER_UNFINISHED
 from erosion.engine.reduction import WholeMotion, reduced
-from erosion.engine.step_control import ARRIVED, ENDED, NO_CUT, UNFINISHED, Control, eighth_root, first_fall
+from erosion.engine.step_control import ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control, eighth_root, first_fall
 from erosion.engine.tableau import B_CHECK, B_ERROR, A, B
 from erosion.engine.variational import Cut, Derivatives, Direction, Variational, at_event
 from erosion.models.base import ZERO
@@ -270,7 +270,7 @@ def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
     state = _short_step(problem, lane.state, lane.slope, control.left)
     slope, events = problem.rate_and_events(state)
     ended = control.mode == ENDED
-    cut = ended & (control.event != NO_CUT)
+    cut = ended & (control.event != NOT_BEGUN)
     event, remaining = first_fall(control, events)
     remaining = jnp.where(cut, remaining, 0.0)
     rows = [u + remaining * k for u, k in zip(state, slope, strict=True)]
@@ -279,13 +279,13 @@ def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
     end = at_event(equations, members, event, time)
     results = [equations.per_unit(end.time), equations.per_unit(end.volume)]
     numbers, structure = jax.tree.flatten(results)
-    numbers = [jnp.where(event == NO_CUT, 0.0, number) for number in numbers]
+    numbers = [jnp.where(event == NOT_BEGUN, 0.0, number) for number in numbers]
     finite = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), ended)
     time, volume = jax.tree.unflatten(structure, [jnp.where(finite, number, jnp.nan) for number in numbers])
 
     count = len(events)
     without_event = jnp.where(event == ARRIVED, count + AFTER_ARRIVED, event)
-    outcome = jnp.where(event == NO_CUT, count + AFTER_NO_CUT, without_event)
+    outcome = jnp.where(event == NOT_BEGUN, count + AFTER_NO_CUT, without_event)
     no_result = jnp.where(control.mode == UNFINISHED, count + AFTER_UNFINISHED, count + AFTER_FAILED)
     outcome = jnp.where(finite, outcome, no_result)
     amplified = cut & (end.amplification > _DOUBT)

@@ -17,7 +17,7 @@ from erosion.shapes import Flag, Scalar
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 
-NO_CUT, ARRIVED = -1, -2
+NOT_BEGUN, ARRIVED = -1, -2
 """The event of an impact that cuts nothing, and of one that has reached the time asked for."""
 
 _SAFETY = 0.8  # of the step that would just do
@@ -75,7 +75,7 @@ def begin(scale: Scalar, begins: Flag, finite: Flag, first: float) -> Control:
         trial=first * scale,
         step=first * scale,
         high=zero,
-        event=jnp.where(begins, 0, NO_CUT),
+        event=jnp.where(begins, 0, NOT_BEGUN),
         left=zero,
         trials=0 * mode,
         rejected=0 * mode,

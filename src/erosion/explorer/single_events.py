@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.engine.impact import impact
-from erosion.engine.outcomes import end_names
+from erosion.engine.outcomes import OTHER_ENDS, end_names
 from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.parameters.parameters import Parameters
 
@@ -58,7 +58,7 @@ def end_times(model: CuttingModel, p: Parameters) -> dict[str, np.ndarray]:
     closed = model.closed_form()
     if closed is not None:
         return {name: np.asarray(times) for name, times in closed.end_times(p).items()}
-    return {name: _alone(model, name, p) for name in end_names(model)[:-3]}
+    return {name: _alone(model, name, p) for name in end_names(model) if name not in OTHER_ENDS}
 
 
 def _alone(model: CuttingModel, event: str, p: Parameters) -> np.ndarray:

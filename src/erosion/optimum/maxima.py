@@ -8,6 +8,7 @@ import numpy as np
 from erosion.engine.batch import Results, integrate
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import names_of
+from erosion.models.base import NO_CUT
 from erosion.optimum.resolve import Cells, Nodes, Scan, is_jump, joined, polish, scan
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.ranges import STEEPEST
@@ -183,10 +184,10 @@ class Search:
         return [of_case.negated() for of_case in maxima] if self.least else maxima
 
     def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
-        cutting = [candidate for candidate in candidates if candidate.ended_by != "no-cut" or self.least]
+        cutting = [candidate for candidate in candidates if candidate.ended_by != NO_CUT or self.least]
         if not cutting:
             # Where impacts failed it is not known whether anything is cut.
-            value, ended_by = (0.0, "no-cut") if certified else (np.nan, "failed")
+            value, ended_by = (0.0, NO_CUT) if certified else (np.nan, "failed")
             return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
         return tuple(sorted(cutting, key=lambda candidate: -candidate.value))
 

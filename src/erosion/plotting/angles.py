@@ -16,6 +16,7 @@ from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.plotting.colors import DIM, ENDS, INK
 from erosion.plotting.curves import describe
+from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best, star
 from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes, typeset
@@ -81,7 +82,7 @@ def plot_optimum(optimum: Optimum) -> Figure:
                 markeredgecolor=INK, markersize=7, zorder=4)  # fmt: skip
     handles = [
         Line2D([], [], color=ENDS.get(end, INK), linewidth=2.2,
-               label="nothing is cut" if end == "no-cut" else f"ends by {end}")
+               label=end_label(end))
         for end in dict.fromkeys(piece.ended_by for piece in curve)
     ]  # fmt: skip
     if optimum.jumps:

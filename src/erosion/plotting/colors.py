@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from erosion.models.base import NO_CUT
+
 # Okabe and Ito (2008), "Color universal design": told apart with any colour vision.
 PALETTE: Mapping[str, str] = {
     "blue": "#0072b2", "vermillion": "#d55e00", "green": "#009e73",
@@ -17,5 +19,5 @@ INK = "#24292f"
 FAINT = "#d0d7de"
 DIM = "#7d858e"
 
-ENDS: Mapping[str, str] = {"rebound": PALETTE["blue"], "stop": PALETTE["vermillion"], "no-cut": DIM}
+ENDS: Mapping[str, str] = {"rebound": PALETTE["blue"], "stop": PALETTE["vermillion"], NO_CUT: DIM}
 """The colour of each way a cut may end, the same in every figure."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from erosion.optimum.alpha_max import ASIDE, Optimum
 from erosion.optimum.maxima import Jump
+from erosion.plotting.labels import NOTHING
 
 
 class Best(NamedTuple):
@@ -22,7 +23,7 @@ class Best(NamedTuple):
 def describe(best: Best | Optimum) -> str:
     """An optimum in a few words: "at 25.57°", "as α → 0", "just below the jump at 40.00°"."""
     if best.kind == "none":
-        return "nothing is cut"
+        return NOTHING
     if best.alpha == 0:
         return "as α → 0"
     at = f"{np.rad2deg(best.alpha):.2f}°"

@@ -11,6 +11,7 @@ from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System
 from erosion.plotting.colors import ENDS, FAINT, INK, PALETTE
 from erosion.plotting.curves import with_gaps
+from erosion.plotting.labels import end_label
 from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import angle_axis, house_style, legend_below
 
@@ -188,7 +189,7 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
     for end in dict.fromkeys(str(end) for end in ended_by):
         shown = ended_by == end
         ax.plot(np.rad2deg(angles[shown]), np.rad2deg(turn[shown]), "o", color=ENDS.get(end, INK), markersize=5,
-                label="nothing is cut" if end == "no-cut" else f"ends by {end}")  # fmt: skip
+                label=end_label(end))  # fmt: skip
     ax.yaxis.set_major_formatter("{x:g}°")
     ax.set_ylabel(f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}")
     angle_axis(ax)

@@ -1,5 +1,7 @@
 """What figures and pages show of an impact, and what they call it."""
 
+from erosion.engine.outcomes import OTHER_ENDS
+from erosion.models.base import NO_CUT
 from erosion.parameters.quantities import Quantity
 
 HISTORIES = (
@@ -9,4 +11,11 @@ HISTORIES = (
     ("vy", "vdepth", Quantity("ẏ", "downward speed", "speed")),
 )
 
+NOTHING = OTHER_ENDS[NO_CUT]
+
 EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
+
+
+def end_label(ended_by: str) -> str:
+    """How cuts end: "ends by stop", "nothing is cut"."""
+    return NOTHING if ended_by == NO_CUT else f"ends by {ended_by}"

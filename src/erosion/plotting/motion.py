@@ -11,11 +11,11 @@ from matplotlib.figure import Figure, SubFigure
 from scipy.interpolate import CubicSpline
 
 from erosion.models import model_name
-from erosion.models.base import ClosedForm, State
+from erosion.models.base import NO_CUT, ClosedForm, State
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System
 from erosion.plotting.colors import DIM, ENDS, INK, PALETTE
-from erosion.plotting.labels import EVENT_LABELS, HISTORIES
+from erosion.plotting.labels import EVENT_LABELS, HISTORIES, NOTHING, end_label
 from erosion.plotting.scales import Scale, readable_scale
 from erosion.plotting.style import angle_axis, house_style, legend_below, new_figure, typeset
 from erosion.trajectory.trajectory import Trajectory
@@ -83,7 +83,7 @@ def plot_path(ax: Axes, trajectory: Trajectory) -> Axes:
     ax.plot(x, depth, color=PALETTE["blue"], label="path of the tip")
     ax.plot(x[:1], depth[:1], ">", color=PALETTE["green"], markersize=9, label="start", clip_on=False, zorder=5)
     ax.plot(x[-1:], depth[-1:], "s", color=ENDS.get(trajectory.ended_by, INK), markersize=7, clip_on=False, zorder=5,
-            label="nothing is cut" if trajectory.ended_by == "no-cut" else f"end: {trajectory.ended_by}")  # fmt: skip
+            label=NOTHING if trajectory.ended_by == NO_CUT else f"end: {trajectory.ended_by}")  # fmt: skip
     ax.set_ylim(1.22 * deepest, -0.12 * deepest)
     ax.set_xlabel(f"x of the tip, {HISTORIES[0][2].meaning}  [{along.unit}]")
     ax.set_ylabel(f"depth of the tip  [{down.unit}]")
@@ -100,7 +100,7 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     plot_histories(halves[1], trajectory)
     p, turn = trajectory.p, trajectory.turn
     turned = f", turned by {np.rad2deg(turn):.4g}°".replace("-", "−") if math.isfinite(turn) and turn else ""
-    end = f"{trajectory.ended_by} after {_read('t_c', trajectory.t_c, p.units)}" if trajectory.t_c else "nothing is cut"
+    end = f"{trajectory.ended_by} after {_read('t_c', trajectory.t_c, p.units)}" if trajectory.t_c else NOTHING
     heading = f"{model_name(trajectory.model)} at α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
     fig.suptitle(f"{heading}\n{_read('volume', trajectory.volume, p.units)} removed{turned}", fontsize=11)
     return fig
@@ -193,7 +193,7 @@ def plot_volume(
         shown = ended_by == end
         shown[:-1] |= shown[1:]  # one more point to the left, so that the coloured pieces join
         ax.plot(np.rad2deg(angles), np.where(shown, volume / scale.size, np.nan), color=ENDS.get(end, INK),
-                linewidth=2.2, label="nothing is cut" if end == "no-cut" else f"ends by {end}")  # fmt: skip
+                linewidth=2.2, label=end_label(end))  # fmt: skip
     _mark(ax, marks, scale)
     ax.set_ylim(bottom=0, top=1.1 * _largest(volume) / scale.size or None)
     ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")

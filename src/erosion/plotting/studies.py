@@ -14,6 +14,7 @@ from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import System
 from erosion.plotting.colors import ENDS, INK, STYLES
 from erosion.plotting.curves import Best, broken, describe
+from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best
 from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes, new_figure, typeset
@@ -79,7 +80,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     left.set_title("how the cut ends", fontsize=10)
     right.set_title("what it removes", fontsize=10)
     handles: list[Any] = [
-        Patch(color=color, alpha=0.75, label="nothing is cut" if names[code] == "no-cut" else f"ends by {names[code]}")
+        Patch(color=color, alpha=0.75, label=end_label(names[code]))
         for code, color in zip(present, colors, strict=True)
     ]
     handles.append(Line2D([], [], marker=".", linestyle="", color=INK, label="greatest for this spin"))

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import erosion.trajectory.diffrax_steps as flow
-from erosion.models.base import CuttingModel
+from erosion.models.base import NO_CUT, CuttingModel
 from erosion.parameters.parameters import Parameters
 
 _LATEST = 1e3  # [1/ω]; no cut of the cases is longer
@@ -110,7 +110,7 @@ def scipy_solution_of_model(model: CuttingModel, p: Parameters) -> ReferenceSolu
     """Any model's cut by scipy, from the model's own methods, the only equations that a plug-in has."""
     cuts, start, sizes, time = flow.begin(model, p)
     if not cuts:
-        return ReferenceSolution(0.0, 0.0, "no-cut")
+        return ReferenceSolution(0.0, 0.0, NO_CUT)
     structure = flow.layout(model, p)
     names = list(model.events(flow.state_of(structure, start), p))
 

@@ -9,7 +9,7 @@ from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.models.base import State as Body
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.colors import PALETTE
-from erosion.plotting.labels import HISTORIES
+from erosion.plotting.labels import HISTORIES, NOTHING
 from erosion.plotting.scales import Scale, readable_scale
 from erosion.trajectory.trajectory import Trajectory
 
@@ -72,7 +72,7 @@ def histories(computed: Computed, models: Collection[str]) -> tuple[Option, list
 
 def _sentence(cut: Trajectory) -> str:
     if not cut.t_c:
-        return "nothing is cut"
+        return NOTHING
     time = readable_scale("time", cut.p.units, cut.t_c)
     turned = f", the body turned by {np.rad2deg(cut.turn):.0f}°" if cut.turn else ""
     return f"{cut.ended_by} after {cut.t_c / time.size:.4g} {time.unit}{turned}"
