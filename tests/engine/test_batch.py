@@ -127,7 +127,7 @@ def test_one_that_fails_for_rounding_keeps_what_was_known(monkeypatch) -> None:
 @pytest.mark.parametrize("lanes", [0, 1, batch._FEW, batch._FEW + 1, 10_001])
 def test_every_lane_is_computed_once(monkeypatch, threads: int, lanes: int) -> None:
     monkeypatch.setattr(batch, "threads", lambda: threads)
-    monkeypatch.setattr(batch, "_SHELF", 1000)
+    monkeypatch.setattr(batch, "_BLOCK", 1000)
     angles = np.random.default_rng(4).uniform(0.1, 1.5, lanes)
     results, program = integrate(monkeypatch, alpha=angles)
     assert sorted(np.concatenate([[], *(run for run, _ in program.runs)])) == list(range(lanes))
