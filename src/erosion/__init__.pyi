@@ -37,7 +37,7 @@ from erosion.optimum.maxima import Regime as Regime
 from erosion.parameters.case_files import CaseError as CaseError
 from erosion.parameters.case_files import dump_case as dump_case
 from erosion.parameters.case_files import load_case as load_case
-from erosion.parameters.parameters import MATERIALS as MATERIALS
+from erosion.parameters.materials import MATERIALS as MATERIALS
 from erosion.parameters.parameters import TABLE_1 as TABLE_1
 from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import validate as validate

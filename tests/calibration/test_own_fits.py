@@ -10,7 +10,7 @@ import erosion
 from erosion.calibration.forward import Forward
 from erosion.cli import _status
 from erosion.models import Linearized
-from tests.cli.test_settings import FILE
+from tests.cli.test_set_option import FILE
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 
 pytestmark = pytest.mark.slow

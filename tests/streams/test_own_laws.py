@@ -18,7 +18,7 @@ from erosion.storage.identity import StoreError
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Points
 from erosion.streams.stream import REPLICATES, stream
-from tests.cli.test_settings import FILE
+from tests.cli.test_set_option import FILE
 from tests.models.test_own_parameters import MODEL, P, with_friction
 from tests.reference import AT_20_DEGREES, closed_form
 

@@ -16,7 +16,7 @@ from erosion.plotting.sweeps import plot_sweep
 from erosion.sweeps import grid
 from erosion.sweeps.grid import Outputs, make_grid
 from erosion.sweeps.sweep import SweepInterrupted, sweep
-from tests.cli.test_settings import FILE
+from tests.cli.test_set_option import FILE
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 from tests.sweeps.test_sweep import assert_same_bits, stop_after
 

@@ -3,8 +3,8 @@ import pytest
 
 import erosion
 from erosion.plotting.angles import pieces, plot_optimum
+from erosion.plotting.correlations import plot_against_correlations
 from erosion.plotting.curves import broken
-from erosion.plotting.shapes import plot_against_correlations
 from erosion.plotting.studies import plot_comparison, plot_regimes
 from erosion.plotting.style import render
 from tests.reference import closed_form

@@ -20,7 +20,7 @@ from erosion.cli.options import (
     warn,
 )
 from erosion.cli.progress import progress_bar
-from erosion.cli.settings import SetOption, load_set, model_as_json, settings
+from erosion.cli.set_option import SetOption, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
     from erosion.calibration import Calibration, Ranking

@@ -125,7 +125,7 @@ def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None, output: 
         if output is not None:
             write_netcdf(curves, output, _COMPARISON)
         if plot is not None:
-            from erosion.plotting.shapes import plot_against_correlations
+            from erosion.plotting.correlations import plot_against_correlations
             from erosion.plotting.studies import plot_comparison
             from erosion.plotting.style import save_plot
 

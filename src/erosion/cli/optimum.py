@@ -18,7 +18,7 @@ from erosion.cli.options import (
     user_errors,
     warn,
 )
-from erosion.cli.settings import SetOption, in_full, load_set, model_as_json, settings
+from erosion.cli.set_option import SetOption, in_full, load_set, model_as_json, settings
 
 if TYPE_CHECKING:
     from erosion.optimum.alpha_max import Optimum

@@ -21,7 +21,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.progress import progress_bar
-from erosion.cli.settings import SetOption, Settings, model_as_json, read_settings, settings
+from erosion.cli.set_option import SetOption, Settings, model_as_json, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from erosion.array_types import Number, PerLane, Scalar
 from erosion.engine.integrator import TIGHTEST, Solution, solve
 from erosion.engine.leaves import Layout
 from erosion.engine.ordering import alike_together
@@ -16,7 +17,6 @@ from erosion.engine.outcomes import has_no_result
 from erosion.engine.variational import Derivatives
 from erosion.lanes.choice import Compiled, compile_lanes, threads
 from erosion.lanes.lanewise import WIDTH, number
-from erosion.shapes import Number, PerLane, Scalar
 
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 _REPEATED = 4  # times at most

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from erosion.shapes import Flag, Scalar
+from erosion.array_types import Flag, Scalar
 
 _ENDS = 0.02  # of a step: a lowest point that the cubic puts this far beyond an end may be at that end
 _LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from erosion.array_types import Flag, Number, Scalar
 from erosion.engine import step_control
 from erosion.engine.crossings import Ends
 from erosion.engine.leaves import Layout
@@ -21,7 +22,6 @@ from erosion.engine.step_control import ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, C
 from erosion.engine.tableau import B_CHECK, B_ERROR, A, B
 from erosion.engine.variational import Cut, Derivatives, Direction, Variational, at_event
 from erosion.models.base import ZERO
-from erosion.shapes import Flag, Number, Scalar
 
 _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 _TINY = 1e-200  # keeps 0/0 away

@@ -14,10 +14,10 @@ import numpy as np
 from jax import Array
 from jax.core import Tracer
 
+from erosion.array_types import Indices, Number, PerLane
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters
-from erosion.shapes import Indices, Number, PerLane
 
 _NAMES = tuple(QUANTITIES)
 

@@ -15,11 +15,11 @@ import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 
+from erosion.array_types import Number, Scalar
 from erosion.engine.leaves import Layout, numbers_of
 from erosion.engine.variational import Cut
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
-from erosion.shapes import Number, Scalar
 
 
 class WholeMotion:

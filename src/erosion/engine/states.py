@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, cast
 import jax
 import numpy as np
 
+from erosion.array_types import Number, Scalar
 from erosion.engine.batch import compiling
 from erosion.engine.integrator import solve
 from erosion.engine.leaves import Layout, split
@@ -13,7 +14,6 @@ from erosion.lanes.choice import Compiled, compile_lanes
 from erosion.lanes.lanewise import number
 from erosion.models.base import CuttingModel, Tip
 from erosion.parameters.parameters import Parameters
-from erosion.shapes import Number, Scalar
 
 
 class States(NamedTuple):

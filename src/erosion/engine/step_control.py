@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from erosion.array_types import Flag, Scalar
 from erosion.engine.crossings import Ends, cubic_error, dip_in_step, expected_fall, is_crooked, may_hide_a_fall
-from erosion.shapes import Flag, Scalar
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from erosion.array_types import Number, Scalar
 from erosion.engine.leaves import Layout
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import QUANTITIES, Parameters
-from erosion.shapes import Number, Scalar
 
 Direction = str | Scalar
 """A parameter's name, or (traced) the place of an element among the elements of all numbers; see `Layout`."""

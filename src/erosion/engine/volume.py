@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from erosion.array_types import Number, Scalar
 from erosion.engine.batch import integrate, integrate_along
 from erosion.engine.integrator import solve
 from erosion.engine.leaves import Layout, split
@@ -22,7 +23,6 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
-from erosion.shapes import Number, Scalar
 
 _RTOL = 1e-11
 

@@ -11,7 +11,8 @@ from erosion.explorer.elements import Field
 from erosion.explorer.sliders import SPIN_PRESETS, at_position, position, range_of, text_of, unit_of, with_spin
 from erosion.explorer.state import Case, State
 from erosion.explorer.views.look import styles
-from erosion.parameters.parameters import MATERIALS, QUANTITIES, TABLE_1
+from erosion.parameters.materials import MATERIALS
+from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.units import SYSTEMS
 
 _ORDER = ("alpha", *(name for name in QUANTITIES if name != "alpha"))

@@ -3,7 +3,10 @@
 from typing import Any
 
 from erosion.models.base import State, Tip
-from erosion.models.rigid import CentreOfMassTip, ForceLaw, RigidErodent, TipKinematics, Torque
+from erosion.models.forces import ForceLaw
+from erosion.models.rigid import RigidErodent
+from erosion.models.tips import CentreOfMassTip, TipKinematics
+from erosion.models.torques import Torque
 from erosion.models.trigonometry import sincos
 from erosion.parameters.parameters import Parameters
 

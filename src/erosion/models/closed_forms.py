@@ -17,10 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from erosion.array_types import Broadcast
 from erosion.models.base import NO_CUT, ZERO, ClosedForm, State
-from erosion.models.rigid import UPRIGHT
+from erosion.models.trigonometry import UPRIGHT
 from erosion.parameters.parameters import Parameters
-from erosion.shapes import Broadcast
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 

@@ -2,15 +2,10 @@
 
 from erosion.models.base import ClosedForm
 from erosion.models.closed_forms import FinnieCut
-from erosion.models.rigid import (
-    ConstantRatio,
-    ForceLaw,
-    HorizontalTorque,
-    RigidErodent,
-    SmallAngleTip,
-    TipKinematics,
-    Torque,
-)
+from erosion.models.forces import ConstantRatio, ForceLaw
+from erosion.models.rigid import RigidErodent
+from erosion.models.tips import SmallAngleTip, TipKinematics
+from erosion.models.torques import HorizontalTorque, Torque
 
 
 class Finnie(RigidErodent):

@@ -2,17 +2,10 @@
 
 from erosion.models.base import ClosedForm
 from erosion.models.closed_forms import LinearizedCut, StraightCut
-from erosion.models.rigid import (
-    CentreOfMassTip,
-    ConstantRatio,
-    ForceLaw,
-    NoTorque,
-    RigidErodent,
-    TanAlpha,
-    TipKinematics,
-    Torque,
-    VelocityAligned,
-)
+from erosion.models.forces import ConstantRatio, ForceLaw, TanAlpha, VelocityAligned
+from erosion.models.rigid import RigidErodent
+from erosion.models.tips import CentreOfMassTip, TipKinematics
+from erosion.models.torques import NoTorque, Torque
 
 
 class Linearized(RigidErodent):

@@ -18,10 +18,11 @@ from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.check import flaw
 from erosion.models.finnie import Finnie
+from erosion.models.forces import TanAlpha, VelocityAligned
 from erosion.models.linearized import Linearized
 from erosion.models.own_parameters import own_parameters
-from erosion.models.rigid import FullTorque, TanAlpha, VelocityAligned
 from erosion.models.rotating import Rotating
+from erosion.models.torques import FullTorque
 from erosion.parameters.parameters import Parameters
 from erosion.tables import to_plain
 

@@ -1,14 +1,9 @@
 """The erodent turns as it cuts (Laverty's additional question 1)."""
 
-from erosion.models.rigid import (
-    CircularTip,
-    ConstantRatio,
-    ForceLaw,
-    HorizontalTorque,
-    RigidErodent,
-    TipKinematics,
-    Torque,
-)
+from erosion.models.forces import ConstantRatio, ForceLaw
+from erosion.models.rigid import RigidErodent
+from erosion.models.tips import CircularTip, TipKinematics
+from erosion.models.torques import HorizontalTorque, Torque
 
 
 class Rotating(RigidErodent):

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+UPRIGHT = np.pi / 2  # φ at contact [rad]
+
 # π/2 in three parts; the first two have 33 significant bits, so that their products with
 # the number of quarter turns (below 2^20) are exact.
 _PI_2_HIGH = float.fromhex("0x1.921fb544p+0")
@@ -53,3 +55,10 @@ def _polynomial(coefficients: list[float], x: Any) -> Any:
     for coefficient in reversed(coefficients[:-1]):
         value = value * x + coefficient
     return value
+
+
+def orientation(phi: Any) -> tuple[Any, Any, Any]:
+    """1 - sin φ, sin φ and cos φ, from half the turn: the first keeps its digits near φ = π/2."""
+    sine, cosine = sincos((phi - UPRIGHT) / 2)
+    lifted = 2 * sine * sine
+    return lifted, 1 - lifted, -2 * sine * cosine

@@ -6,7 +6,6 @@ Mechanism of Erosion of Ductile Metals*, Proc. 3rd U.S. Natl. Congr. Appl. Mech.
 """
 
 import dataclasses
-import types
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.arguments import check_scalars
+from erosion.parameters.materials import MATERIALS
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.units import System, check_system, conversion_factor, read_quantity, unit_name
@@ -294,8 +294,3 @@ TABLE_1 = Parameters(
     k=2.0, psi=0.04, r=0.04, b=0.04, m=2.855e-7, v0=4400.0, sigma=200e3, alpha=np.deg2rad(20.0), units="inch-pound"
 )
 """Quartz sand on aluminium: Laverty, Table 1 (initial spin 0, flat cylinder β = ½)."""
-
-MATERIALS: Mapping[str, float] = types.MappingProxyType(
-    {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
-)
-"""Flow stress of the metals of Laverty, Table 2 [lbf/in²]; `p.with_material("copper")` converts it to those of `p`."""

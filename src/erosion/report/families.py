@@ -10,7 +10,8 @@ import numpy as np
 from erosion.engine.impact import impact
 from erosion.optimum.alpha_max import alpha_max
 from erosion.optimum.maxima import Jump
-from erosion.parameters.parameters import MATERIALS, QUANTITIES, Parameters
+from erosion.parameters.materials import MATERIALS
+from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.units import System, conversion_factor, unit_name
 from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from erosion.models.base import CuttingModel, cuts_at_all, event_rates
 from erosion.parameters.parameters import Parameters
-from erosion.trajectory.compiler import seldom_run
+from erosion.trajectory.quick_xla import seldom_run
 
 MAX_STEPS = 4096
 _FIRST_STEP = 0.01  # of the model's time scale

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
 from erosion.models.registry import BUILT_IN
+from erosion.plotting.correlations import plot_shapes
 from erosion.plotting.families import plot_family
-from erosion.plotting.shapes import plot_shapes
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 
