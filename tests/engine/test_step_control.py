@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from erosion.engine import step_control
+from erosion.engine import cut_end, step_control
 from erosion.engine.crossings import Ends
 from erosion.engine.step_control import ADVANCING, ARRIVED, ENDED, FAILED, LOCATING, NOT_BEGUN, UNFINISHED, Control
 
@@ -21,11 +21,11 @@ def start(step: float = FIRST, scale: float = SCALE, *, begins: bool = True, fin
 @jax.jit
 def after_trial(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
     """As the integrator does it."""
-    trial = step_control.look(control, before, after, list(zip((0.15, 0.92), within, strict=True)), error)
+    trial = cut_end.look(control, before, after, list(zip((0.15, 0.92), within, strict=True)), error)
     return jax.lax.cond(
-        step_control.is_near_an_end(control, trial),
-        lambda: step_control.decide(control, trial, SCALE),
-        lambda: step_control.go_on(control, trial, SCALE),
+        cut_end.is_near_an_end(control, trial),
+        lambda: cut_end.decide(control, trial, SCALE),
+        lambda: step_control.go_on(control, trial.error, trial.lowest, SCALE),
     )
 
 
@@ -38,7 +38,7 @@ def follow(
         return [Ends(jnp.asarray(event(time)), jnp.asarray(event.deriv()(time))) for event in events]
 
     def within_limit(control: Control) -> Control:
-        return control if until is None else step_control.stop_at(control, until)
+        return control if until is None else cut_end.stop_at(control, until)
 
     control, here = within_limit(start(step)), at(0.0)
     while step_control.goes_on(control):
@@ -48,7 +48,7 @@ def follow(
         control, moved = after_trial(control, here, there, within, jnp.asarray(error))
         control = within_limit(control)
         here = there if moved else here
-    which, remaining = step_control.first_fall(control, at(float(control.time + control.left)))
+    which, remaining = cut_end.first_fall(control, at(float(control.time + control.left)))
     return control, int(which), float(control.time + control.left + remaining)
 
 
@@ -120,11 +120,11 @@ def test_a_wrong_expectation_of_two_falls_is_mended() -> None:
     """Newton's method at the place where event 0 was expected says that event 1 falls before."""
     ended = start()._replace(mode=ENDED, event=jnp.asarray(0), left=jnp.asarray(0.01))
     ends = [Ends(jnp.asarray(1e-6), jnp.asarray(-1.0)), Ends(jnp.asarray(-1e-6), jnp.asarray(-1.0))]
-    which, remaining = step_control.first_fall(ended, ends)
+    which, remaining = cut_end.first_fall(ended, ends)
     assert (which, remaining) == (1, -1e-6)
     # An event that fell before the step began is not this cut's end; nor is one that rises.
     for other in (Ends(jnp.asarray(-0.5), jnp.asarray(-1.0)), Ends(jnp.asarray(1e-6), jnp.asarray(1.0))):
-        assert step_control.first_fall(ended, [ends[0], other]) == (0, 1e-6)
+        assert cut_end.first_fall(ended, [ends[0], other]) == (0, 1e-6)
 
 
 def dip(lowest: float) -> Polynomial:

@@ -13,12 +13,12 @@ import numpy as np
 from jax import lax
 
 from erosion.array_types import Flag, Number, Scalar
-from erosion.engine import step_control
+from erosion.engine import cut_end, step_control
 from erosion.engine.crossings import Ends
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import AFTER_ARRIVED, AFTER_FAILED, AFTER_NO_CUT, AFTER_UNFINISHED
 from erosion.engine.reduction import WholeMotion, reduced
-from erosion.engine.step_control import ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control, eighth_root, first_fall
+from erosion.engine.step_control import ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control, eighth_root
 from erosion.engine.tableau import B_CHECK, B_ERROR, A, B
 from erosion.engine.variational import Cut, Derivatives, Direction, Variational, at_event
 from erosion.models.base import ZERO
@@ -180,11 +180,11 @@ def _try_step(problem: Problem, scale: Scalar, rtol: Scalar, until: Scalar | Non
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
-    trial = step_control.look(lane.control, lane.events, events, within, error)
+    trial = cut_end.look(lane.control, lane.events, events, within, error)
     control, moved = lax.cond(
-        step_control.is_near_an_end(lane.control, trial),
-        lambda: step_control.decide(lane.control, trial, scale),
-        lambda: step_control.go_on(lane.control, trial, scale),
+        cut_end.is_near_an_end(lane.control, trial),
+        lambda: cut_end.decide(lane.control, trial, scale),
+        lambda: step_control.go_on(lane.control, trial.error, trial.lowest, scale),
     )
     after = (events, state, slope)
     kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, (lane.events, lane.state, lane.slope))
@@ -192,7 +192,7 @@ def _try_step(problem: Problem, scale: Scalar, rtol: Scalar, until: Scalar | Non
 
 
 def _within(control: Control, until: Scalar | None) -> Control:
-    return control if until is None else step_control.stop_at(control, until)
+    return control if until is None else cut_end.stop_at(control, until)
 
 
 def _step(
@@ -271,7 +271,7 @@ def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
     slope, events = problem.rate_and_events(state)
     ended = control.mode == ENDED
     cut = ended & (control.event != NOT_BEGUN)
-    event, remaining = first_fall(control, events)
+    event, remaining = cut_end.first_fall(control, events)
     remaining = jnp.where(cut, remaining, 0.0)
     rows = [u + remaining * k for u, k in zip(state, slope, strict=True)]
     members = problem.members(rows)
