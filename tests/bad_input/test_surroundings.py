@@ -4,6 +4,7 @@ import contextlib
 import os
 import resource
 import signal
+import shlex
 import subprocess
 import sys
 import time
@@ -95,7 +96,7 @@ def test_an_output_that_is_full_is_one_line():
 
 @pytest.mark.slow
 def test_a_closed_output_is_no_error():
-    command = f"{' '.join(COMMAND)} models >&-"
+    command = f"{shlex.join(COMMAND)} models >&-"
     found = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, timeout=120, check=False)
     assert (found.returncode, found.stderr) == (0, b"")
 
