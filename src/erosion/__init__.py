@@ -9,7 +9,7 @@ import gc
 import importlib
 import os
 import sys
-from pathlib import Path
+from importlib import resources
 from typing import Any
 
 from erosion.version import __version__ as __version__
@@ -17,7 +17,7 @@ from erosion.version import __version__ as __version__
 
 def _public_names() -> dict[str, str]:
     """Each public name, and the module that defines it."""
-    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    stub = ast.parse(resources.files(__name__).joinpath("__init__.pyi").read_text("utf-8"))
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
     return {alias.name: str(node.module) for node in imports for alias in node.names}
 

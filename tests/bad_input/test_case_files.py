@@ -106,7 +106,11 @@ SECTIONS = [
     ("sweep", 'alpha = "1deg : 9 kg : 3"', ": field `alpha` of [sweep] must be an angle"),
     ("sweep", 'alpha = [0.1]\noptimum = "no"', "`--optimum` must be true or false, but is 'no'."),
     ("sweep", 'alpha = [0.1]\nderivatives = "1"', "`--derivatives` must be 0, 1 or 2, but is '1'."),
-    ("sweep", 'alpha = [0.1]\npaired = "alpha,k"', "`--paired` must be a list of axes, but is 'alpha,k'."),
+    (
+        "sweep",
+        'alpha = [0.1]\npaired = "alpha,k"',
+        "`--paired` must name two or more of the axes, but is ['alpha', 'k'].",
+    ),
     ("sweep", "alpha = [0.1]\npaired = 3", "`--paired` must be a list of axes, but is 3."),
     ("sweep", "alpha = [0.1]\nmodel = 3", "`--model` must be a model, its name or a path, but is 3."),
     ("sweep", 'alpha = [0.1]\nmodel = ["finnie", 3]', "`--model` must be a model, its name or a path, but is 3."),

@@ -95,6 +95,12 @@ def test_an_output_that_is_full_is_one_line():
 
 
 @pytest.mark.slow
+def test_progress_and_warnings_need_no_place(tmp_path):
+    command = f"{shlex.join(COMMAND)} report --only q7 -o {shlex.quote(str(tmp_path / 'report'))} 2>&-"
+    assert subprocess.run(["sh", "-c", command], stdout=subprocess.PIPE, timeout=120, check=False).returncode == 0
+
+
+@pytest.mark.slow
 def test_a_closed_output_is_no_error():
     command = f"{shlex.join(COMMAND)} models >&-"
     found = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, timeout=120, check=False)

@@ -12,7 +12,8 @@ from erosion.models import usable_models
 
 def test_a_list_has_commas_between_its_items():
     assert read_list("k, psi ,,r") == ["k", "psi", "r"]
-    assert read_list(" , ") == []
+    with pytest.raises(ValueError, match="must list one item or more, but is ' , '"):
+        read_list(" , ")
 
 
 def test_the_path_of_a_model_file_may_have_a_comma(tmp_path):
@@ -41,7 +42,7 @@ def test_an_output_has_one_name_and_the_one_of_before(name, tmp_path, capsys):
     out = str(tmp_path / "out.nc")
     words = [name + out] if name.endswith("=") else [name, out]
     assert _status(["sweep", "--alpha", "20deg, 30deg", *words, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["out"] == out
+    assert json.loads(capsys.readouterr().out)["output"] == out
 
 
 @pytest.mark.parametrize("words", [["20deg : 30deg"], ["20deg,30deg"], ["20deg", "30deg"]])

@@ -115,8 +115,10 @@ def test_a_compiled_function_is_jaxs(function):
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)
-def test_a_lanes_bits_depend_on_nothing_else(function):
+@pytest.mark.parametrize("longest", [0, machine._LONG])
+def test_a_lanes_bits_depend_on_nothing_else(function, longest, monkeypatch):
     """Neither on its neighbours, its place, the width of vectors, nor the processor's instructions."""
+    monkeypatch.setattr(machine, "_LONG", longest)  # compiled with care, or quickly
     plain = Target("x86-64", ""), Target("x86-64-v3", "")
     order = _RANDOM.permutation(X.size)
     results = Lanewise(function, (number, number))(X, Y)
@@ -190,7 +192,9 @@ def test_results_are_written_for_the_lanes_that_are_asked_for_alone():
     root.run([X, Y], some[:0], [steps, value])
 
 
-def test_threads_share_a_function():
+def test_threads_share_a_function(monkeypatch):
+    """Also while one of them compiles it with care."""
+    monkeypatch.setattr(machine, "_MANY", 100 * X.size)
     root = Lanewise(_root, (number, number))
     expected, results = root(X, Y)[1], [np.empty(0)] * 8
 

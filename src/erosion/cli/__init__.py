@@ -40,8 +40,10 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore, models, verify):
+for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)
+for verb in (models, verify):  # which have no case
+    app.command(verb, help_epilogue="")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -113,6 +115,7 @@ def _interrupt_again(unraisable: Any) -> None:
 
 def _say(status: int, message: str) -> int:
     with contextlib.suppress(OSError):  # there may be no place to say it
-        print("erosion:", " ".join(message.split()), file=sys.stderr, flush=True)
+        if sys.stderr is not None:
+            print("erosion:", " ".join(message.split()), file=sys.stderr, flush=True)
     _let_go(sys.stderr)
     return status

@@ -8,8 +8,11 @@ from cyclopts import Parameter
 
 
 def read_list(text: str) -> list[str]:
-    """The items of a list, with commas between them."""
-    return [item.strip() for item in text.split(",") if item.strip()]
+    """The items of a list, with commas between them; a ValueError where there is none."""
+    items = [item.strip() for item in text.split(",") if item.strip()]
+    if not items:
+        raise ValueError(f"must list one item or more, but is {text!r}")
+    return items
 
 
 def read_models(text: str) -> list[str]:
@@ -29,7 +32,8 @@ ModelsOption = Annotated[
         name="--model",
         negative="",
         converter=lambda kind, tokens: [item for token in tokens for item in read_models(token.value)],
-        help='Names or paths of Python files: "linearized,rotating", or the option repeated; "all" for every model.',
+        help='Names or paths of Python files: "linearized,rotating", or the option repeated; "all" for every model. '
+        "A path with a comma needs an option of its own.",
     ),
 ]
 
@@ -38,4 +42,7 @@ def chosen_models(names: Sequence[str] | Any) -> Any:
     """The models that are named, where "all" stands for every usable one."""
     from erosion.models import usable_models
 
-    return usable_models() if names == ["all"] else names
+    if not isinstance(names, list) or "all" not in names:
+        return names
+    others = [name for name in names if name != "all"]
+    return list(dict.fromkeys((*usable_models(), *others)))

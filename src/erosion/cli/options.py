@@ -31,7 +31,8 @@ def _with_quantities(options: type[_Options]) -> type[_Options]:
     fields: list[tuple[str, Any, Any]] = []
     for name, quantity in QUANTITIES.items():
         such_as = "" if quantity.dimension == "1" else f": {example(quantity.dimension, 'inch-pound')}"
-        help_text = f"{quantity.symbol}, {quantity.meaning}{such_as}."
+        bare = "; bare numbers are radians" if quantity.dimension == "angle" else ""
+        help_text = f"{quantity.symbol}, {quantity.meaning}{such_as}{bare}."
         kind = Annotated[str | None, Parameter(help=help_text, allow_leading_hyphen=True)]
         fields.append((name, kind, dataclasses.field(default=None)))
     made = dataclasses.make_dataclass(options.__name__, fields, bases=(options,), frozen=True)
@@ -245,8 +246,9 @@ def print_table(
 
 
 def warn(message: str) -> None:
-    """A warning on stderr."""
-    print(f"warning: {message}", file=sys.stderr)
+    """A warning on stderr, where there is one."""
+    if sys.stderr is not None:
+        print(f"warning: {message}", file=sys.stderr)
 
 
 def parameters_as_json(p: "Parameters") -> dict[str, Any]:

@@ -21,7 +21,8 @@ def progress_bar(title: str) -> Iterator[Callable[..., None]]:
         TimeRemainingColumn(),
     )
     console = Console(stderr=True, highlight=False)
-    with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
+    is_shown = sys.stderr is not None and sys.stderr.isatty()
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
         task = bar.add_task(title, total=None, rate="")
 
         def update(done: int, total: int | None, what: str = title) -> None:

@@ -1,13 +1,13 @@
 """`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.lists import LISTED, ModelsOption, chosen_models
+from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import (
     CaseOptions,
     InputError,
@@ -67,7 +67,7 @@ def sweep(
     _require_store(output, clustered=not (workers is scheduler is chunks is None))
     require_outputs(plot=plot, inputs=(options.case,))
     p, axes = _case_and_axes(options, section)
-    chosen = chosen_models(model) or section.get("model", "linearized")
+    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
     if isinstance(chosen, list) and len(chosen) == 1:
         chosen = chosen[0]
     values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
@@ -83,7 +83,8 @@ def sweep(
             wrt=wrt or section.get("wrt", "alpha"),
             optimum=section.get("optimum", False) if optimum is None else optimum,
         )
-        grid = make_grid(chosen, p, axes, outputs, paired=paired or section.get("paired", ()), own=single)
+        together = paired or _listed(options, section, "paired", read_list) or ()
+        grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
         lengths = _chunks(chunks)
     with _cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
@@ -96,6 +97,15 @@ def sweep(
         with user_errors():
             save_plot(plot_sweep(dataset), plot)
     _print(dataset, output, json=json)
+
+
+def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
+    """A list of the case file, which may be a text as at the command line."""
+    value = section.get(name)
+    try:
+        return read(value) if isinstance(value, str) else value
+    except ValueError as error:
+        raise InputError(f"{options.case}: field `{name}` of [sweep] {error}.") from error
 
 
 def _require_store(output: Path, *, clustered: bool) -> None:
@@ -174,7 +184,7 @@ def _print(dataset: Any, output: Path, *, json: bool) -> None:
     """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
     summary = _summary(dataset)
     if json:
-        print_json({"out": str(output), "dimensions": {str(dim): n for dim, n in dataset.sizes.items()}, **summary})
+        print_json({"output": str(output), "dimensions": {str(dim): n for dim, n in dataset.sizes.items()}, **summary})
     else:
         print_table(f"sweep into {output}", _rows(dataset, summary))
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))

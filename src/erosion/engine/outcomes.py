@@ -49,4 +49,4 @@ def names_of(layout: Layout) -> tuple[str, ...]:
 def has_no_result(layout: Layout, codes: np.ndarray) -> np.ndarray:
     """Whether impacts failed or are unfinished."""
     events = len(names_of(layout)) - len(OTHER_ENDS)
-    return codes >= events + AFTER_FAILED
+    return (codes == events + AFTER_FAILED) | (codes == events + AFTER_UNFINISHED)

@@ -74,7 +74,7 @@ class Stage(NamedTuple):
     """Part of what is needed at once.
 
     Args:
-        steps: what is computed out.
+        steps: the steps to compute.
         views: names of those that can then be drawn.
     """
 

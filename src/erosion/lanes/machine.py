@@ -51,7 +51,11 @@ class MachineCode:
         self._lanes += end - begin
         # Other threads go on with the quick code meanwhile.
         if self._lanes > _MANY and self._code.level == _QUICK and self._replacing.acquire(blocking=False):
-            self._code, self._text = _Compiled(self._text, self._target, _CAREFUL), ""
+            try:
+                if self._code.level == _QUICK:
+                    self._code, self._text = _Compiled(self._text, self._target, _CAREFUL), ""
+            finally:
+                self._replacing.release()
         code = self._code  # replaced code is kept until it has run
         code.run(inputs, varying, count, order, begin, end, outputs)
 

@@ -6,7 +6,7 @@ import importlib.util
 import inspect
 import sys
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -150,9 +150,9 @@ def model_name(model: CuttingModel) -> str:
     return type(model).__name__ + (f"({', '.join(parts)})" if parts else "")
 
 
-def impact_to_dict(model: CuttingModel, p: Parameters) -> dict[str, Any]:
-    """A model's name and its own parameters, and the parameters of the case, for `to_dict` of results."""
-    own = {name: parameter.value for name, parameter in own_parameters(model).items()}
+def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> dict[str, Any]:
+    """A model's name and its own parameters (`but` some), and the parameters of the case, for `to_dict` of results."""
+    own = {name: parameter.value for name, parameter in own_parameters(model).items() if name not in but}
     return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})
 
 

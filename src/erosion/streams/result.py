@@ -146,7 +146,8 @@ class Stream(Result):
                 for name, (first, total) in self.sensitivities.items()
             }  # fmt: skip
         numbers["units"] = {name: dataset[name].attrs["units"] for name in scalars}
-        return impact_to_dict(self.model, self.particles.p) | {"laws": self._laws("; ")} | to_plain(numbers)
+        impact = impact_to_dict(self.model, self.particles.p, but=self.particles.laws)
+        return impact | {"laws": self._laws("; ")} | to_plain(numbers)
 
     def to_dataset(self) -> xr.Dataset:
         """The results with their units, and the tally they come from, as a Dataset."""

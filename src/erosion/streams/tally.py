@@ -14,7 +14,7 @@ _LOWEST = -24  # decades of the volume over V*; smaller volumes are in the first
 _HIGHEST = 6
 _PER_DECADE = 1000
 BIN_RATIO = 10 ** (1 / _PER_DECADE)
-"""Upper over lower edge of a histogram bin: a quantile is known to 0.23 %."""
+"""Upper over lower edge of a histogram bin: a quantile is known to half of that, 0.12 %."""
 
 
 _DIMENSIONS = {

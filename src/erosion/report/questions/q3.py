@@ -15,7 +15,7 @@ _PANELS = (10, 100, 1000)
 
 
 def answer(case: Case) -> Answer:
-    """V by closed form, by diffrax, by the midpoint rule and from the speeds at both ends."""
+    """V by closed form, by the integrator, by the midpoint rule and from the speeds at both ends."""
     to_si = conversion_factor("volume", case.units, "si")
     scale = readable_scale("volume", "si", case.volume * to_si)
     return Answer(
