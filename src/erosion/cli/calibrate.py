@@ -11,7 +11,6 @@ from erosion.cli.options import (
     InputError,
     JsonOption,
     WholeOption,
-    parameters_as_json,
     print_json,
     print_table,
     require_outputs,
@@ -20,10 +19,10 @@ from erosion.cli.options import (
     warn,
 )
 from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption, load_set, model_as_json, settings
+from erosion.cli.set_option import SetOption, load_set, settings
 
 if TYPE_CHECKING:
-    from erosion.calibration import Calibration, Ranking
+    from erosion.calibration import Ranking
     from erosion.calibration.profiles import Profile
 
 
@@ -126,33 +125,12 @@ def _ranks_several(ranking: "Ranking") -> bool:
 
 
 def _ranking_as_json(ranking: "Ranking", level: float, profile: "Profile | None") -> dict[str, Any]:
-    content = _as_json(ranking.best, level)
+    content = ranking.best.to_dict(level)
     if _ranks_several(ranking):
         content["ranking"] = [
-            {**_as_json(fit, level), "weight": weight, "tied_with": ranking.tied_with(name)}
+            {**fit.to_dict(level), "weight": weight, "tied_with": ranking.tied_with(name)}
             for name, fit, weight in zip(ranking.names, ranking.fits, ranking.weights, strict=True)
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
     return content
-
-
-def _as_json(fit: "Calibration", level: float) -> dict[str, Any]:
-    from erosion.models import model_name
-    from erosion.parameters.units import unit_name
-
-    return {
-        **model_as_json(model_name(fit.model), fit.model),
-        "rows": len(fit.data),
-        "estimates": fit.estimates,
-        "standard_errors": fit.standard_errors,
-        "intervals": fit.intervals(level),
-        "level": level,
-        "correlation": fit.correlation.tolist(),
-        "undetermined": fit.undetermined,
-        "aicc": fit.aicc,
-        "leave_one_out": fit.leave_one_out,
-        "erosion_unit": unit_name(fit.data.dimension, fit.p.units),
-        "parameters": parameters_as_json(fit.p),
-        "warnings": fit.statements,
-    }

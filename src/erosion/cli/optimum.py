@@ -1,7 +1,7 @@
 """`erosion optimum`: the angle at which most, or least, is removed."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -10,7 +10,6 @@ from erosion.cli.options import (
     CaseOptions,
     InputError,
     JsonOption,
-    parameters_as_json,
     print_json,
     print_table,
     require_outputs,
@@ -18,7 +17,7 @@ from erosion.cli.options import (
     user_errors,
     warn,
 )
-from erosion.cli.set_option import SetOption, in_full, load_set, model_as_json, settings
+from erosion.cli.set_option import SetOption, in_full, load_set, settings
 
 if TYPE_CHECKING:
     from erosion.optimum.alpha_max import Optimum
@@ -74,7 +73,10 @@ def optimum(
     if not best.certified:
         warn("some impacts could not be computed: a greater value may have been missed")
     if json:
-        print_json(_as_json(model, best, with_sensitivities=sensitivities))
+        content = best.to_dict() | {"model": model}
+        if sensitivities:
+            content["sensitivities"] = {name: float(rate) for name, rate in best.sensitivities.items()}
+        print_json(content)
         return
     _print(model, best)
     if sensitivities:
@@ -94,25 +96,6 @@ def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
     except ValueError as error:
         raise InputError(f"Option `--alpha-range` {error}.") from error
     return low, high
-
-
-def _as_json(model: str, best: "Optimum", *, with_sensitivities: bool) -> dict[str, Any]:
-    import dataclasses
-
-    names = ("alpha", "value", "volume", "kind", "side", "attained", "ended_by", "dvolume", "d2volume")
-    content = {name: getattr(best, name) for name in names}
-    content |= {"iterations": int(best.iterations), "certified": bool(best.certified), "attained": bool(best.attained)}
-    for name in ("candidates", "jumps", "regimes"):
-        content[name] = [dataclasses.asdict(item) for item in getattr(best, name)]
-    if with_sensitivities:
-        content["sensitivities"] = {name: float(rate) for name, rate in best.sensitivities.items()}
-    return {
-        **model_as_json(model, best.model),
-        "parameters": parameters_as_json(best.p),
-        "objective": best.objective,
-        "least": best.least,
-        **content,
-    }
 
 
 def _print(model: str, best: "Optimum") -> None:

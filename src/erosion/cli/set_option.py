@@ -1,6 +1,6 @@
 """`--set friction=0.3`: a model's own parameters at the command line and in case files."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -102,9 +102,9 @@ def in_full(name: str, model: "CuttingModel") -> str:
     return f"{name} ({own})" if own else name
 
 
-def model_as_json(name: str, model: "CuttingModel", but: Collection[str] = ()) -> dict[str, Any]:
-    """A model's name, and its own parameters as plain numbers, those named `but` left out."""
+def model_as_json(name: str, model: "CuttingModel") -> dict[str, Any]:
+    """A model's name, and its own parameters as plain numbers."""
     from erosion.models.own_parameters import own_parameters
 
-    own = {key: float(parameter.value) for key, parameter in own_parameters(model).items() if key not in but}
+    own = {key: float(parameter.value) for key, parameter in own_parameters(model).items()}
     return {"model": name, "own_parameters": own}

@@ -21,7 +21,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption, Settings, model_as_json, read_settings, settings
+from erosion.cli.set_option import SetOption, Settings, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -144,18 +144,4 @@ def _show(result: "Stream", json: bool) -> None:
     if not json:
         print_table(result.title, result.rows())
         return
-    summary = result.to_dataset()
-    scalars = [str(name) for name, variable in summary.data_vars.items() if not variable.dims]
-    content = model_as_json(summary.attrs["model"], result.model, but=result.particles.laws)
-    content |= {"particles": result.n, **{name: float(summary[name]) for name in scalars}}
-    content["quantiles"] = {f"{share:g}": volume for share, volume in result.quantiles.items()}
-    content["shares"] = {event: share.value for event, share in result.shares.items()}
-    if result.nozzle is not None:
-        content["alpha_max_interval"] = [result.nozzle.alpha.low, result.nozzle.alpha.high]
-    if result.sensitivities is not None:
-        content["sensitivities"] = {
-            name: {"first": first.value, "first_error": first.error, "total": total.value, "total_error": total.error}
-            for name, (first, total) in result.sensitivities.items()
-        }
-    content["units"] = {name: summary[name].attrs["units"] for name in scalars}
-    print_json(content)
+    print_json(result.to_dict())

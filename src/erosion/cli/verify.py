@@ -35,9 +35,7 @@ def verify(
     with progress_bar("compiling") as progress:
         verification = verify_models(models or None, progress=lambda name, done, of: progress(done, of, name))
     if json:
-        names = ("model", "name", "compares", "error", "bound", "passed", "where")
-        checks = [{name: getattr(check, name) for name in names} for check in verification.checks]
-        print_json({"passed": verification.passed, "absent": verification.absent, "checks": checks})
+        print_json(verification.to_dict())
     else:
         print_table(verification.title, verification.rows(), HEADINGS, (1, 2, 3))
         for check in verification.failures:
