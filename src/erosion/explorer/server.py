@@ -67,7 +67,8 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         all_ready(service.answers, service.start, service.preparation)
 
     app.on_startup(lambda: background_tasks.create(announce()))
-    # What NiceGUI says where a model computes for longer than it waits for at the end.
+    # What NiceGUI and Python say of work that is dropped at the end, where a model still computes.
+    warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
     # It ends by Ctrl+C only. The interrupt itself is lost if it comes while Python looks for garbage.
     with contextlib.suppress(KeyboardInterrupt):
