@@ -144,6 +144,21 @@ def test_quick_and_careful_code_give_the_same_bits(function, monkeypatch):
         assert compiled == levels
 
 
+def test_careful_code_is_tried_again_where_it_could_not_be_made(monkeypatch):
+    lanewise = Lanewise(_root, (number, number))
+    monkeypatch.setattr(machine, "_MANY", 0)
+    with monkeypatch.context() as patch, pytest.raises(MemoryError):
+        patch.setattr(machine, "_Compiled", _out_of_memory)
+        lanewise(X, Y)
+    compiled = _levels(monkeypatch)
+    lanewise(X, Y)
+    assert compiled == [machine._CAREFUL]
+
+
+def _out_of_memory(*_):
+    raise MemoryError
+
+
 def test_long_code_is_compiled_with_care_at_once(monkeypatch):
     compiled = _levels(monkeypatch)
     monkeypatch.setattr(machine, "_LONG", 1000)
