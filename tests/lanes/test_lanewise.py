@@ -147,9 +147,10 @@ def test_quick_and_careful_code_give_the_same_bits(function, monkeypatch):
 def test_careful_code_is_tried_again_where_it_could_not_be_made(monkeypatch):
     lanewise = Lanewise(_root, (number, number))
     monkeypatch.setattr(machine, "_MANY", 0)
-    with monkeypatch.context() as patch, pytest.raises(MemoryError):
+    with monkeypatch.context() as patch:
         patch.setattr(machine, "_Compiled", _out_of_memory)
-        lanewise(X, Y)
+        with pytest.raises(MemoryError):
+            lanewise(X, Y)
     compiled = _levels(monkeypatch)
     lanewise(X, Y)
     assert compiled == [machine._CAREFUL]
