@@ -219,7 +219,7 @@ FITS = [
     ("calibrate folder", "folder: cannot be read (Is a directory)."),
     ("calibrate bytes.csv", "bytes.csv: is not a text file in UTF-8."),
     ("calibrate empty.csv", "empty.csv: is empty."),
-    ("calibrate case.toml", "case.toml, line 1, column 1: must be one of angle, volume"),
+    ("calibrate case.toml", "case.toml, line 1, the header has no column `angle [deg]`."),
     ("calibrate bad.csv", "bad.csv, line 3, column 1 (angle [deg]) must be above 0° and at most 90°, but is 95."),
     ("calibrate sand.csv sand.csv", "The word 'sand.csv' belongs to no option."),
     ("calibrate sand.csv --free nu", "Option `--free` must name parameters"),

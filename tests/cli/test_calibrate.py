@@ -76,3 +76,11 @@ def test_several_models_are_ranked(table, capsys):
     out = capsys.readouterr().out
     assert "ΔAICc" in out
     assert out.index("linearized") < out.index("tan-alpha")
+
+
+def test_columns_that_are_not_used_are_named(table, tmp_path, capsys):
+    text = "# from the lab\n" + "".join(f"{line},by hand\n" for line in table.read_text().splitlines())
+    path = tmp_path / "notes.csv"
+    path.write_text(text.replace("[in^3],by hand", "[in^3],how"))
+    assert _status(["calibrate", str(path), "--free", "k,psi", *GUESS]) == 0
+    assert capsys.readouterr().err == f"warning: {path}: columns that are not used: 'how'.\n"

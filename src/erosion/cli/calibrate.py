@@ -66,6 +66,8 @@ def calibrate(
     free = ["k", "psi"] if free is None else free
     with user_errors(), progress_bar("reading") as progress:
         measured = read_measurements(data, p.units)
+        if measured.unused:
+            warn(f"{data}: columns that are not used: {', '.join(map(repr, measured.unused))}.")
         along = (*free, SCALE) if measured.free_scale else free
         if profile is not None and profile not in along:
             raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
