@@ -226,7 +226,7 @@ FITS = [
     ("calibrate sand.csv --free ,", "Option `--free` must list one item or more, but is ','."),
     ("calibrate sand.csv --free k,k", "Option `--free` must name one or several different parameters"),
     ("calibrate sand.csv --free alpha", "Option `--free` must not name `alpha`: the data has a column of it."),
-    ("calibrate sand.csv --free k,psi,r,b,m", "The table must have at least 5 rows for 5 free parameters"),
+    ("calibrate sand.csv --free k,psi,r,b,m", "The table must have at least 6 rows for 5 free parameters"),
     ("calibrate sand.csv --model spinning", "There is no model 'spinning'"),
     ("calibrate sand.csv --models linearized,spinning", "There is no model 'spinning'"),
     ("calibrate sand.csv --models ,", "Option `--model` must list one item or more, but is ','."),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from erosion.calibration.forward import SCALE
+from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.identifiability import Identifiability, identify
 from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
@@ -21,7 +21,10 @@ from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
-_SCALE = Quantity("s", "measured over computed volume", "1")
+_FACTORS = {
+    FRACTION: Quantity("c", "share of the particles that cut", "1"),
+    SCALE: Quantity("s", "measured over computed volume", "1"),
+}
 _LEVEL = 0.95  # of the intervals that standard errors are compared with
 _FACTOR = 1.5  # by which the two may differ without a warning
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
@@ -59,6 +62,11 @@ class Calibration(Result):
     def p(self) -> Parameters:
         """The case with the estimates in place."""
         return self.problem.forward.at(self.solution.theta)[1]
+
+    @property
+    def cutting_fraction(self) -> float:
+        """The share of the particles that cut: the estimate, or what was given."""
+        return self.estimates.get(FRACTION, self.problem.forward.cutting_fraction)
 
     @property
     def estimates(self) -> dict[str, float]:
@@ -233,7 +241,7 @@ class Calibration(Result):
         """Estimates with standard errors and intervals of `level`."""
         rows = []
         errors, ranges = self.standard_errors, self.intervals(level)
-        quantity_of = {**quantities(self.model), SCALE: _SCALE}
+        quantity_of = {**quantities(self.model), **_FACTORS}
         for name, value in self.estimates.items():
             quantity = quantity_of[name]
             low, high = ranges[name]
@@ -261,6 +269,7 @@ class Calibration(Result):
         """Model and case with the estimates, their errors, intervals of `level`, and the quality of the fit."""
         numbers = {
             "rows": len(self.data),
+            "cutting_fraction": self.cutting_fraction,
             "estimates": self.estimates,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals(level),
@@ -294,7 +303,7 @@ class Calibration(Result):
     @functools.cached_property
     def _rank_at_first(self) -> int:
         """Number of determined combinations of parameters at the first guess; 0 where impacts fail there."""
-        start = self.problem.forward.start
+        start = self.problem.start
         residuals, jacobian = self.problem.residuals(start)
         if not np.all(np.isfinite(jacobian)):
             return 0
