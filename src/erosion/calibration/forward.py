@@ -106,7 +106,7 @@ class Forward:
         erosion = hits.volume * factor
         slopes = dict(zip(self.names, self.slopes(theta), strict=True))
         # Erosion is proportional to its factors, whose θ are logarithms.
-        rates = dict.fromkeys(self.names, erosion)
+        rates: dict[str, Any] = dict.fromkeys(self.names, erosion)
         rates |= {name: hits.dvolume[:, i] * slopes[name] * factor for i, name in enumerate(self.of_impact)}
         if self.data.per_mass and "m" in rates:
             rates["m"] = rates["m"] - erosion

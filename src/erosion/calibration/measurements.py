@@ -11,6 +11,7 @@ import array
 import csv
 import dataclasses
 import itertools
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
     "mass per mass": "erosion_ratio", "1": "relative_erosion",
 }  # fmt: skip
+
+_SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
 
 
 class MeasurementError(ValueError):
@@ -161,7 +164,7 @@ def _read_file(path: Path, system: System) -> Measurements:
 
 
 def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
-    numbered = ((i, text) for i, text in enumerate(file, start=1) if text.strip() and not _is_comment(text))
+    numbered = ((i, text) for i, text in enumerate(file, start=1) if not _SKIPPED.match(text))
     first = next(numbered, None)
     if first is None:
         raise MeasurementError(f"{path}: is empty.")
@@ -182,11 +185,6 @@ def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
         return _place(path, lines[row], column, cells)
 
     return _checked(header, [np.frombuffer(column) for column in numbers], place, system, (path.name, cells))
-
-
-def _is_comment(text: str) -> bool:
-    """Whether a line is a comment; a spreadsheet puts one with a comma into quotes."""
-    return text.lstrip(' \t"').startswith("#")
 
 
 def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:
