@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.calibration import Measurements, calibrate
+from erosion.calibration import Measurements, calibrate, rank_models, to_fluent, to_openfoam
 from erosion.calibration.conditions import conditions
+from erosion.calibration.export import exported_case
 from erosion.calibration.forward import Forward
 from erosion.calibration.numbers import rounded
 from erosion.calibration.patterns import find_patterns
@@ -242,3 +243,43 @@ def test_rows_of_one_speed_and_mass_are_a_group():
     assert [len(group.rows) for group in conditions(many, 5)] == [10] * 5
     assert conditions(many, 5)[0].label.startswith("v₀ ≈ 3")
     assert conditions(Measurements(speed, speed, "volume", None, None, None, "si", "x"))[0].label == ""
+
+
+def test_exports_are_at_a_speed_of_the_data():
+    # The case is at 110 m/s, at which nothing was measured.
+    fit = calibrate("linearized", SAND.replace(v0=110.0), measured(), ["k", "cutting_fraction"], density=DENSITY)
+    for export, energy in ((to_openfoam(fit), None), (to_fluent(fit), float(SAND.m) * 60.0**2)):
+        text = export.text()
+        assert "(si units), at v0 = 60 m/s\n" in text
+        assert "This speed is one of the data's.\n" in text
+        # Without rotation V grows as v₀².
+        assert "At v₀ = 30 m/s the volume over m V^2 differs from it by up to 0.00% of its maximum." in text
+        assert f"The cutting fraction {fit.cutting_fraction:.4g} is part of what is written here." in text
+        if energy is not None:
+            greatest = fit.curve(np.arctan(fit.estimates["k"]) / 2, {"v0": 60.0})[0] * float(SAND.m) / DENSITY
+            assert getattr(export, "factor") == pytest.approx(float(greatest) / energy, rel=1e-4)  # noqa: B009
+    # A speed of the case that the data has is kept.
+    assert (
+        float(exported_case(calibrate("linearized", SAND.replace(v0=30.0), measured(), ["k"], density=DENSITY)).v0)
+        == 30
+    )
+
+
+def test_models_that_fit_as_well_are_said_to():
+    # Sand turns little before it leaves: with and without rotation, the curves are nearly alike.
+    ranking = rank_models(SAND, turning_data(), ["k", "psi"], models=["rotating", "linearized", "finnie"],
+                          density=DENSITY)  # fmt: skip
+    assert ranking.ties == (("linearized", "finnie"),)
+    first, second = ranking.statements[:2]
+    assert first == "linearized and finnie give the same curve: these data cannot tell them apart."
+    assert second.startswith("The data do not decide between ")
+    assert "rotating" in second
+    assert ranking.to_dict()["warnings"][:2] == [first, second]
+    apart = rank_models(SAND, measured(), ["psi"], models=["linearized", "tan-alpha"], density=DENSITY)
+    assert not any("do not decide" in said for said in apart.statements)
+
+
+def test_a_ranking_marks_bounds():
+    ranking = rank_models(SAND, measured(), ["k", "psi"], models=["linearized"], density=DENSITY,
+                          bounds={"psi": (0.01, 0.3)}, starts=1)  # fmt: skip
+    assert "psi = 0.3 (at its upper bound)" in ranking.rows()[0].meaning

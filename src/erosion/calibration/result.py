@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -217,15 +218,20 @@ class Calibration(Result):
         """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
         return doubts.bounds_touched(self, level)
 
-    def curve(self, alpha: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The fitted erosion at angles α [rad], at the case's speed and mass, with its standard error.
+    def curve(self, alpha: Any, at: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """The fitted erosion at angles α [rad], with its standard error.
+
+        Args:
+            alpha: α [rad], of any shape.
+            at: other parameters of the case than its own, such as {"v0": 60.0}.
 
         Returns:
             Erosion and one standard deviation of it (of the fit, without the noise of a
             measurement), each of the shape of `alpha`.
         """
         angles = np.atleast_1d(np.asarray(alpha, float))
-        erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles})
+        others = {name: np.full(angles.shape, value) for name, value in (at or {}).items()}
+        erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles, **others})
         # Directions without influence on any row have no influence on the curve either.
         spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
         errors = np.sqrt(spread * self._variance)
