@@ -212,7 +212,11 @@ def test_runs_are_counted_as_in_the_textbook():
     assert pattern.seen
     (noise,) = find_patterns(data, np.tile([1.0, 1, -1, -1], 5), conditions(data))
     assert not noise.seen
-    assert find_patterns(data, np.ones(20), conditions(data)) == ()
+    # All above: a fair coin makes 1 + 19/2 runs, with the variance 19/4.
+    (above,) = find_patterns(data, np.ones(20), conditions(data))
+    assert above.statistic == pytest.approx(-9.5 / np.sqrt(19 / 4))
+    assert "1 run of one sign" in above.sentence
+    assert find_patterns(data, np.zeros(20), conditions(data)) == ()
 
 
 @pytest.mark.parametrize(

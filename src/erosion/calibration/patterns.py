@@ -76,18 +76,25 @@ def _over_angle(data: Measurements, residuals: np.ndarray, groups: Sequence[Cond
         variance += product * (product - n) / (n**2 * (n - 1))
         part = max(parts, key=len)
         longest = max(longest, (len(part), part, group.label), key=lambda run: run[0])
-    if variance == 0:
+    if longest[0] == 0:
         return None
+    if variance == 0:  # one sign in each group: noise has either sign at even odds
+        steps = sum(len(group.rows) - 1 for group in groups)
+        expected, variance = len(groups) + steps / 2, steps / 4
     statistic = (runs - expected) / np.sqrt(variance)
     probability = float(stats.norm.cdf(statistic + 0.5 / np.sqrt(variance)))  # a count is half a step wide
     first, last = np.rad2deg(data.angle[longest[1][[0, -1]]])
     side = "above" if residuals[longest[1][0]] > 0 else "below"
     where = f" at {longest[2]}" if longest[2] else ""
     return Pattern("angle", float(statistic), probability, (
-        f"The residuals show a pattern over the angle: {runs} runs of one sign, where noise makes {expected:.0f} ± "
-        f"{np.sqrt(variance):.0f} (probability {probability:.1g}). From {first:.3g}° to {last:.3g}°{where} the data "
-        f"lie {side} the fit."
+        f"The residuals show a pattern over the angle: {_counted(runs)} of one sign, where noise makes "
+        f"{expected:.0f} ± {np.sqrt(variance):.0f} (probability {probability:.1g}). From {first:.3g}° to {last:.3g}°"
+        f"{where} the data lie {side} the fit."
     ))  # fmt: skip
+
+
+def _counted(runs: int) -> str:
+    return "1 run" if runs == 1 else f"{runs} runs"
 
 
 def _over(name: str, values: np.ndarray, residuals: np.ndarray) -> Pattern | None:

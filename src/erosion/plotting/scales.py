@@ -18,6 +18,8 @@ _NAMED: Mapping[tuple[str, str], Sequence[tuple[str, float]]] = {
     **{("time", units): (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)) for units in SYSTEMS},
     ("length", "si"): (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)),
     ("volume", "si"): (("m³", 1.0), ("mm³", 1e-9), ("µm³", 1e-18)),
+    ("volume per mass", "si"): (("mm³/g", 1e-6), ("mm³/kg", 1e-9)),
+    **{("mass per mass", units): (("g/g", 1.0), ("mg/g", 1e-3), ("mg/kg", 1e-6)) for units in SYSTEMS},
 }
 
 
