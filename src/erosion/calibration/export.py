@@ -15,6 +15,8 @@ from erosion.calibration.result import Calibration
 from erosion.correlations import finnie
 from erosion.engine.impact import impact
 from erosion.models import model_name
+from erosion.models.own_parameters import own_in_words
+from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import conversion_factor
 from erosion.version import __version__
@@ -155,6 +157,22 @@ def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
     )
 
 
+def to_case(calibration: Calibration) -> str:
+    """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
+
+    What a case file has no field for, the model, its own parameters and the cutting fraction, is in comments.
+    """
+    own = own_in_words(calibration.model)
+    lines = _origin(calibration)
+    if calibration.cutting_fraction != 1:
+        lines.append(f"Volumes are those of a particle that cuts: {calibration.cutting_fraction:.4g} of them do.")
+    lines += calibration.statements
+    if own:
+        lines.append(f"The model's own parameters: {own}")
+    text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
+    return _commented(text, "#") + dump_case(exported_case(calibration), calibration.title)
+
+
 def exported_case(calibration: Calibration) -> Parameters:
     """The fitted case at a speed and a mass that the data has.
 
@@ -175,19 +193,24 @@ def _volume(calibration: Calibration, p: Parameters) -> np.ndarray:
 
 def _comment(calibration: Calibration) -> str:
     """Model, data, estimates, speed and warnings."""
+    lines = _origin(calibration)
+    if calibration.cutting_fraction != 1:
+        lines.append(f"The cutting fraction {calibration.cutting_fraction:.4g} is part of what is written here.")
+    lines += calibration.statements
+    if calibration.data.free_scale:
+        lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
+    return "\n".join(lines)
+
+
+def _origin(calibration: Calibration) -> list[str]:
+    """Model, data, estimates and speed."""
     p, data = exported_case(calibration), calibration.data
-    lines = [
+    return [
         f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(data)} rows of {data.source}",
         ", ".join(f"{name} = {value:.6g}" for name, value in calibration.estimates.items())
         + f" ({p.units} units), at v0 = {float(p.to('si').v0):.6g} m/s",
         *_other_speeds(calibration, p),
     ]
-    if calibration.cutting_fraction != 1:
-        lines.append(f"The cutting fraction {calibration.cutting_fraction:.4g} is part of what is written here.")
-    lines += calibration.statements
-    if data.free_scale:
-        lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
-    return "\n".join(lines)
 
 
 def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
