@@ -245,6 +245,11 @@ def test_rows_of_one_speed_and_mass_are_a_group():
     assert sorted(int(row) for group in groups for row in group.rows) == list(range(8))
     many = Measurements(np.full(50, 0.5), np.ones(50), "volume", None, np.linspace(30, 60, 50), None, "si", "x")
     assert [len(group.rows) for group in conditions(many, 5)] == [10] * 5
+    # Rows of one speed stay together.
+    speeds = Measurements(
+        np.full(24, 0.5), np.ones(24), "volume", None, np.repeat(np.arange(30.0, 38), 3), None, "si", ""
+    )
+    assert [len(group.rows) for group in conditions(speeds, 4)] == [6] * 4
     assert conditions(many, 5)[0].label.startswith("v₀ ≈ 3")
     assert conditions(Measurements(speed, speed, "volume", None, None, None, "si", "x"))[0].label == ""
 

@@ -9,7 +9,7 @@ from erosion.calibration.measurements import Measurements
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import System, unit_name
 
-MOST = 6  # groups that a figure can tell apart
+MOST = 12  # groups that a figure can tell apart
 _DIGITS = 3  # speeds and masses that agree to so many are the same
 
 
@@ -39,13 +39,14 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
         return [Condition(np.arange(len(data)), {}, "")]
     columns = np.stack(list(given.values()), axis=1)
     size = 10.0 ** (np.floor(np.log10(columns)) + 1 - _DIGITS)
-    _, group = np.unique(np.round(columns / size) * size, axis=0, return_inverse=True)
-    count = int(group.max()) + 1
+    levels, group = np.unique(np.round(columns / size) * size, axis=0, return_inverse=True)
+    count = len(levels)
     if most is None or count <= most:
-        parts, sign = [np.flatnonzero(group.ravel() == i) for i in range(count)], "="
+        together, sign = [[i] for i in range(count)], "="
     else:
-        energy = np.prod([values ** (2 if name == "v0" else 1) for name, values in given.items()], axis=0)
-        parts, sign = np.array_split(np.argsort(energy, kind="stable"), most), "≈"
+        powers = [2 if name == "v0" else 1 for name in given]
+        together, sign = np.array_split(np.argsort(np.prod(levels**powers, axis=1), kind="stable"), most), "≈"
+    parts = [np.flatnonzero(np.isin(group.ravel(), [*part])) for part in together]
     # The value itself where all rows have it: a mean would round.
     middles = [{name: float(np.sort(values[rows])[len(rows) // 2]) for name, values in given.items()} for rows in parts]
     varying = [name for name in given if len({middle[name] for middle in middles}) > 1] or list(given)

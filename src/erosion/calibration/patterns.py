@@ -14,6 +14,7 @@ from erosion.calibration.conditions import Condition
 from erosion.calibration.measurements import Measurements
 
 _RARE = 0.01  # probability of such a pattern in noise; below it the pattern is said
+_FEWEST = 10  # rows for which the probability of a correlation of ranks is known well enough
 _EXACT = 1e-6  # residuals over the erosion that are rounding errors of fits, not noise
 _WORDS = {"v0": "speed", "m": "mass"}
 
@@ -99,7 +100,7 @@ def _counted(runs: int) -> str:
 
 def _over(name: str, values: np.ndarray, residuals: np.ndarray) -> Pattern | None:
     """The correlation of ranks with speed or mass."""
-    if len(values) < 4 or np.ptp(values) == 0 or np.ptp(residuals) == 0:
+    if len(values) < _FEWEST or np.ptp(values) == 0 or np.ptp(residuals) == 0:
         return None
     correlation, probability = np.asarray(stats.spearmanr(values, residuals)).tolist()
     word = _WORDS[name]

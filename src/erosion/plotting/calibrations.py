@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -26,7 +27,7 @@ _DASHES: Sequence[Any] = (
     (0, (8, 3)),
     (0, (3, 1, 1, 1, 1, 1)),
 )
-_MARKS = "os^Dv<"
+_MARKS = "os^Dv<>phX*P"
 _NOTE_WIDTH = 84  # characters of a note's line
 
 
@@ -47,10 +48,10 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     fig = new_figure(6.2, 5.8)
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.72, 0.28))
     scale = readable_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
-    _draw_curves(upper, fits[:MOST], groups, scale, float(stats.norm.ppf((1 + level) / 2)))
+    _draw_curves(upper, fits[: len(PALETTE)], groups, scale, float(stats.norm.ppf((1 + level) / 2)))
     for i, group in enumerate(groups):
         label = group.label or ("measured" if data.source == "data" else data.source)
-        look = {"color": INK if len(groups) == 1 else _color(i), "fmt": _MARKS[i]}
+        look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": _MARKS[i]}
         _draw_data(upper, best, data.erosion, group.rows, scale, {**look, "label": label})
         _draw_data(lower, best, best.residuals, group.rows, scale, look)
     lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
@@ -94,7 +95,7 @@ def _draw_curves(
         name = model_name(fit.model)
         for i, group in enumerate(groups):
             erosion, error = (values / scale.size for values in fit.curve(_ANGLES, group.values))
-            color = _color(rank if len(groups) == 1 else i)
+            color = _color(rank) if len(groups) == 1 else _color(i, len(groups))
             if len(groups) == 1 or rank == 0:
                 ax.fill_between(degrees, erosion - width * error, erosion + width * error, color=color, linewidth=0,
                                 alpha=0.12 if rank else 0.3, zorder=3)  # fmt: skip
@@ -117,8 +118,11 @@ def _draw_data(
                 **{**look, "fmt": "."} if many else look)  # fmt: skip
 
 
-def _color(index: int) -> str:
-    return list(PALETTE.values())[index]
+def _color(index: int, count: int = 1) -> Any:
+    """One of `count` colours; more than the palette has are shades from dark to light, in order."""
+    if count <= len(PALETTE):
+        return list(PALETTE.values())[index]
+    return mpl.colormaps["viridis"](0.92 * index / (count - 1))
 
 
 def _label_whole(ax: Axes, meaning: str, unit: str) -> None:
