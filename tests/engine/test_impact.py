@@ -250,7 +250,7 @@ def test_results_print_with_units():
     assert len(repr(several)) < 500
     hit = erosion.impact("linearized", P, derivatives=2)
     assert "in³/°²" in str(hit)
-    assert "<td>in³</td>" in hit._repr_html_()
+    assert "<td>10⁻⁴ in³</td>" in hit._repr_html_()
     assert "2 rebound" in str(erosion.impact("linearized", P.replace(alpha=[0.2, 0.3])))
 
 
