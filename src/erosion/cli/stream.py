@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
     from erosion.streams.result import Stream
+    from erosion.streams.stream import StreamJob
 
 
 def stream(
@@ -67,7 +68,7 @@ def stream(
     given = settings(own, section, f"{options.case}: `set` of [stream]")
     chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), given, p)
     start_engine()
-    from erosion.streams.stream import StreamInterrupted, StreamOptions, prepare_stream
+    from erosion.streams.stream import StreamOptions, prepare_stream
 
     with user_errors(TypeError):
         job = prepare_stream(
@@ -82,20 +83,27 @@ def stream(
                 store=output,
             ),
         )
-    with progress_bar("stream") as progress:
-        try:
-            result = job.run(lambda what, done, total: progress(done, total, what))
-        except StreamInterrupted as interrupted:
-            if interrupted.partial is not None:
-                _show(interrupted.partial, json)
-            raise
+    result = _run(job, json=json)
     if plot is not None:
         from erosion.plotting.streams import plot_stream
         from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_stream(result), plot)
-    _show(result, json)
+    _show(result, json=json)
+
+
+def _run(job: "StreamJob", *, json: bool) -> "Stream":
+    """Compute the stream; one that is interrupted shows the particles that it has computed."""
+    from erosion.streams.stream import StreamInterrupted
+
+    try:
+        with progress_bar("stream") as progress:
+            return job.run(progress)
+    except StreamInterrupted as interrupted:
+        if interrupted.partial is not None:
+            _show(interrupted.partial, json=json)
+        raise
 
 
 def _count(options: CaseOptions, section: dict[str, Any]) -> int:
@@ -140,7 +148,7 @@ def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
     return numbers, {name: value for name, value in values.items() if name not in numbers}
 
 
-def _show(result: "Stream", json: bool) -> None:
+def _show(result: "Stream", *, json: bool) -> None:
     if not json:
         print_table(result.title, result.rows())
         return

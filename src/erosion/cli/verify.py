@@ -33,7 +33,7 @@ def verify(
     for name in models:
         load(name)
     with progress_bar("compiling") as progress:
-        verification = verify_models(models or None, progress=lambda name, done, of: progress(done, of, name))
+        verification = verify_models(models or None, progress=progress)
     if json:
         print_json(verification.to_dict())
     else:

@@ -6,7 +6,7 @@ import io
 import math
 import types
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from erosion.arguments import Progress, no_progress
 from erosion.files import write_whole
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.units import System, unit_name
@@ -41,7 +42,7 @@ def write_report(
     *,
     case_name: str = "Table 1",
     only: Sequence[str] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> Path:
     """Answer the scenario's questions for a case as one self-contained page.
 
@@ -54,7 +55,7 @@ def write_report(
         out: a folder; it is made if need be.
         case_name: what to call the case on the page.
         only: keys of the questions to answer, by default all; the page keeps its own order.
-        progress: called before each part with a line of text, how many parts are done, and of how many.
+        progress: called before each part with its title, how many parts are done, and how many there are.
 
     Returns:
         The path of the page.
@@ -69,7 +70,7 @@ def write_report(
     out = Path(out)
     make_folders(out)
     with _naming(out):
-        return _write(Case(p, case_name), keys, out, progress or (lambda line, done, parts: None))
+        return _write(Case(p, case_name), keys, out, progress)
 
 
 def make_folders(out: Path) -> None:
@@ -97,7 +98,7 @@ def _pool() -> Iterator[ThreadPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, int, int], None]) -> Path:
+def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Path:
     numbers: dict[str, Any] = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}

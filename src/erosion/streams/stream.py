@@ -57,7 +57,7 @@ def stream(
     sensitivities: bool = True,
     rtol: float = 1e-9,
     store: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
     **distributions: Any,
 ) -> Stream:
     """The erosion of a stream of particles whose parameters vary.
@@ -164,9 +164,8 @@ class StreamJob:
     identity: Mapping[str, str]
     begun: Tally | None
 
-    def run(self, progress: Progress | None = None) -> Stream:
+    def run(self, progress: Progress = no_progress) -> Stream:
         """Compute the stream; progress and errors as of `stream`."""
-        progress = progress or no_progress
         tally, ends = self.begun, (MISS, *end_names(self.particles.model))
         try:
             for tally in self._tallies(ends):

@@ -20,7 +20,7 @@ _THREADS = 2  # more would wait for Python's lock, which compiling seldom releas
 def verify(
     models: Sequence[CuttingModel | str | Path] | CuttingModel | str | Path | None = None,
     *,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Verification:
     """Check models against closed forms, identities, and independent solutions, here and now.
 
@@ -46,7 +46,7 @@ def verify(
     elif isinstance(models, (CuttingModel, str, Path)):
         models = [models]
     subjects = [_subject(model) for model in models]
-    progress, done = progress or no_progress, 0
+    done = 0
 
     def examined(subject: Subject) -> list[Check]:
         nonlocal done
