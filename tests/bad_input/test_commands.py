@@ -144,6 +144,18 @@ QUESTIONS = [
     ("optimum --alpha 20deg", "Option `--alpha` has no meaning here"),
     ("optimum --alpha-range 60deg 30deg", "Option `--alpha-range` must be two ascending angles within [0, π/2] rad"),
     ("optimum --alpha-range 10 60", "must be two ascending angles within [0, π/2] rad, but is (10.0, 60.0)."),
+    (
+        "optimum --alpha-range -5deg:20deg",
+        "Option `--alpha-range` must not have a negative value, but has -5deg:20deg.",
+    ),
+    ("optimum --alpha-range -5deg 20deg", "Option `--alpha-range` must not have a negative value, but has -5deg."),
+    (
+        "optimum --alpha-range 5deg -.2rad --json",
+        "Option `--alpha-range` must not have a negative value, but has -.2rad.",
+    ),
+    ("optimum --alpha-range=-5deg:20deg", "must be two ascending angles within [0, π/2] rad, but is (-0.08726"),
+    ("optimum --json -5deg", "Option `--json` must not have a negative value, but has -5deg."),
+    ("optimum -5deg", "Option `-5deg` is unknown."),
     ("optimum --alpha-range nan 1", "must be two ascending angles"),
     ("optimum --alpha-range '1 kg' 30deg", "Option `--alpha-range` must be an angle"),
     ("optimum --alpha-range 1deg", 'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has 1.'),
