@@ -149,7 +149,7 @@ def test_a_link_may_be_written_by_hand(page: Page, address: str) -> None:
     page.goto(f"{address}?alpha=95 deg")
     expect(page.get_by_text("The link cannot be used: Field `alpha` must be in (0, π/2]")).to_be_visible()
     page.goto(f"{address}?models=/etc/passwd.py")
-    expect(page.get_by_text("which is not one of the models here")).to_be_visible()
+    expect(page.get_by_text("but the page offers no such model")).to_be_visible()
     expect(page.locator("#alpha-entry")).to_have_value("20")
 
 
