@@ -8,7 +8,7 @@ from erosion.parameters.units import SYSTEMS, Dimension, System, unit_name
 
 
 class Scale(NamedTuple):
-    """A unit that makes numbers readable: number in the base unit / size = number in `unit`."""
+    """A unit that makes numbers readable: the number in the base unit, divided by `size`, is the number in `unit`."""
 
     size: float
     unit: str
@@ -22,7 +22,7 @@ _NAMED: Mapping[tuple[str, str], Sequence[tuple[str, float]]] = {
 
 
 def superscript(exponent: int) -> str:
-    """An integer raised: "⁻⁴"."""
+    """An integer in superscript digits: "⁻⁴"."""
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
@@ -30,7 +30,7 @@ def readable_scale(dimension: Dimension, units: System, largest: float) -> Scale
     """The unit in which numbers up to `largest` read well: "µs", "mm", "10⁻³ in", "10⁻⁴ in³".
 
     Args:
-        dimension: what is measured.
+        dimension: the dimension of the numbers.
         units: the unit system of `largest`.
         largest: the greatest magnitude to show; 0 or a number that is not finite gives the
             base unit.
