@@ -1,4 +1,4 @@
-"""`erosion verify`: does it compute what it says, here and now?"""
+"""`erosion verify`: checks of the models on this machine."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""What a question is given and what it answers with."""
+"""The case that a question is asked about, with shared results, and the form of an answer."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
@@ -22,9 +22,9 @@ from erosion.report.spins import Spins, over_spins
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
 
-_RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
+_RTOL = 1e-12  # relative tolerance of the report's impacts, with which its other numbers are compared
 Need = tuple[str, str]
-"""What a question needs, and of which model: ("optimum", "rotating")."""
+"""A kind of result and the model that it is about: ("optimum", "rotating")."""
 
 _ASIDE = {"slips": "On the source", "models": "In closing"}
 
@@ -36,7 +36,7 @@ class Answer:
     Args:
         numbers: by name, for numbers.json and as fields of the text.
         figures: by the names of their files, without suffix.
-        fields: what else the text uses, by name.
+        fields: further values that the text uses, by name.
     """
 
     numbers: dict[str, Any]
@@ -45,7 +45,7 @@ class Answer:
 
 
 def question(key: str) -> str:
-    """What the scenario calls it: "q4" is Question 4, "a2" is Additional question 2; or what it is on."""
+    """The title of a part: "q4" is Question 4, "a2" is Additional question 2; other keys give their subject."""
     if key in _ASIDE:
         return _ASIDE[key]
     return f"{'Additional question' if key[0] == 'a' else 'Question'} {key[1:]}"
@@ -53,7 +53,7 @@ def question(key: str) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """One set of parameters, with what several questions need computed once.
+    """One set of parameters. Results that several questions need are computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
     Where models are asked of by name, results come from the engine, whatever is known exactly.
@@ -110,24 +110,24 @@ class Case:
         return str(self.closed.ended_by(self.p))
 
     @functools.cached_property
-    def _known(self) -> dict[tuple[str, str], Future[Any]]:
-        """What was computed, or is being computed, by what it is and the model's name."""
+    def _results(self) -> dict[tuple[str, str], Future[Any]]:
+        """Results that are computed or being computed, by their kind and the model's name."""
         return {}
 
     def prepare(self, pool: Executor, needs: Iterable[Need]) -> None:
-        """Compute in the background what questions will need; what another need is made from comes before it.
+        """Compute in the background the results that questions need, in an order in which each uses only earlier ones.
 
-        Compiling and integrating leave the interpreter free, so that the other core has work.
+        Compiling and integrating release the interpreter, so that a second core has work.
         """
-        for what, model in dict.fromkeys(needs):
-            self._known[what, model] = pool.submit(_COMPUTE[what], self, model)
+        for kind, model in dict.fromkeys(needs):
+            self._results[kind, model] = pool.submit(_COMPUTE[kind], self, model)
 
-    def _once(self, what: str, model: str) -> Any:
-        if (what, model) not in self._known:
-            computed = _COMPUTE[what](self, model)
-            self._known[what, model] = Future()
-            self._known[what, model].set_result(computed)
-        return self._known[what, model].result()
+    def _once(self, kind: str, model: str) -> Any:
+        if (kind, model) not in self._results:
+            computed = _COMPUTE[kind](self, model)
+            self._results[kind, model] = Future()
+            self._results[kind, model].set_result(computed)
+        return self._results[kind, model].result()
 
     def optimum(self, model: str) -> Optimum:
         """A model's angle of greatest removal in this case."""

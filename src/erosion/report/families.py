@@ -107,7 +107,7 @@ Families = Mapping[str, Family]
 def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     """All families of a model about one case, in one batch."""
     varied = {name: values(p) for name, values in _VALUES.items()}
-    rows = [(name, value) for name, some in varied.items() for value in some]
+    rows = [(name, value) for name, values in varied.items() for value in values]
     columns = {q: np.full(len(rows), float(getattr(p, q))) for q in QUANTITIES}
     for i, (name, value) in enumerate(rows):
         columns[name][i] = value
@@ -118,7 +118,7 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     reach = np.asarray(cases.r * cases.rate / cases.v0)
     families, begin = {}, 0
     for name, values in varied.items():
-        those = slice(begin, begin + len(values))
+        rows_of_family = slice(begin, begin + len(values))
         begin += len(values)
         order = np.argsort(list(values))
         families[name] = Family(
@@ -127,13 +127,13 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
             labels=tuple(list(values.values())[i] for i in order),
             shown=_shown(name, p, np.array(list(values))[order]),
             angles=angles,
-            volumes=hits.volume[those][order],
-            alpha=best.alpha[those][order],
-            volume=best.volume[those][order],
-            kind=best.kind[those][order],
-            ended_by=best.ended_by[those][order],
-            jumps=tuple(best.jumps[those][i] for i in order),
-            reach=reach[those][order],
+            volumes=hits.volume[rows_of_family][order],
+            alpha=best.alpha[rows_of_family][order],
+            volume=best.volume[rows_of_family][order],
+            kind=best.kind[rows_of_family][order],
+            ended_by=best.ended_by[rows_of_family][order],
+            jumps=tuple(best.jumps[rows_of_family][i] for i in order),
+            reach=reach[rows_of_family][order],
         )
     return families
 

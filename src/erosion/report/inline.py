@@ -24,14 +24,14 @@ def inline_svg(path: Path, description: str) -> Markup:
     """A saved figure as `<svg>`: it fills its box, follows the page's colours, and keeps its ids to itself.
 
     Args:
-        path: of the SVG file; ids begin with its name, unique on the page.
-        description: what it shows, for those who cannot see it.
+        path: the SVG file; ids begin with the file's name and so are unique on the page.
+        description: a description for readers who cannot see the figure.
     """
     name, text = path.stem, path.read_text(encoding="utf-8")
     text = text[text.index("<svg") :].strip().replace("fill: #ffffff", "fill: none")
     for color, variable in _VARIABLES.items():
         text = re.sub(color, f"var(--{variable})", text, flags=re.IGNORECASE)
     text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
-    start, rest = text.split(">", 1)
+    start, content = text.split(">", 1)
     start = re.sub(r'\s(?:width|height|version)="[^"]*"', "", start)
-    return Markup(start + f' role="img" aria-label="{escape(description)}">' + rest)
+    return Markup(start + f' role="img" aria-label="{escape(description)}">' + content)

@@ -129,8 +129,8 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
         return list(QUESTIONS)
     unknown = [key for key in only if key not in QUESTIONS]
     if unknown or not only or isinstance(only, str):
-        asked = f"has {unknown[0]!r}" if unknown and not isinstance(only, str) else f"is {only!r}"
-        raise ValueError(f"Argument `only` must be a list of {', '.join(map(repr, QUESTIONS))}, but {asked}.")
+        problem = f"has {unknown[0]!r}" if unknown and not isinstance(only, str) else f"is {only!r}"
+        raise ValueError(f"Argument `only` must be a list of {', '.join(map(repr, QUESTIONS))}, but {problem}.")
     return [key for key in QUESTIONS if key in only]
 
 

@@ -87,10 +87,10 @@ def ranges(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def sensitivities(case: Case) -> dict[str, list[float | None]]:
-    """Of the best angle [rad] by parameter, without rotation and with it; None where there is no derivative."""
+    """Moves of the best angle [rad] by parameter, without rotation and with rotation; None without a derivative."""
     rates = {
         name: [case.sensitivity(model, name) for model in ("linearized", MODEL)]
         for name in QUANTITIES
         if name not in ("alpha", "phidot0")
     }
-    return {name: [rate if np.isfinite(rate) else None for rate in both] for name, both in rates.items()}
+    return {name: [rate if np.isfinite(rate) else None for rate in pair] for name, pair in rates.items()}

@@ -105,13 +105,13 @@ class SweepJob:
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Compute the blocks that the store lacks; errors as of `sweep`."""
         missing = self.store.missing()
-        whole = math.prod(self.grid.shape)
-        count = whole - sum(_size(region) for region in missing)
+        total = math.prod(self.grid.shape)
+        count = total - sum(_size(region) for region in missing)
 
         def advance(impacts: int) -> None:
             nonlocal count
             count += impacts
-            progress("sweep", count, whole)
+            progress("sweep", count, total)
 
         advance(0)
         try:
@@ -121,7 +121,7 @@ class SweepJob:
                 raise
             self.store.save()
             raise SweepInterrupted(
-                f"interrupted: {self.path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
+                f"interrupted: {self.path} holds {count:,} of {total:,} impacts; the same command goes on from there"
             ) from None
         if missing:
             self.store.save()

@@ -12,7 +12,7 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 
 _BESIDE = ("linearized", "finnie", "rotating")
-NEEDS = tuple((what, model) for model in BUILT_IN for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for model in BUILT_IN for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:

@@ -9,7 +9,7 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
-NEEDS = tuple((what, model) for model in _MODELS for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for model in _MODELS for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:
