@@ -56,7 +56,7 @@ class Case:
     """One set of parameters. Results that several questions need are computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
-    Where models are asked of by name, results come from the engine, whatever is known exactly.
+    Results about models that are given by name come from the engine, also if a closed form exists.
     """
 
     p: Parameters
@@ -69,7 +69,7 @@ class Case:
 
     @functools.cached_property
     def model(self) -> Linearized:
-        """The model that the questions are asked of."""
+        """The model of questions 1 to 8."""
         return Linearized()
 
     @functools.cached_property
@@ -96,12 +96,12 @@ class Case:
 
     @functools.cached_property
     def t_c(self) -> float:
-        """When the cut ends, exactly [s]."""
+        """The exact time of the end of the cut [s]."""
         return float(self.closed.t_c(self.p))
 
     @functools.cached_property
     def volume(self) -> float:
-        """The volume removed, exactly."""
+        """The exact removed volume [volume]."""
         return float(self.closed.volume(self.p))
 
     @functools.cached_property
@@ -138,7 +138,7 @@ class Case:
         return self._once("hits", model)
 
     def curve(self, model: str, label: str | None = None) -> Curve:
-        """A model's V(α), interrupted at its jumps, with its maximum."""
+        """A model's V(α) with its maximum, and with gaps at its jumps."""
         optimum = self.optimum(model)
         angles, volume = broken_at(optimum.jumps, self.looks, self.hits(model).volume[:-1])
         best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
@@ -149,16 +149,16 @@ class Case:
         return self._once("spins", model)
 
     def families(self, model: str) -> Families:
-        """A model asked with other speeds, erodents, materials and modelling parameters."""
+        """A model with other speeds, erodents, materials and modelling parameters."""
         return self._once("families", model)
 
     def sensitivity(self, model: str, name: str) -> float:
-        """The change of α_max by a change of q of its own size, q dα_max/dq [rad]."""
+        """The change of α_max for a change of q by its own size: q dα_max/dq [rad]."""
         return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
 
     @functools.cached_property
     def looks(self) -> np.ndarray:
-        """α in (0, 90°] [rad] for curves of the engine: fewer than `angles`, for they are computed one by one."""
+        """α in (0, 90°] [rad] for curves of the engine; fewer than `angles`, because each angle is integrated."""
         near_zero, even = [0.02, 0.1, 0.25], np.linspace(0, 90, 181)[1:-1]
         return np.deg2rad([*near_zero, *even, 90 - 1e-7])
 
@@ -169,7 +169,7 @@ class Case:
 
     @functools.cached_property
     def angles(self) -> np.ndarray:
-        """α in (0, 90°] [rad], ascending, close together where curves bend at the cusp."""
+        """α in (0, 90°] [rad], ascending, closer together where curves bend at the cusp."""
         # The last is short of 90° by less than any curve shows, for at 90° itself nothing is cut.
         even = np.deg2rad(np.append(np.linspace(0, 90, 361)[1:-1], 90 - 1e-7))
         below = self.cusp * np.linspace(0, 1, 101)[1:]

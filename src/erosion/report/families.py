@@ -1,4 +1,4 @@
-"""One parameter at several values, the others as they are: questions 5 to 8, of any model."""
+"""One parameter at several values, with all other parameters fixed: questions 5 to 8, for any model."""
 
 import types
 from collections.abc import Callable, Mapping
@@ -58,14 +58,14 @@ class Family:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """The answer for each value, as a table has it."""
+        """The row of a table for each value."""
         columns = ("label", "value", "alpha", "volume", "kind", "ended_by")
         answers = zip(self.labels, self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)
         return [dict(zip(columns, row, strict=True)) for row in answers]
 
     @property
     def named(self) -> bool:
-        """Whether the labels say more than the values."""
+        """Whether the labels are names, such as copper or 2R, instead of values."""
         return any("=" not in label for label in self.labels)
 
     @property
@@ -80,11 +80,11 @@ class Family:
 
     @property
     def spread(self) -> float:
-        """Between the greatest and the least α_max [rad]."""
+        """The greatest α_max minus the least [rad]."""
         return float(np.ptp(self.alpha))
 
     def departure(self, power: int) -> float:
-        """By how much V_max departs from V_max ∝ value^`power`, relative."""
+        """The relative range of V_max / value^`power`; 0 where V_max ∝ value^`power`."""
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
@@ -101,7 +101,7 @@ class Family:
 
 
 Families = Mapping[str, Family]
-"""By the name of the parameter that varies: v0, r, m, sigma, psi, k."""
+"""Each family by the name of the parameter that varies: v0, r, m, sigma, psi, k."""
 
 
 def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
@@ -139,7 +139,7 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
 
 
 def _shown(name: str, p: Parameters, values: np.ndarray) -> np.ndarray:
-    """All, but of the many force ratios only every third and the case's own."""
+    """A mask of the values that a figure shows: all values, but of the force ratios every third and the case's own."""
     return np.isin(values, [*_RATIOS[::3], float(p.k)]) if name == "k" else np.ones(values.size, bool)
 
 

@@ -15,13 +15,13 @@ THEMES: Mapping[str, Mapping[str, str]] = {
              "orange": "#f0b429", "ink": "#e4e7eb", "faint": "#39414a", "dim": "#98a2ad", "paper": "#1b2027",
              "page": "#12161b", "accent": "#7cc4f5"},
 }  # fmt: skip
-"""Colours of the page by CSS variable. Figures use the same, lighter on a dark page."""
+"""Colours of the page by CSS variable. Figures have the same colours; on a dark page they are lighter."""
 
 _VARIABLES = {THEMES["light"][name]: name for name in (*PALETTE, "ink", "faint", "dim")}
 
 
 def inline_svg(path: Path, description: str) -> Markup:
-    """A saved figure as `<svg>`: it fills its box, follows the page's colours, and keeps its ids to itself.
+    """A saved figure as `<svg>`: it fills its box, has the page's colours, and its ids are unique on the page.
 
     Args:
         path: the SVG file; ids begin with the file's name and so are unique on the page.

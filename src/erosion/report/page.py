@@ -90,7 +90,7 @@ def _naming(out: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _pool() -> Iterator[ThreadPoolExecutor]:
-    """Threads that begin nothing more once an error has ended the report."""
+    """Threads that start no new work after an error has ended the report."""
     pool = ThreadPoolExecutor(_THREADS)
     try:
         yield pool
@@ -124,7 +124,7 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Pa
 
 
 def chosen_questions(only: Sequence[str] | None) -> list[str]:
-    """Keys of the questions in the page's order, all without `only`; a `ValueError` for an unknown one."""
+    """Keys of the questions in the page's order; all questions without `only`. A `ValueError` for an unknown key."""
     if only is None:
         return list(QUESTIONS)
     unknown = [key for key in only if key not in QUESTIONS]

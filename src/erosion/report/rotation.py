@@ -1,4 +1,4 @@
-"""Questions 5 to 8 asked again of a body that turns."""
+"""Questions 5 to 8 for a body that turns."""
 
 from typing import Any
 
@@ -75,7 +75,7 @@ def _over_k_figure(case: Case, ratios: Family) -> Figure:
 
 
 def ranges(case: Case) -> dict[str, dict[str, Any]]:
-    """Best angles where something is cut, how many are at a jump, and how many values there are, by parameter."""
+    """By parameter: the best angles where something is cut, how many are at a jump, and how many values there are."""
     return {
         name: {
             "angles": family.alpha[family.kind != "none"].tolist(),

@@ -14,7 +14,7 @@ _PAIRS = {
     "torque r Fₓ": ("rotating-tan-alpha", "rotating-velocity-aligned"),
     "torque of both components": ("rotating-tan-alpha-full-torque", "rotating-velocity-aligned-full-torque"),
 }
-"""Models of additional question 2 and of this one that differ in nothing else."""
+"""Pairs of models that differ only in the force: of additional question 2 and of this question."""
 
 NEEDS = tuple((kind, model) for pair in _PAIRS.values() for model in pair for kind in ("optimum", "hits"))
 
