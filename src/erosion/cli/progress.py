@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+import threading
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -37,3 +38,31 @@ def progress_bar(title: str) -> Iterator["Progress"]:
             bar.update(task, description=work, completed=done, total=total if done else None, rate=rate)
 
         yield show
+
+
+_PATIENCE = 0.5  # s, after which a person wonders whether anything happens
+
+
+@contextlib.contextmanager
+def working(title: str) -> Iterator[None]:
+    """Show on a terminal that something is done, once it takes longer than half a second."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    is_done = threading.Event()
+    thread = threading.Thread(target=_turn_wheel, args=(title, is_done), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_done.set()
+        thread.join()
+
+
+def _turn_wheel(title: str, is_done: threading.Event) -> None:
+    if is_done.wait(_PATIENCE):
+        return
+    from rich.console import Console
+
+    with Console(stderr=True, highlight=False).status(f"{title} …"):
+        is_done.wait()
