@@ -55,7 +55,7 @@ def test_a_far_turn_is_a_warning_on_stderr(capsys):
 
 def test_models_lists_them_all(capsys):
     assert _status(["models", "--json"]) == 0
-    assert len(result_of(capsys.readouterr().out)["models"]) == 11
+    assert len(result_of(capsys.readouterr().out)["models"]) == 14
     assert _status(["models", "--path", str(ROOT / "models")]) == 0
     assert "saturating_lip" in capsys.readouterr().out
 
@@ -77,7 +77,7 @@ def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch
     assert "ZeroDivisionError" in printed[str(tmp_path / "a_bad.py")]["error"]
     good = {"summary": "One of mine.", "equations": "plug-in", "error": None, "own_parameters": {}}
     assert printed[str(tmp_path / "good.py")] == good
-    assert captured.err == "erosion: 1 of 13 models cannot be used.\n"
+    assert captured.err == "erosion: 1 of 16 models cannot be used.\n"
     assert _status(["models", "--help"]) == 0
     assert "run as Python" in " ".join(capsys.readouterr().out.replace("│", " ").split())
 
