@@ -8,7 +8,7 @@ computed before it.
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Union
 
 import numpy as np
@@ -56,7 +56,7 @@ class Region:
         self.depth: int = 0 if parent is None else parent.depth + 1
         self.level: int = is_loop if parent is None else parent.level + is_loop  # loops around it
         self.steps: list[Step] = []
-        self.known: dict[Any, Value] = {}  # operations that are computed here, by what they are
+        self.known: dict[tuple[object, ...], Value] = {}  # operations that are computed here, by what they are
         # By the depth of the innermost input: the region in which an operation asked for here is computed.
         self.targets: list[Region] = []
         for depth in range(self.depth):
@@ -103,7 +103,7 @@ class Graph:
         self.root = self.region = Region(None)
         self.outputs: list[Value] = []
 
-    def constant(self, number: Any, type_: str) -> Value:
+    def constant(self, number: float, type_: str) -> Value:
         """A number."""
         number = _in_range(number, type_)
         key = ("const", type_, struct.pack("<d", number) if type_ in _FLOATS else number)
@@ -204,7 +204,7 @@ _NUMPY: dict[str, Any] = {
     "double": np.float64, "float": np.float32, "i1": np.bool_,
     "i8": np.int8, "i16": np.int16, "i32": np.int32, "i64": np.int64,
 }  # fmt: skip
-_FOLDED: dict[str, Any] = {
+_FOLDED: dict[str, Callable[..., float]] = {
     "fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide, "fneg": np.negative,
     "add": np.add, "sub": np.subtract, "mul": np.multiply,
     "llvm.sqrt": np.sqrt, "llvm.fabs": np.abs, "llvm.floor": np.floor, "llvm.ceil": np.ceil,
@@ -218,7 +218,7 @@ _FOLDED: dict[str, Any] = {
 }  # fmt: skip
 
 
-def _in_range(number: Any, type_: str) -> Any:
+def _in_range(number: float, type_: str) -> float:
     """A number as a type has it; whole ones as those with a sign, to which LLVM's types make no difference."""
     if type_ in _FLOATS or type_ == BOOL:
         return _NUMPY[type_](number).item()
@@ -296,7 +296,7 @@ def _not_zero(_: Graph, x: Value, y: Value) -> Value | None:
     return None
 
 
-_SIMPLER: dict[str, Any] = {
+_SIMPLER: dict[str, Callable[..., Value | None]] = {
     "icmp ne": _not_zero,
     "fmul": _product,
     "fdiv": _quotient,

@@ -6,10 +6,10 @@ add((np.arange(5.0), 2.0))  # -> an array of 5
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from erosion.lanes.flatten import flatten
 from erosion.lanes.machine import MachineCode, Target, without_garbage_collection
@@ -36,8 +36,8 @@ class Lanewise:
 
     def __init__(
         self,
-        function: Callable[..., Any],
-        examples: Sequence[Any],
+        function: Callable[..., PyTree],
+        examples: Sequence[PyTree],
         *,
         width: int = WIDTH,
         target: Target | None = None,
@@ -53,7 +53,7 @@ class Lanewise:
         self._width = width
         self._threads = threading.local()
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: PyTree) -> PyTree:
         """The function of all lanes: leaves of shape (lanes, …), or of one lane's shape where all share it."""
         leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(arguments)]
         lanes = max(

@@ -6,7 +6,7 @@ import functools
 import gc
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import llvmlite.binding as llvm
 
@@ -89,7 +89,7 @@ def this_machine() -> Target:
 
 
 @functools.cache
-def _triple() -> Any:
+def _triple() -> llvm.Target:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple()

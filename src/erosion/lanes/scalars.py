@@ -4,6 +4,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from jax.core import ShapedArray
+from jax.extend.core import JaxprEqn, Literal, Var
+from jax.typing import DTypeLike
 
 from erosion.lanes.graph import BOOL, DOUBLE, Graph, Value
 
@@ -14,6 +17,16 @@ _TYPES = {
 }  # fmt: skip
 
 
+Equation = JaxprEqn
+"""One operation of a function that JAX has traced."""
+
+Atom = Var | Literal
+"""A value in a traced function: a variable or a number."""
+
+Params = Mapping[str, Any]
+"""The parameters of an equation, by their names in JAX."""
+
+
 class CannotCompileError(Exception):
     """Something that lanes cannot do; the message says what."""
 
@@ -21,12 +34,18 @@ class CannotCompileError(Exception):
 class Kind(NamedTuple):
     """What of an equation a rule may need beside its inputs: parameters, and the types of inputs and output."""
 
-    params: Mapping[str, Any]
+    params: Params
     inputs: tuple[np.dtype, ...]
     output: np.dtype
 
 
-def type_of(dtype: Any) -> str:
+def aval_of(atom: Atom) -> ShapedArray:
+    """Shape and type of a value."""
+    assert isinstance(atom.aval, ShapedArray)
+    return atom.aval
+
+
+def type_of(dtype: DTypeLike) -> str:
     """LLVM's name of a type."""
     try:
         return _TYPES[np.dtype(dtype).name]
