@@ -19,6 +19,10 @@ HEADINGS = ("quantity", "", "value", "unit", "meaning")
 WIDTH = 120  # characters of a line of text
 
 
+Record = dict[str, Any]
+"""Results by name: numbers, texts, lists and dictionaries of them."""
+
+
 class Row(NamedTuple):
     """One line of a table; all cells are text already."""
 
@@ -29,7 +33,7 @@ class Row(NamedTuple):
     meaning: str = ""
 
 
-def format_number(value: Any, digits: int = 10) -> str:
+def format_number(value: object, digits: int = 10) -> str:
     """A number as read by a person; an array as its shape and range."""
     if isinstance(value, Tracer):
         return f"traced{list(value.shape)}"
@@ -46,9 +50,9 @@ def format_number(value: Any, digits: int = 10) -> str:
     return f"{list(array.shape)} {np.nanmin(array):.{digits}g} … {np.nanmax(array):.{digits}g}"
 
 
-def abbreviate(value: Any) -> str:
+def abbreviate(value: object) -> str:
     """A number so that Python reads the same one back, text in quotes, an array as its shape and range."""
-    if isinstance(value, Tracer) or np.ndim(value):
+    if isinstance(value, Tracer) or np.asarray(value).ndim:
         return f"<{format_number(value, 6)}>"
     number = np.asarray(value)
     if number.dtype.kind in "US":
@@ -63,7 +67,7 @@ def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] =
 
 def to_lines(
     title: str,
-    rows: Sequence[Sequence[Any]],
+    rows: "Sequence[Sequence[str | Text]]",
     headings: Sequence[str] = HEADINGS,
     numbers: Collection[int] = (2,),
     width: int = WIDTH,
@@ -95,7 +99,7 @@ _GAP = "   "  # between two columns
 _LEAST_WORDS = 24  # characters to which the last column shrinks
 
 
-def _cell(cell: Any, style: str = "") -> "Text":
+def _cell(cell: "str | Text", style: str = "") -> "Text":
     from rich.text import Text
 
     return cell if isinstance(cell, Text) else Text(cell, style)
@@ -212,7 +216,7 @@ class Result(abc.ABC):
         """Sentences below the table."""
         return ()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The numbers by name, in Python's own types; NaN and infinity stay what they are."""
         return to_plain(self)
 

@@ -5,11 +5,11 @@ import functools
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from erosion.arguments import check_tolerance
+from erosion.array_types import PerImpact
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
 from erosion.engine.outcomes import end_names, has_no_result
@@ -43,15 +43,15 @@ class Impact:
 
     model: CuttingModel
     p: Parameters
-    volume: Any
-    t_c: Any
-    outcome: Any
-    dvolume: Any
-    d2volume: Any
+    volume: PerImpact
+    t_c: PerImpact
+    outcome: PerImpact
+    dvolume: PerImpact
+    d2volume: PerImpact
     wrt: str | tuple[str, ...]
 
     @functools.cached_property
-    def ended_by(self) -> Any:
+    def ended_by(self) -> PerImpact:
         """How the cut ended, "rebound", "stop", "no-cut" (or a plug-in's event), "failed" or "unfinished".
 
         Words take five times the memory of the numbers, so they are made when asked for.
@@ -162,7 +162,7 @@ class PairDerivatives:
 
     volume: Derivatives
     t_c: Derivatives
-    ended_by: Any
+    ended_by: PerImpact
 
 
 def pair_derivatives(

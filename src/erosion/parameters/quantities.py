@@ -6,7 +6,7 @@ The module loads without JAX, so that the command line can make its options from
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from erosion.parameters.units import Dimension, System, ascii_unit, derivative_unit, unit_name
 
@@ -70,7 +70,7 @@ RESULTS = {
 }
 
 
-def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System) -> "Row":
+def derivative_row(name: str, value: object, by: Sequence[Quantity], units: System) -> "Row":
     """The volume's derivative with respect to one or two parameters as a table row."""
     from erosion.tables import Row, format_number
 
@@ -82,7 +82,7 @@ def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System)
     return Row(name, f"∂{power}V/{below}", format_number(value), unit, meaning)
 
 
-def result_row(name: str, value: Any, units: System) -> "Row":
+def result_row(name: str, value: object, units: System) -> "Row":
     """One result as a table row."""
     from erosion.tables import Row, format_number
 

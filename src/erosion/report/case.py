@@ -19,6 +19,7 @@ from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
 from erosion.report.families import Families, families_of
 from erosion.report.spins import Spins, over_spins
+from erosion.tables import Record
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
 
@@ -39,7 +40,7 @@ class Answer:
         fields: what else the text uses, by name.
     """
 
-    numbers: dict[str, Any]
+    numbers: Record
     figures: Mapping[str, Figure]
     fields: Mapping[str, Any] = field(default_factory=dict)
 

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,7 +19,7 @@ from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate
 from erosion.streams.tally import Tally
-from erosion.tables import Result, Row, to_plain
+from erosion.tables import Record, Result, Row, to_plain
 from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -130,11 +129,11 @@ class Stream(Result):
         """Model and distributions in one line."""
         return f"stream of {model_name(self.model)}, {self._laws(', ')}"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The results with their standard errors and units, and the case."""
         dataset = self.to_dataset()
         scalars = [str(name) for name, variable in dataset.data_vars.items() if not variable.dims]
-        numbers: dict[str, Any] = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
+        numbers: Record = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
         numbers["quantiles"] = {f"{share:g}": volume for share, volume in self.quantiles.items()}
         numbers["shares"] = {outcome: share.value for outcome, share in self.shares.items()}
         if self.nozzle is not None:

@@ -1,7 +1,5 @@
 """In closing: all models beside each other."""
 
-from typing import Any
-
 from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
@@ -10,6 +8,7 @@ from erosion.plotting.correlations import plot_shapes
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _BESIDE = ("linearized", "finnie", "rotating")
 NEEDS = tuple((what, model) for model in BUILT_IN for what in ("optimum", "hits"))
@@ -26,7 +25,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, {"models": _figure(case), "correlations": _beside_correlations(case)}, fields)
 
 
-def _numbers(case: Case, model: str) -> dict[str, Any]:
+def _numbers(case: Case, model: str) -> Record:
     hits, optimum = case.hits(model), case.optimum(model)
     return {
         "volume": float(hits.volume[-1]),

@@ -1,12 +1,11 @@
 """Where the source slips, and what its equations say when they are taken to the letter."""
 
-from typing import Any
-
 from matplotlib.figure import Figure
 
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
 NEEDS = tuple((what, model) for model in _MODELS for what in ("optimum", "hits"))
@@ -23,7 +22,7 @@ def answer(case: Case) -> Answer:
     return Answer({"force_at_contact": force, **readings}, {"as-printed": _figure(case)}, fields)
 
 
-def _reading(case: Case, model: str) -> dict[str, Any]:
+def _reading(case: Case, model: str) -> Record:
     hits, optimum = case.hits(model), case.optimum(model)
     return {
         "volume": float(hits.volume[-1]),
