@@ -18,11 +18,9 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 from erosion.array_types import ModelState, Number, Scalar
 from erosion.engine.leaves import Layout, numbers_of
 from erosion.engine.variational import Cut
+from erosion.lanes.scalars import Atom
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
-
-Atom = Var | Literal
-"""A value in a function that JAX has traced: a variable or a number."""
 
 
 class WholeMotion:

@@ -138,6 +138,18 @@ class Case:
         """A model's impacts at the `looks`, and after them at the case's own angle."""
         return self._once("hits", model)
 
+    def impact_and_optimum(self, model: str) -> Record:
+        """A model's impact at the case's own angle, and its angle of greatest removal, as a row of numbers.json."""
+        hits, optimum = self.hits(model), self.optimum(model)
+        return {
+            "volume": float(hits.volume[-1]),
+            "t_c": float(hits.t_c[-1]),
+            "ended_by": str(hits.ended_by[-1]),
+            "alpha_max": float(optimum.alpha),
+            "volume_max": float(optimum.volume),
+            "kind": str(optimum.kind),
+        }
+
     def curve(self, model: str, label: str | None = None) -> Curve:
         """A model's V(α), interrupted at its jumps, with its maximum."""
         optimum = self.optimum(model)

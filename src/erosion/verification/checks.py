@@ -38,8 +38,7 @@ _STEP = 5e-4  # of differences, over the parameter's size; their error grows as 
 _SIMILAR = {"m": 3.0, "v0": 0.4, "sigma": 1.7, "b": 2.5, "psi": 0.6}
 """Factors between similar impacts; r and the spin follow from them."""
 
-_Errors = list[Any] | np.ndarray | float
-# The relative errors of a case.
+_Errors = list[Any] | np.ndarray | float  # of one case, relative
 
 
 def cases() -> list[Parameters]:

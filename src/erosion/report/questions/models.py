@@ -26,14 +26,9 @@ def answer(case: Case) -> Answer:
 
 
 def _numbers(case: Case, model: str) -> Record:
-    hits, optimum = case.hits(model), case.optimum(model)
+    optimum = case.optimum(model)
     return {
-        "volume": float(hits.volume[-1]),
-        "t_c": float(hits.t_c[-1]),
-        "ended_by": str(hits.ended_by[-1]),
-        "alpha_max": float(optimum.alpha),
-        "volume_max": float(optimum.volume),
-        "kind": str(optimum.kind),
+        **case.impact_and_optimum(model),
         "side": str(optimum.side),
         "attained": bool(optimum.attained),
         "ended_by_at_max": str(optimum.ended_by),

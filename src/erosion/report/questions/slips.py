@@ -23,16 +23,9 @@ def answer(case: Case) -> Answer:
 
 
 def _reading(case: Case, model: str) -> Record:
-    hits, optimum = case.hits(model), case.optimum(model)
-    return {
-        "volume": float(hits.volume[-1]),
-        "t_c": float(hits.t_c[-1]),
-        "ended_by": str(hits.ended_by[-1]),
-        "kind": str(optimum.kind),
-        "alpha_max": float(optimum.alpha),
-        "volume_max": float(optimum.volume),
-        "only_falls": bool((hits.dvolume[:-1][hits.ended_by[:-1] != "no-cut"] < 0).all()),
-    }
+    hits = case.hits(model)
+    falls = hits.dvolume[:-1][hits.ended_by[:-1] != "no-cut"] < 0
+    return {**case.impact_and_optimum(model), "only_falls": bool(falls.all())}
 
 
 def _figure(case: Case) -> Figure:
