@@ -121,13 +121,13 @@ def scipy_solution_of_model(model: CuttingModel, p: Parameters) -> ReferenceSolu
     names = list(model.events(flow.state_of(structure, start), p))
 
     @jax.jit
-    def rates(y: np.ndarray) -> Array | np.ndarray:
+    def rates(y: Array | np.ndarray) -> Array | np.ndarray:
         state = flow.state_of(structure, y * sizes)
         rate = *jax.tree.leaves(model.derivative(state, p)), model.removal_rate(state, p)
         return time * jnp.stack(rate) / sizes
 
     @jax.jit
-    def events(y: np.ndarray) -> Array | np.ndarray:
+    def events(y: Array | np.ndarray) -> Array | np.ndarray:
         values = model.events(flow.state_of(structure, y * sizes), p)
         return jnp.stack([values[name] for name in names])
 
