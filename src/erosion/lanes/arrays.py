@@ -52,7 +52,7 @@ def elementwise(rule: Rule, equation: Equation) -> Work:
 
     def work(graph: Graph, inputs: list[Part]) -> list[Part]:
         made = np.empty(shape, object)
-        arrays = [np.broadcast_to(whole(one), shape) for one in inputs]
+        arrays = [np.broadcast_to(whole(given), shape) for given in inputs]
         for index in np.ndindex(shape):
             made[index] = rule(graph, kind, *(array[index] for array in arrays))
         return [made]
@@ -61,13 +61,13 @@ def elementwise(rule: Rule, equation: Equation) -> Work:
 
 
 def kind_of(equation: Equation) -> Kind:
-    """What rules may need of an equation."""
+    """What a rule needs to know about an equation."""
     inputs = tuple(np.dtype(aval_of(atom).dtype) for atom in equation.invars)
     return Kind(equation.params, inputs, np.dtype(aval_of(equation.outvars[0]).dtype))
 
 
 def _moved(move: Callable[..., np.ndarray]) -> Callable[[Equation], Work]:
-    """Elements in another place: `move` gets the equation's parameters and its inputs, as arrays."""
+    """An operation that only moves elements: `move` takes the equation's parameters and its inputs, as arrays."""
     return lambda equation: lambda _, inputs: [part(move(equation.params, *map(whole, inputs)))]
 
 
@@ -157,7 +157,7 @@ def _cumulative(name: str) -> Callable[[Equation], Work]:
 
 
 def _index_of_extreme(name: str) -> Callable[[Equation], Work]:
-    """The first of the largest (or smallest); a NaN is larger than all, as in numpy."""
+    """The index of the first largest (or smallest) element. A NaN comes before every number, as in numpy."""
     better = SCALARS["gt" if name == "argmax" else "lt"]
 
     def of(equation: Equation) -> Work:
@@ -173,7 +173,7 @@ def _index_of_extreme(name: str) -> Callable[[Equation], Work]:
                     other = rows[(i, *index)]
                     take = better(graph, kind, other, best)
                     if kind.inputs[0].kind == "f":
-                        is_nan, was_nan = (graph.compare("fcmp uno", one, one) for one in (other, best))
+                        is_nan, was_nan = (graph.compare("fcmp uno", value, value) for value in (other, best))
                         either = graph.op("or", BOOL, take, is_nan)
                         take = graph.op("and", BOOL, either, SCALARS["not"](graph, kind, was_nan))
                     best = graph.select(take, other, best)
@@ -194,7 +194,7 @@ def _dot_general(equation: Equation) -> Work:
     def folded(
         graph: Graph, array: Elements, dtype: np.dtype, contracted: Sequence[int], batch: Sequence[int]
     ) -> Elements:
-        """Of the output's type, as (batch, free, contracted)."""
+        """The array with elements of the output's type, reshaped to (batch, free, contracted)."""
         free = [axis for axis in range(array.ndim) if axis not in (*contracted, *batch)]
         lengths = [math.prod(array.shape[axis] for axis in axes) for axes in (batch, free, contracted)]
         elements = np.empty(array.shape, object)
@@ -246,4 +246,4 @@ ARRAYS: Mapping[str, Callable[[Equation], Work]] = {
     "transpose": _moved(lambda params, x: x.transpose(params["permutation"])),
     "unstack": _unstack,
 }
-"""By name, the primitives of arrays."""
+"""What computes each primitive of arrays, by its name."""

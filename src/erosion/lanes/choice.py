@@ -1,4 +1,4 @@
-"""Which compiler makes many lanes of one: this package's on a CPU, XLA's on a GPU."""
+"""The choice of a compiler for lanes: this package's on a CPU, XLA on a GPU."""
 
 import functools
 import importlib.util

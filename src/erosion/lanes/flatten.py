@@ -95,7 +95,7 @@ class Flattener:
         return located
 
     def _other_work(self, equation: Equation, name: str) -> Work:
-        """Of calls, control flow, functions and arrays."""
+        """What computes an equation of a call, of control flow, of a function or of arrays."""
         if name in _CALLS:
             inner = equation.params["jaxpr" if "jaxpr" in equation.params else "call_jaxpr"]
             body, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
@@ -116,7 +116,7 @@ class Flattener:
         closed = _traced(name, inputs)
 
         def rule(graph: Graph, kind: Kind, *given: Value) -> Value:
-            # In double precision, whatever the arguments are: whole powers, or single precision.
+            # In double precision, also for integers (as in `pow`) and single precision.
             exact = [converted(graph, value, dtype, _DOUBLE) for value, dtype in zip(given, kind.inputs, strict=True)]
             (result,) = self.closed(closed, exact)
             assert isinstance(result, Value)
@@ -124,7 +124,7 @@ class Flattener:
 
         return rule
 
-    # Control flow. Loops and branches know scalars: arrays are taken apart and put together again.
+    # Control flow. Loops and branches carry scalars only: arrays are taken apart before, and put together after.
 
     def _while(self, equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
         params = equation.params
@@ -144,7 +144,7 @@ class Flattener:
         initial: list[Part],
         unchanged: set[int],
     ) -> list[Part]:
-        """A loop, given functions of what it carries; what it leaves unchanged is known before it."""
+        """A loop. `condition` and `body` are functions of what it carries; what is `unchanged` is known before it."""
         graph, changing = self.graph, [i for i in range(len(initial)) if i not in unchanged]
 
         def all_of(changed: Sequence[Value]) -> list[Part]:
@@ -156,7 +156,7 @@ class Flattener:
         loop = graph.loop(_scalars([initial[i] for i in changing]))
         carried = all_of(loop.arguments)
         goes_on = condition(carried)
-        # A loop in a batch of its own goes on while any of its rows does; the others keep their values.
+        # A batch of loops within a lane goes on while any of its rows does; rows that are done keep their values.
         rows = whole(goes_on).ravel()
         graph.begin_body(loop, functools.reduce(lambda x, y: graph.op("or", BOOL, x, y), rows))
         after = body(carried)
@@ -165,7 +165,7 @@ class Flattener:
         return all_of(graph.end_loop(loop, _scalars([after[i] for i in changing])))
 
     def _where_it_goes_on(self, goes_on: Elements, new: Elements, old: Elements) -> np.ndarray:
-        """Of a batch of loops, by rows: the new values of those that go on."""
+        """For a batch of loops: the new values in rows that go on, the old values in the others."""
         made = np.empty(new.shape, object)
         for index in np.ndindex(new.shape):
             made[index] = self.graph.select(goes_on[index[: goes_on.ndim]], new[index], old[index])
@@ -229,7 +229,7 @@ class Flattener:
 
 
 class _Steps:
-    """A function's equations, read once: what computes them, and the slots of their inputs and outputs."""
+    """A function's equations, read once: what computes each, and the slots of its inputs and outputs."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -292,7 +292,7 @@ def _unchanged(body: Jaxpr, constants: int) -> set[int]:
 
 
 def _located(equation: Equation, function: Callable[[], _Result]) -> _Result:
-    """The function's result; what lanes cannot do is said with the place in the user's own code, if it is there."""
+    """The function's result. An error about what lanes cannot do names the line of the user's own code."""
     try:
         return function()
     except CannotCompileError as error:

@@ -23,7 +23,7 @@ def _within(graph: Graph, starts: Sequence[Value], most: Sequence[int]) -> Value
     """Whether every start is from 0 to its `most`."""
     inside = graph.constant(True, BOOL)
     for start, highest in zip(starts, most, strict=True):
-        # One comparison: as a number without a sign a negative one is large.
+        # One unsigned comparison does for both limits: read without its sign, a negative start is large.
         good = graph.compare("icmp ule", start, graph.constant(highest, LONG))
         if start.is_constant:
             good = graph.constant(0 <= start.extra <= highest, BOOL)
@@ -48,7 +48,7 @@ def _element(graph: Graph, array: Elements, starts: Sequence[Value], offset: Seq
 def _changed(
     graph: Graph, array: Elements, starts: Sequence[Value], offset: Sequence[int], new: Callable[[Value], Value]
 ) -> None:
-    """Put `new` of what was there at starts + offset, if that lies within the array."""
+    """Replace the element at starts + offset by `new` of it; outside the array nothing changes."""
     for index in np.ndindex(array.shape):
         here = graph.constant(True, BOOL)
         for start, by, i in zip(starts, offset, index, strict=True):
@@ -125,7 +125,7 @@ def _gather(equation: Equation) -> Work:
 
 
 def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dtype: np.dtype) -> list[Value]:
-    """By axis of the array, where a slice starts."""
+    """Where a slice starts, for each axis of the array."""
     starts = [graph.constant(0, LONG)] * ndim
     for axis, value in zip(axes, vector, strict=True):
         starts[axis] = converted(graph, value, dtype, _LONG)
@@ -182,4 +182,4 @@ PLACES: Mapping[str, Callable[[Equation], Work]] = {
     "gather": _gather,
     **{name: _scatter(name) for name in ("scatter", "scatter-add", "scatter-mul", "scatter-min", "scatter-max")},
 }
-"""By name, the primitives that look up or change elements at places that are computed."""
+"""What computes each primitive that reads or changes elements at computed places, by its name."""

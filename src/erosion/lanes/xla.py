@@ -1,4 +1,4 @@
-"""A function of one lane's numbers, made one of many lanes by XLA: for a GPU."""
+"""Lanes on a GPU: XLA compiles a function of one lane's numbers for many lanes."""
 
 from collections.abc import Callable, Sequence
 
@@ -21,7 +21,7 @@ class XlaLanes:
         def lane(given: list[Array]) -> list[Array]:
             return jax.tree.leaves(function(*jax.tree.unflatten(structure, given)))
 
-        # What cannot be traced says so here, before anything runs.
+        # A function that cannot be traced fails here, before anything runs.
         jax.eval_shape(lane, leaves)
         options = _ON_A_CPU if jax.default_backend() == "cpu" else None
         self._lanes = jax.jit(jax.vmap(lane), compiler_options=options)

@@ -18,7 +18,7 @@ _SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 _ONE_BITS = 0x3FF0000000000000
 
 # AVX2 cannot convert float64 to int64, but adding 1.5·2⁵² leaves a whole number in the low bits of the
-# sum. The other way, a whole number in the low bits of 2⁵² is added to it.
+# sum. For the other direction, the whole number is written into the low bits of 2⁵².
 TO_INTEGER = 1.5 * 2.0**52
 _TWO_52_BITS = 0x4330000000000000
 
@@ -40,7 +40,7 @@ def bits_of(x: Real) -> Array:
 
 
 def sign_of(x: Array) -> Array:
-    """-2⁶³ for a number with a minus sign, else 0."""
+    """The sign bit as an int64: -2⁶³ for a minus sign, else 0."""
     return bits_of(x) & SIGN
 
 
@@ -50,17 +50,17 @@ def number_of(bits: Array) -> Array:
 
 
 def nearest_whole(x: Array) -> Array:
-    """The nearest whole number; of two the even one."""
+    """The nearest whole number; halfway between two, the even one."""
     return lax.round(x, lax.RoundingMethod.TO_NEAREST_EVEN)
 
 
 def flipped(x: Array, sign: Array) -> Array:
-    """The number, its sign changed where `sign` is -2⁶³ instead of 0; the carry of the sum is lost."""
+    """The number with its sign changed where `sign` is -2⁶³, not 0. The carry of the sum is lost."""
     return number_of(bits_of(x) + sign)
 
 
 def leading(x: Real, count: int) -> Array:
-    """The number cut to its first `count` bits."""
+    """The number with all but its first `count` bits set to 0."""
     return number_of(bits_of(x) & -(1 << (53 - count)))
 
 

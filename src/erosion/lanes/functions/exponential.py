@@ -70,7 +70,7 @@ def exp2(x: Array) -> Array:
 
 
 def expm1(x: Array) -> Array:
-    """Exponential less 1. Error 1 ulp."""
+    """Exponential minus 1. Error 1 ulp."""
     n, head, low = reduced(between(x, -40.0, 710.0))
     r = head + low
     tail = exp_tail(head, low) + r * ((head - r) + low)  # e^r - 1 is about r
@@ -123,7 +123,7 @@ def logistic(x: Array) -> Array:
 
 
 def reduced(x: Array, center: float = _EXP_CENTER) -> tuple[Array, Array, Array]:
-    """Whole n, exact head and low of x = n ln 2 + head + low, with |head - center ln 2| ≤ ln 2 / 2."""
+    """(n, head, low) with x = n ln 2 + head + low: n is whole, head exact, and |head - center ln 2| ≤ ln 2 / 2."""
     n = nearest_whole(x * _LOG2_E - center)
     return n, x - n * _LN2_HIGH, -n * _LN2_LOW
 
@@ -136,7 +136,7 @@ def exp_tail(head: Array, low: Array) -> Array:
 
 
 def _log(k: Array, f: Array, low: Array) -> Array:
-    """ln((1 + f) 2^k), with all that is to be added last in low."""
+    """ln((1 + f) 2^k), where low holds k _LN2_LOW and what else is to be added last."""
     head, error = ordered_sum(k * _LN2_HIGH, f)
     return head + (error + (low + f * f * polynomial(_LOG, f)))
 
@@ -156,7 +156,7 @@ def log1p_of_sum(x: Array, low: Real) -> Array:
 
 
 def _log_twice(x: Array) -> tuple[Array, Array]:
-    """Logarithm of x as a number of 26 bits and the rest, together to 2⁻⁶⁵ of it."""
+    """Logarithm of x as a sum of two numbers, the first of 26 bits; relative error 2⁻⁶⁵."""
     k, m = split(x)
     # ln m = 2 artanh s = 2 (s + s³ (1/3 + s² …)), s = f / d
     f, d = m - 1.0, m + 1.0

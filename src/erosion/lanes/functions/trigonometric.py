@@ -128,11 +128,11 @@ def atan2(y: Array, x: Array) -> Array:
 
 
 def _quarter_turns(x: Array) -> tuple[Real, Array, Array]:
-    """Rest of |x| after its nearest quarter turns, as head + low, and their number as an integer.
+    """|x| minus its nearest whole number of quarter turns, as head + low, and that number as an integer.
 
-    The rest is good to 0.7 ulp for every |x| up to 2²⁰ (the numbers nearest to each multiple of π/2
-    were tried). Up to 2³⁰ it is so too but for 260 numbers, each within 2⁻⁴⁴ of a multiple, where
-    its error is below 2⁻⁹⁷. Beyond, it is NaN.
+    The error of the rest is at most 0.7 ulp for every |x| up to 2²⁰; the numbers nearest to each multiple
+    of π/2 were tried. The same holds up to 2³⁰, except for 260 numbers within 2⁻⁴⁴ of a multiple of π/2,
+    where the error is below 2⁻⁹⁷. Beyond 2³⁰ the rest is NaN.
     """
     first, second, third, fourth = _PI_2_PARTS
     size = abs(x)
@@ -143,7 +143,7 @@ def _quarter_turns(x: Array) -> tuple[Real, Array, Array]:
 
 
 def _turned(x: Array) -> tuple[Array, Array, Array]:
-    """Sine and cosine of the rest of |x| after its nearest quarter turns, and their number as an integer."""
+    """Sine and cosine of what `_quarter_turns` leaves of |x|, and the number of quarter turns as an integer."""
     head, low, quarter = _quarter_turns(x)
     r = head + low
     z = r * r
@@ -153,7 +153,7 @@ def _turned(x: Array) -> tuple[Array, Array, Array]:
 
 
 def _asin_parts(x: Array) -> tuple[Array, Array, Array]:
-    """Whether x > 1/2, then s and asin s - s of s = √((1 - x) / 2) or s = x."""
+    """(x > 1/2, s, asin s - s), where s = √((1 - x) / 2) if x > 1/2, else s = x."""
     large = x > 0.5
     square = jnp.where(large, 0.5 - 0.5 * x, x * x)
     root = jnp.where(large, jnp.sqrt(square), x)
@@ -161,6 +161,6 @@ def _asin_parts(x: Array) -> tuple[Array, Array, Array]:
 
 
 def _atan_tail(t: Array) -> Array:
-    """Arc tangent of t less t, of t from 0 to 1."""
+    """Arc tangent of t minus t, for t from 0 to 1."""
     z = t * t
     return t * z * polynomial(_ATAN, z)
