@@ -163,7 +163,7 @@ def test_compare_prints_a_table(capsys, monkeypatch, tmp_path):
     plot = tmp_path / "models.svg"
     assert _status(["compare", "--model", "linearized", "--model", "tan-alpha", "--plot", str(plot)]) == 0
     out = capsys.readouterr().out
-    assert "Models at α = 20° and at their best" in out
+    assert "2 models: impacts at α = 20° and best angles; volumes in 10⁻⁴ in³" in out
     assert "31.717°" in out
     assert "→ 0°" in out
     assert out.endswith(f"figure: {plot}\n")

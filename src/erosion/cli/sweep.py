@@ -193,7 +193,7 @@ def _print(dataset: Any, grid: "Grid", store: Path, output: Output) -> None:
         result = {"output": str(store), "dimensions": dimensions, **summary}
         output.document(result, dict(grid.loaded()), units, axes)
     else:
-        print_table(f"sweep into {store}", _rows(dataset, summary))
+        print_table(f"{store}: a sweep", _rows(dataset, summary))
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
 

@@ -133,7 +133,7 @@ class Stream(Result):
     def title(self) -> str:
         """Model and distributions in one line."""
         laws = (f"{name} {words}" for name, words in self.laws_in_words().items())
-        return f"stream of {model_name(self.model)}, {', '.join(laws)}"
+        return f"{model_name(self.model)}: a stream, {', '.join(laws)}"
 
     def laws_in_words(self) -> dict[str, str]:
         """By parameter, its distribution as a person reads it: "normal(20°, 3°)"."""

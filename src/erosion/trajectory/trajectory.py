@@ -163,7 +163,7 @@ class Trajectory(Result):
     @property
     def title(self) -> str:
         """The model and the angle of attack."""
-        return f"{model_name(self.model)} at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
+        return f"{model_name(self.model)}: one impact at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
 
     @property
     def statements(self) -> list[str]:
