@@ -106,9 +106,9 @@ class Stream(Result):
             rows.append(row._replace(meaning=f"{share:.0%} of the particles remove no more"))
         for end, share in self.shares.items():
             rows.append(_with_error(Row(f"share {end}", "", "", "%"), share, 100.0))
-        known = quantities(self.model)
+        parameters = quantities(self.model)
         for name, (first, total) in (self.sensitivities or {}).items():
-            symbol = known[name].symbol
+            symbol = parameters[name].symbol
             rows.append(_with_error(Row("sensitivity", f"S({symbol})", "", "", "of the variance, alone"), first))
             rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), total))
         if self.nozzle is not None:

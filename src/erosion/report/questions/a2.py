@@ -10,7 +10,7 @@ from erosion.report.case import Answer, Case
 from erosion.tables import Record
 
 _MODEL, _TURNING = "tan-alpha", "rotating-tan-alpha"
-NEEDS = tuple((what, model) for model in (_MODEL, _TURNING, "linearized") for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for model in (_MODEL, _TURNING, "linearized") for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:
