@@ -5,14 +5,14 @@ Plain JAX for one impact's numbers. `erosion.lanes` compiles it for many at a ti
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from erosion.array_types import Flag, Number, Scalar
+from erosion.array_types import Flag, ModelState, Number, Scalar
 from erosion.engine import cut_end, step_control
 from erosion.engine.crossings import Ends
 from erosion.engine.leaves import Layout
@@ -61,7 +61,7 @@ class Solution(NamedTuple):
     tolerance: Scalar
     time: Derivatives
     volume: Derivatives
-    state: Any
+    state: ModelState
     trials: Scalar
 
 
