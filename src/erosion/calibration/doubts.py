@@ -1,4 +1,4 @@
-"""Sentences on what is doubtful in a fit: parameters left open, bounds, errors that mislead, patterns."""
+"""Words on what is doubtful in a fit: parameters left open, bounds, errors that mislead, patterns."""
 
 from typing import TYPE_CHECKING
 
@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from erosion.calibration.advice import advise
+from erosion.calibration.numbers import rounded
 
 if TYPE_CHECKING:
     from erosion.calibration.result import Calibration
@@ -44,6 +45,25 @@ def undecided(fit: "Calibration") -> tuple[str, ...]:
         if wide and name not in fit.undetermined:
             names.append(name)
     return tuple(names)
+
+
+def in_words(fit: "Calibration", name: str, level: float) -> tuple[str, str]:
+    """The estimate with its error where that means something, and its interval with the bounds that it touches."""
+    estimate, error = fit.estimates[name], fit.standard_errors[name]
+    if name in fit.undetermined:
+        return rounded(estimate, np.inf), "not determined by these data"
+    (low, high), touched = fit.intervals(level)[name], bounds_touched(fit, level).get(name, ())
+    ends = [
+        rounded(end, high - low, 2) + (f" ({side} bound)" if f"interval at {side}" in touched else "")
+        for side, end in (("lower", low), ("upper", high))
+    ]
+    interval = f"{level:.0%}: {' … '.join(ends)}"
+    if name in fit.undecided:
+        return rounded(estimate, np.inf), f"not decided by these data; {interval}"
+    for side in ("lower", "upper"):
+        if f"estimate at {side}" in touched:
+            return rounded(estimate, np.inf), f"at its {side} bound; {interval}"
+    return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
 
 
 def sentences(fit: "Calibration") -> tuple[str, ...]:

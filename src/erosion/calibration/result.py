@@ -15,7 +15,6 @@ from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.identifiability import Identifiability, identify
 from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
-from erosion.calibration.numbers import rounded
 from erosion.calibration.patterns import Pattern, are_noise, find_patterns
 from erosion.calibration.profiles import Profile, Ridge
 from erosion.models import model_name
@@ -24,7 +23,7 @@ from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import unit_name
+from erosion.parameters.units import ascii_unit, unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
 _FACTORS = {
@@ -269,7 +268,7 @@ class Calibration(Result):
         rows = []
         for name in self.names:
             quantity = quantity_of[name]
-            value, meaning = self._in_words(name, level)
+            value, meaning = doubts.in_words(self, name, level)
             rows.append(Row(name, quantity.symbol, value, unit_name(quantity.dimension, self.p.units), meaning))
         unit = unit_name(self.data.dimension, self.p.units)
         rows.append(Row("rms", "", format_number(self.rms, 4), unit, "of the residuals"))
@@ -280,24 +279,6 @@ class Calibration(Result):
             )
         rows.append(Row("aicc", "", format_number(self.aicc, 5), "", "Akaike's criterion, for few data"))
         return rows
-
-    def _in_words(self, name: str, level: float) -> tuple[str, str]:
-        """The estimate with its error where that means something, and its interval with the bounds that it touches."""
-        estimate, error = self.estimates[name], self.standard_errors[name]
-        if name in self.undetermined:
-            return rounded(estimate, np.inf), "not determined by these data"
-        (low, high), touched = self.intervals(level)[name], self.bounds_touched(level).get(name, ())
-        ends = [
-            rounded(end, high - low, 2) + (f" ({side} bound)" if f"interval at {side}" in touched else "")
-            for side, end in (("lower", low), ("upper", high))
-        ]
-        interval = f"{level:.0%}: {' … '.join(ends)}"
-        if name in self.undecided:
-            return rounded(estimate, np.inf), f"not decided by these data; {interval}"
-        for side in ("lower", "upper"):
-            if f"estimate at {side}" in touched:
-                return rounded(estimate, np.inf), f"at its {side} bound; {interval}"
-        return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
 
     @property
     def title(self) -> str:
@@ -317,7 +298,9 @@ class Calibration(Result):
             "undetermined": self.undetermined,
             "undecided": self.undecided,
             "bounds": self.bounds,
-            "bounds_touched": self.bounds_touched(level),
+            "bounds_touched": [
+                {"parameter": name, "touches": marks} for name, marks in self.bounds_touched(level).items()
+            ],
             "noise": "estimated from the residuals" if self.data.uncertainty is None else "given",
             "chi2": self.chi2,
             "degrees_of_freedom": self.degrees_of_freedom,
@@ -326,10 +309,15 @@ class Calibration(Result):
             "patterns": [{**dataclasses.asdict(pattern), "seen": pattern.seen} for pattern in self.patterns],
             "aicc": self.aicc,
             "leave_one_out": self.leave_one_out,
-            "erosion_unit": unit_name(self.data.dimension, self.p.units),
+            "erosion_unit": self.erosion_unit,
             "warnings": self.statements,
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of the data in the case's system, as programs read it."""
+        return ascii_unit(unit_name(self.data.dimension, self.p.units))
 
     @property
     def covariance_of_theta(self) -> np.ndarray:

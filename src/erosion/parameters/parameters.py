@@ -17,11 +17,12 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.arguments import check_scalars
+from erosion.array_types import Broadcast
 from erosion.parameters.materials import MATERIALS
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.parameters.ranges import STEEPEST
-from erosion.parameters.units import System, check_system, conversion_factor, read_quantity, unit_name
-from erosion.tables import Row, abbreviate, format_number, to_html, to_text
+from erosion.parameters.units import System, check_system, conversion_factor, read_quantity
+from erosion.tables import Result, Row, abbreviate
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one
@@ -31,7 +32,7 @@ else:
 _LEAF_TYPES = (int, float, np.ndarray, np.generic, jax.Array)
 
 
-def _float64(value: Any) -> Any:
+def _float64(value: object) -> Array | np.ndarray:
     """Numbers and arrays to float64 (numpy stays numpy: making parameters starts no device)."""
     if isinstance(value, jax.Array):
         return jnp.asarray(value, jnp.float64)
@@ -53,7 +54,7 @@ def _parameter(name: str, default: float | None = None) -> Any:
     return eqx.field(converter=_float64, metadata=metadata, default=default)
 
 
-class Parameters(eqx.Module):
+class Parameters(Result, eqx.Module):
     """Erodent, target and impact: the symbols of the scenario's equations, as float64 leaves.
 
     Any consistent unit system works; `units` names the one these numbers are in. Leaves are
@@ -122,7 +123,7 @@ class Parameters(eqx.Module):
         validate(parameters, what="Field")
         return parameters
 
-    def replace(self, **changes: Any) -> "Parameters":
+    def replace(self, **changes: object) -> "Parameters":
         """A copy with some fields changed: `p.replace(alpha=0.5)`. Does not convert units."""
         unknown = [name for name in changes if name not in QUANTITIES]
         if unknown:
@@ -151,27 +152,27 @@ class Parameters(eqx.Module):
         return dataclasses.replace(self, **converted, units=system)
 
     @property
-    def stiffness(self) -> Any:
+    def stiffness(self) -> Broadcast:
         """Contact stiffness c = σ b ψ, so that F_x = -c · depth."""
         return self.sigma * self.b * self.psi
 
     @property
-    def moment_of_inertia(self) -> Any:
+    def moment_of_inertia(self) -> Broadcast:
         """I = β m r² about the centre of mass."""
         return self.inertia * self.m * self.r**2
 
     @property
-    def rate(self) -> Any:
+    def rate(self) -> Broadcast:
         """ω = √(k c/m) [1/s], the rate of the linearized cut, y ∝ sin ωt."""
         return jnp.sqrt(self.k * self.stiffness / self.m)
 
     @property
-    def volume_scale(self) -> Any:
+    def volume_scale(self) -> Broadcast:
         """V* = m v₀²/(σψ) [volume], on which every volume scales."""
         return self.m * self.v0**2 / (self.sigma * self.psi)
 
     @property
-    def spin(self) -> Any:
+    def spin(self) -> Broadcast:
         """Spin s = r φ̇₀/v₀ [-], the tip's speed by spin over the speed of impact."""
         return self.r * self.phidot0 / self.v0
 
@@ -179,19 +180,14 @@ class Parameters(eqx.Module):
         values = ", ".join(f"{name}={abbreviate(getattr(self, name))}" for name in QUANTITIES)
         return f"Parameters({values}, units={self.units!r})"
 
-    def __str__(self) -> str:
-        return to_text(f"Parameters ({self.units})", self.rows())
-
-    def _repr_html_(self) -> str:
-        return to_html(f"Parameters ({self.units})", self.rows())
+    @property
+    def title(self) -> str:
+        """What the table shows."""
+        return f"Parameters ({self.units})"
 
     def rows(self) -> list[Row]:
         """Name, symbol, value, unit and meaning of each field, for tables."""
-        return [
-            Row(name, quantity.symbol, format_number(getattr(self, name)),
-                unit_name(quantity.dimension, self.units), quantity.meaning)
-            for name, quantity in QUANTITIES.items()
-        ]  # fmt: skip
+        return [quantity_row(name, quantity, getattr(self, name), self.units) for name, quantity in QUANTITIES.items()]
 
 
 REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("phidot0", "inertia"))
@@ -200,7 +196,7 @@ REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("p
 _STEEPEST = STEEPEST * (1 + 4 * np.finfo(float).eps)  # π/2 reached through degrees may round up by an ulp
 
 
-def are_angles(values: np.ndarray) -> Any:
+def are_angles(values: np.ndarray) -> np.ndarray | np.bool_:
     """Whether numbers are angles of attack, in (0, π/2] rad."""
     return (values > 0) & (values <= _STEEPEST)
 
@@ -228,13 +224,13 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         if name == "phidot0":
             good, condition = np.isfinite(values), "must be a finite number"
         elif name == "alpha":
-            good, condition = are_angles(values), "must be in (0, π/2] rad"
+            good, condition = are_angles(values), "must be in (0, 90°]"
         else:
             good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
         if batch and values.ndim:
             good = good | ~np.isfinite(values)
         if not (good.all() if values.ndim else good):
-            raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(values, good)}{_hint(name, values)}.")
+            raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(name, values, good)}.")
     try:
         np.broadcast_shapes(*(np.shape(leaf) for leaf in leaves.values()))
     except ValueError:
@@ -277,17 +273,18 @@ def require_parameters(p: object) -> None:
         raise TypeError(f"Argument `p` must be Parameters, but is {p!r}.")
 
 
-def _first_bad(values: np.ndarray, good: Any) -> str:
-    if values.ndim == 0:
-        return f"{float(values):g}"
-    index = tuple(int(i) for i in np.argwhere(~good)[0])
-    return f"{float(values[index]):g} at index {index[0] if len(index) == 1 else index}"
-
-
-def _hint(name: str, values: np.ndarray) -> str:
-    if name == "alpha" and np.any((values > _STEEPEST) & (values <= 90)):
-        return ' (for degrees write "20 deg" in files and on the command line, np.deg2rad(20) in Python)'
-    return ""
+def _first_bad(name: str, values: np.ndarray, good: np.ndarray | np.bool_) -> str:
+    """The first value that is not good, and where it is; angles in degrees."""
+    index = tuple(int(i) for i in np.argwhere(~good)[0]) if values.ndim else ()
+    value = float(values[index])
+    text = f"{value:g}"
+    if name == "alpha" and np.isfinite(value):
+        text = f"{np.rad2deg(value):g}°"
+        # Somebody has written 20 and meant degrees.
+        text += f' ({value:g} rad; degrees are written "{value:g} deg")' if 2 <= value <= 90 else ""
+    if not index:
+        return text
+    return f"{text} at index {index[0] if len(index) == 1 else index}"
 
 
 TABLE_1 = Parameters(

@@ -1,4 +1,4 @@
-"""Measurements and the curves fitted to them, with bands -> matplotlib Axes."""
+"""Figures of fits: measurements, fitted curves with bands, and profiles."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from erosion.calibration import Calibration
 from erosion.calibration.conditions import MOST, Condition, conditions
 from erosion.models import model_name
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.plotting.colors import INK, PALETTE
-from erosion.plotting.scales import Scale, readable_scale
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
 
 _ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
@@ -39,9 +39,9 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     known by its dashes. What is doubtful in the first fit stands above the figure.
 
     Args:
-        fits: to the same data, the best first; more than six are too many to tell apart, and
-            the first six are drawn.
-        level: of the bands.
+        fits: fits to the same data, the best first; only the first six are drawn, because a reader
+            cannot distinguish more.
+        level: the confidence level of the bands.
     """
     best, data = fits[0], fits[0].data
     groups = conditions(data, MOST)
