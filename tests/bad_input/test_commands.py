@@ -242,7 +242,7 @@ FITS = [
     ("calibrate empty.csv", "empty.csv: is empty."),
     ("calibrate case.toml", "case.toml, line 1, the header has no column `angle [deg]`."),
     ("calibrate bad.csv", "bad.csv, line 3, column 1 (angle [deg]) must be above 0° and at most 90°, but is 95."),
-    ("calibrate sand.csv sand.csv", "The word 'sand.csv' belongs to no option."),
+    ("calibrate sand.csv sand.csv", "sand.csv: is not valid TOML"),
     ("calibrate sand.csv --free nu", "Option `--free` must name parameters"),
     ("calibrate sand.csv --free ,", "Option `--free` must list one item or more, but is ','."),
     ("calibrate sand.csv --free k,k", "Option `--free` must name one or several different parameters"),

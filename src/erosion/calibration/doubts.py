@@ -47,12 +47,20 @@ def undecided(fit: "Calibration") -> tuple[str, ...]:
     return tuple(names)
 
 
-def in_words(fit: "Calibration", name: str, level: float) -> tuple[str, str]:
-    """The estimate with its error where that means something, and its interval with the bounds that it touches."""
-    estimate, error = fit.estimates[name], fit.standard_errors[name]
+def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[str, str]:
+    """The estimate with its error where that means something, and its interval with the bounds that it touches.
+
+    Args:
+        fit: the fit.
+        name: of the parameter.
+        level: of the interval.
+        size: of the unit in which numbers are shown.
+    """
+    estimate, error = fit.estimates[name] / size, fit.standard_errors[name] / size
     if name in fit.undetermined:
         return rounded(estimate, np.inf), "not determined by these data"
-    (low, high), touched = fit.intervals(level)[name], bounds_touched(fit, level).get(name, ())
+    low, high = (end / size for end in fit.intervals(level)[name])
+    touched = bounds_touched(fit, level).get(name, ())
     ends = [
         rounded(end, high - low, 2) + (f" ({side} bound)" if f"interval at {side}" in touched else "")
         for side, end in (("lower", low), ("upper", high))

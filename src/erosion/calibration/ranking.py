@@ -1,4 +1,4 @@
-"""Several models fitted to the same data, ranked by Akaike's criterion."""
+"""Several models: fitted to the same data, ranked by Akaike's criterion."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from erosion.calibration.result import Calibration
 from erosion.models import load_model, model_name, usable_models
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import unit_name
-from erosion.tables import Result, Row, to_plain
+from erosion.parameters.scales import Scale, table_scale
+from erosion.tables import Result, Row, format_number, to_plain
 
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
@@ -77,16 +77,19 @@ class Ranking(Result):
         rows = []
         for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True):
             values = ", ".join(f"{key} = {value:.4g}{_mark(fit, key)}" for key, value in fit.estimates.items())
-            rows.append(
-                Row(name, f"{fit.aicc - self.best.aicc:.4g}", f"{weight:.1%}", f"{fit.leave_one_out:.4g}", values)
-            )
+            left_out = format_number(fit.leave_one_out, 4, self._scale().size)
+            rows.append(Row(name, f"{abs(fit.aicc - self.best.aicc):.2f}", f"{weight:.1%}", left_out, values))
         return rows
 
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        unit = unit_name(self.best.data.dimension, self.best.p.units)
+        unit = self._scale().unit
         return ("model", "ΔAICc", "weight", "left-out error" + (f" [{unit}]" if unit else ""), "estimates")
+
+    def _scale(self) -> Scale:
+        """The unit in which errors read well."""
+        return table_scale(self.best.data.dimension, self.best.p.units, self.best.leave_one_out)
 
     def to_dict(self, level: float = 0.95) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""

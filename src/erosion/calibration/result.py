@@ -23,6 +23,7 @@ from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
+from erosion.parameters.scales import table_scale
 from erosion.parameters.units import ascii_unit, unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
@@ -268,11 +269,13 @@ class Calibration(Result):
         rows = []
         for name in self.names:
             quantity = quantity_of[name]
-            value, meaning = doubts.in_words(self, name, level)
-            rows.append(Row(name, quantity.symbol, value, unit_name(quantity.dimension, self.p.units), meaning))
-        unit = unit_name(self.data.dimension, self.p.units)
-        rows.append(Row("rms", "", format_number(self.rms, 4), unit, "of the residuals"))
-        rows.append(Row("leave_one_out", "", format_number(self.leave_one_out, 4), unit, "rms at rows left out"))
+            scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
+            value, meaning = doubts.in_words(self, name, level, scale.size)
+            rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
+        scale = table_scale(self.data.dimension, self.p.units, self.rms)
+        rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
+        left_out = format_number(self.leave_one_out, 4, scale.size)
+        rows.append(Row("leave_one_out", "", left_out, scale.unit, "rms at rows left out"))
         if self.data.uncertainty is not None:
             rows.append(
                 Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
@@ -283,7 +286,7 @@ class Calibration(Result):
     @property
     def title(self) -> str:
         """The model and the data."""
-        return f"{model_name(self.model)} fitted to {len(self.data):,} rows of {self.data.source}"
+        return f"{model_name(self.model)}: fitted to {len(self.data):,} rows of {self.data.source}"
 
     def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """Model and case with the estimates, their errors, intervals of `level`, and the quality of the fit."""

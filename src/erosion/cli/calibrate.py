@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import (
+    CaseFile,
     CaseOptions,
     InputError,
     JsonOption,
@@ -16,6 +17,7 @@ from erosion.cli.options import (
     require_outputs,
     start_engine,
     user_errors,
+    with_file,
 )
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 def calibrate(
     data: Annotated[Path, Parameter(help='CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]".')],
+    file: CaseFile = None,
     /,
     *,
     case: CaseOptions | None = None,
@@ -58,22 +61,22 @@ def calibrate(
 
     Without --model, the model is linearized.
     """
-    case = case or CaseOptions()
-    p = case.parameters()
+    options = with_file(case, file)
+    p = options.parameters()
     if not 0 < level < 1:
         raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
     names = ["linearized"] if model is None else chosen_models(model)
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
     outputs = _Outputs(plot, openfoam, fluent, write_case)
-    require_outputs(openfoam, fluent, write_case, plot=plot, inputs=(data, case.case))
+    require_outputs(openfoam, fluent, write_case, plot=plot, inputs=(data, options.case))
     start_engine()
     from erosion.calibration import rank_models, read_measurements
     from erosion.calibration.forward import SCALE
 
     chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
     free = ["k", "psi"] if free is None else free
-    output = Output("calibrate", p, case.case, json=json)
+    output = Output("calibrate", p, options.case, json=json)
     with user_errors(), progress_bar("reading") as progress:
         measured = read_measurements(data, p.units)
         if measured.unused:
