@@ -38,7 +38,7 @@ CASE_AND_OPTIONS = [
     ("run --phidot0 nan", "Option `--phidot0` must be a finite number, but is nan."),
     ("run --sigma '1 GPa/s'", "Option `--sigma` must be a stress"),
     ("run --units cgs", "Option `--units` must be one of 'inch-pound', 'si', but is 'cgs'."),
-    ("run --units SI", "Option `--units` must be one of"),
+    ("run --units metric", "Option `--units` must be one of"),
     ("run --material gold", "Option `--material` must be one of 'mild steel'"),
     ("run --material copper --sigma 3", "Options `--material` and `--sigma` both set the flow stress"),
     ("run --inertai 3", "Option `--inertai` is unknown. Did you mean --inertia?"),
@@ -238,7 +238,10 @@ FITS = [
     ("calibrate sand.csv --starts 1.5", "Option `--starts` must be a whole number such as 1e6, but is '1.5'."),
     ("calibrate sand.csv --profile sigma", "Option `--profile` must be one of k, psi, but is 'sigma'."),
     ("calibrate sand.csv --density '3 kg'", "Option `--density` must be a density"),
-    ("calibrate sand.csv --density -1", "Option `--density` must be positive and finite, but is -1"),
+    (
+        "calibrate sand.csv --density -1",
+        "Option `--density` must carry its unit, such as \"0.098 lb/in^3\", but is '-1'.",
+    ),
     ("calibrate weights.csv", "Option `--density` of the target must be given"),
 ]
 ROWS = [*CASE_AND_OPTIONS, *MODELS, *OWN, *OUTPUTS, *QUESTIONS, *SWEEPS, *STREAMS, *FITS]

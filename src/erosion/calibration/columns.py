@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from erosion.parameters.units import Dimension, System, UnitError, read_quantity
+from erosion.parameters.units import Dimension, System, UnitError, read_quantity, shown
 
 REMOVALS: Mapping[str, Sequence[Dimension]] = {
     "volume": ("volume", "volume per mass"),
@@ -22,6 +22,7 @@ _EXAMPLES = {
     "speed": "speed [m/s]", "mass": "mass [mg]",
 }  # fmt: skip
 _HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+_LONGEST_HEAD = 300  # characters; the pattern's time grows with their cube
 _NO_UNIT = ("", "-", "–", "1")
 
 
@@ -56,11 +57,11 @@ def read_header(cells: Sequence[str], units: System) -> list[Column]:
     Raises:
         HeaderError: for an unknown, repeated or missing column, or a unit that does not fit.
     """
-    parts = [_HEADER.fullmatch(cell) for cell in cells]
+    parts = [_HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEAD else None for cell in cells]
     names = [re.sub(r"[\s-]+", "_", part["name"]).lower() if part else "" for part in parts]
     for i, (name, cell) in enumerate(zip(names, cells, strict=True)):
         if name not in COLUMNS:
-            raise HeaderError(i, f"must be one of {', '.join(COLUMNS)} with a unit in brackets, but is {cell!r}")
+            raise HeaderError(i, f"must be one of {', '.join(COLUMNS)} with a unit in brackets, but is {shown(cell)}")
         if name in names[:i]:
             raise HeaderError(i, f"repeats the column `{name}`")
     removals = [name for name in names if name in REMOVALS]
