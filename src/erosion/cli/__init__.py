@@ -76,6 +76,8 @@ def _status(arguments: Sequence[str]) -> int:
         return 0
     except KeyboardInterrupt as error:
         return _say(130, str(error) or "interrupted")
+    except SystemExit as error:
+        return _say(1, f"A model's own code ended the program, with sys.exit({error.code!r}).")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
         _let_go(sys.stdout)

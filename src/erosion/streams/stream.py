@@ -21,6 +21,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.precision import require_float64
+from erosion.storage.fingerprint import fingerprint
 from erosion.storage.identity import identity
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.streams.nozzle import best_nozzle_angle
@@ -140,7 +141,7 @@ def prepare_stream(
     path = options.path
     if path is None:
         return StreamJob(particles, options, {}, None)
-    laws_in_words = ", ".join(f"{name} {law!r}" for name, law in laws.items())
+    laws_in_words = ", ".join(f"{name} {law} {fingerprint(law, name)}" for name, law in laws.items())
     points = f"{options.points} {options.seed}, {options.rtol}"
     known = identity({"stream": model}, p, distributions=laws_in_words, points=points)
     begun = Tally.from_dataset(read_netcdf(path, known)) if path.exists() else None

@@ -16,6 +16,7 @@ import xarray as xr
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
+from erosion.storage.identity import code_version
 from erosion.sweeps.chunks import Region, block_shape
 from erosion.sweeps.grid import Grid, Model, Outputs, make_grid
 from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
@@ -137,16 +138,24 @@ class SweepJob:
             if client is not None:
                 assert self.path is not None
                 shared = self.path.resolve()
-                run_blocks(client, compute_block, ((self.grid[region], shared, region) for region in missing), advance)
+                code = code_version()
+                blocks = ((self.grid[region], shared, region, code) for region in missing)
+                run_blocks(client, compute_block, blocks, advance)
                 return
         for region in missing:
             self.store.write(region, self.grid[region].solve())
             advance(_size(region))
 
 
-def compute_block(grid: Grid, path: Path, region: Region) -> int:
-    """Compute a block and write it into a Zarr store; returns the number of its impacts."""
+def compute_block(grid: Grid, path: Path, region: Region, code: str) -> int:
+    """Compute a block and write it into a Zarr store; returns the number of its impacts.
+
+    Raises:
+        RuntimeError: where this process computes with other code, or another model, than the sweep was begun with.
+    """
     require_float64()
+    if code_version() != code:
+        raise RuntimeError(f"A worker has {code_version()}, but the sweep was begun with {code}.")
     write_block(path, dict(zip(grid.dims, region, strict=True)), grid.solve())
     return _size(region)
 
