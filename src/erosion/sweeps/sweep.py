@@ -93,40 +93,46 @@ def prepare_sweep(
     path = None if store is None else check_path("store", store)
     usual = _MEMORY_BLOCK if path is None or path.suffix != ".zarr" else _STORED_BLOCK
     block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
-    return SweepJob(grid, open_store(grid, block, path), path)
+    store_of_blocks = open_store(grid, block, path)
+    missing = store_of_blocks.missing()
+    if missing:
+        store_of_blocks.require_writable()
+    return SweepJob(grid, store_of_blocks, missing, path)
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepJob:
-    """A checked grid, the store of its blocks, and the path of the store if it is not the memory."""
+    """A checked grid, the store of its blocks, those that it lacks, and its path if it is not the memory."""
 
     grid: Grid
     store: Store
+    missing: list[Region]
     path: Path | None
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Compute the blocks that the store lacks; errors as of `sweep`."""
-        missing = self.store.missing()
         whole = math.prod(self.grid.shape)
-        count = whole - sum(_size(region) for region in missing)
+        begun = count = whole - sum(_size(region) for region in self.missing)
 
         def advance(impacts: int) -> None:
             nonlocal count
             count += impacts
             progress("sweep", count, whole)
 
-        advance(0)
         try:
-            self._compute(missing, advance)
+            advance(0)
+            try:
+                self._compute(self.missing, advance)
+            finally:
+                # Also after an error, and a Ctrl-C meanwhile waits: to compute took longer than to write.
+                if count > begun:
+                    self.store.save()
         except KeyboardInterrupt:
             if self.path is None:
                 raise
-            self.store.save()
-            raise SweepInterrupted(
-                f"interrupted: {self.path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
-            ) from None
-        if missing:
-            self.store.save()
+            hint = f": {self.path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
+            nothing = f" before any of {whole:,} impacts was stored"
+            raise SweepInterrupted(f"interrupted{hint if self.path.exists() else nothing}") from None
         return self.store.dataset()
 
     def _compute(self, missing: list[Region], advance: Callable[[int], None]) -> None:
