@@ -24,7 +24,11 @@ ROWS = [
     ("erosion.validate(None)", "TypeError", "Argument `p` must be Parameters, but is None."),
     ("erosion.dump_case({})", "TypeError", "Argument `p` must be Parameters, but is {}."),
     ("erosion.impact('finnie', None)", "TypeError", "Argument `p` must be Parameters, but is None."),
-    ("erosion.impact('finnie', P.replace(alpha=20))", "ValueError", "np.deg2rad(20) in Python"),
+    (
+        "erosion.impact('finnie', P.replace(alpha=20))",
+        "ValueError",
+        'is 1145.92° (20 rad; degrees are written "20 deg").',
+    ),
     (
         "erosion.impact('finnie', P.replace(alpha=[1, 1], k=[1, 2, 3]))",
         "ValueError",

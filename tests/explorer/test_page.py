@@ -243,8 +243,9 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
     capsys.readouterr()
     assert _status(["run", "--case", str(case), "--model", "rotating", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["parameters"] == exported["parameters"]
-    assert exported["models"]["rotating"]["volume"] == pytest.approx(printed["volume"], rel=1e-9)
+    numbers = {name: quantity["value"] for name, quantity in printed["case"]["parameters"].items()}
+    assert exported["parameters"] == {"units": printed["units"], **numbers}
+    assert exported["models"]["rotating"]["volume"] == pytest.approx(printed["result"]["volume"]["value"], rel=1e-9)
     lines = download("Curves over α (CSV)").read_text().splitlines()
     assert lines[0].split(",")[:2] == ["alpha [deg]", "linearized volume [in³]"]
     assert float(lines[1].split(",")[1]) == exported["models"]["linearized"]["curve"]["volume"][0]

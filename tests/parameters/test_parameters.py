@@ -173,7 +173,7 @@ def test_a_case_is_written_of_scalars_only():
 def test_parameters_print_with_units():
     assert "lbf/in²" in str(P)
     assert "flow stress" in str(P)
-    assert "<td>slinch</td>" in P._repr_html_()
+    assert "<td>110.228</td><td>10⁻⁶ lb</td>" in P._repr_html_()
     assert "[3] 0 … 2" in str(P.replace(phidot0=[0.0, 1.0, 2.0]))
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+import threading
 from collections.abc import Callable, Iterator
 
 _SLOWEST = 10  # per second; a slower rate says less than the time left
@@ -31,3 +32,31 @@ def progress_bar(title: str) -> Iterator[Callable[..., None]]:
             bar.update(task, description=what, completed=done, total=total, rate=rate)
 
         yield update
+
+
+_PATIENCE = 0.5  # s, after which a person wonders whether anything happens
+
+
+@contextlib.contextmanager
+def working(title: str) -> Iterator[None]:
+    """Show on a terminal that something is done, once it takes longer than half a second."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    is_done = threading.Event()
+    thread = threading.Thread(target=_turn_wheel, args=(title, is_done), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_done.set()
+        thread.join()
+
+
+def _turn_wheel(title: str, is_done: threading.Event) -> None:
+    if is_done.wait(_PATIENCE):
+        return
+    from rich.console import Console
+
+    with Console(stderr=True, highlight=False).status(f"{title} …"):
+        is_done.wait()

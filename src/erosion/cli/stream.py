@@ -7,19 +7,19 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
+    CaseFile,
     CaseOptions,
     InputError,
     JsonOption,
     WholeOption,
     load,
-    print_json,
-    print_table,
     read_whole,
     require_outputs,
     start_engine,
     user_errors,
     with_file,
 )
+from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def stream(
-    file: Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")] = None,
+    file: CaseFile = None,
     /,
     *,
     case: CaseOptions | None = None,
@@ -65,7 +65,10 @@ def stream(
     count = _count(options, section) if n is None else n
     require_outputs(plot=plot, inputs=(options.case,))
     given = settings(own, section, f"{options.case}: `set` of [stream]")
-    chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), given, p)
+    name = model or section.get("model", "linearized")
+    chosen, own_laws = _model_and_laws(name, given, p)
+    number = section.get("seed", 0) if seed is None else seed
+    said = Output("stream", p, options.case, json=json, seed=number)
     start_engine()
     from erosion.streams.stream import StreamInterrupted, StreamOptions, prepare_stream
 
@@ -76,7 +79,7 @@ def stream(
             {**laws, **own_laws},
             StreamOptions(
                 n=count,
-                seed=section.get("seed", 0) if seed is None else seed,
+                seed=number,
                 points=points or section.get("points", "sobol"),
                 best_angle=best_angle,
                 store=output,
@@ -87,7 +90,7 @@ def stream(
             result = job.run(lambda what, done, total: progress(done, total, what))
         except StreamInterrupted as interrupted:
             if interrupted.partial is not None:
-                _show(interrupted.partial, json)
+                _show(interrupted.partial, name, said)
             raise
     if plot is not None:
         from erosion.plotting.streams import plot_stream
@@ -95,7 +98,7 @@ def stream(
 
         with user_errors():
             save_plot(plot_stream(result), plot)
-    _show(result, json)
+    _show(result, name, said)
 
 
 def _count(options: CaseOptions, section: dict[str, Any]) -> int:
@@ -140,8 +143,14 @@ def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
     return numbers, {name: value for name, value in values.items() if name not in numbers}
 
 
-def _show(result: "Stream", json: bool) -> None:
-    if not json:
+def _show(result: "Stream", name: str, output: Output) -> None:
+    if not output.json:
         print_table(result.title, result.rows())
         return
-    print_json(result.to_dict())
+    described = ("model", "own_parameters", "parameters", "laws", "units")
+    content = result.to_dict()
+    numbers = {name: value for name, value in content.items() if name not in described}
+    units = content["units"] | dict.fromkeys(("quantiles",), content["units"]["mean_volume"])
+    if "alpha_max" in units:
+        units["alpha_max_interval"] = units["alpha_max"]
+    output.document(numbers, {name: result.model}, units, result.laws_in_words())

@@ -14,11 +14,11 @@ from erosion.optimum.alpha_max import ASIDE, SHALLOWEST, Optimum
 from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.plotting.colors import DIM, ENDS, INK
 from erosion.plotting.curves import describe
 from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best, star
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes, typeset
 
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}

@@ -10,8 +10,8 @@ from scipy import stats
 from erosion.calibration import Calibration
 from erosion.models import model_name
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.scales import readable_scale
 from erosion.plotting.colors import INK, PALETTE
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_figure
 
 _ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))

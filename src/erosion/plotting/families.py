@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import ENDS, FAINT, INK, PALETTE
 from erosion.plotting.curves import with_gaps
 from erosion.plotting.labels import end_label
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import angle_axis, house_style, legend_below
 
 _COLORS = (*PALETTE.values(), INK)

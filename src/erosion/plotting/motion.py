@@ -13,10 +13,10 @@ from scipy.interpolate import CubicSpline
 from erosion.models import model_name
 from erosion.models.base import NO_CUT, ClosedForm, State
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import DIM, ENDS, INK, PALETTE
 from erosion.plotting.labels import EVENT_LABELS, HISTORIES, NOTHING, end_label
-from erosion.plotting.scales import Scale, readable_scale
 from erosion.plotting.style import angle_axis, house_style, legend_below, new_figure, typeset
 from erosion.trajectory.trajectory import Trajectory
 

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.colors import DIM, INK, PALETTE
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_figure
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.result import Stream

@@ -11,12 +11,12 @@ from matplotlib.patches import Patch
 
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import ENDS, INK, STYLES
 from erosion.plotting.curves import Best, broken, describe
 from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes, new_figure, typeset
 from erosion.sweeps.grid import in_words
 

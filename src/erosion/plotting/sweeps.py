@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import INK, PALETTE
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes
 
 _FEW = 6

@@ -13,8 +13,8 @@ import jinja2.ext
 from markupsafe import Markup
 
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
-from erosion.plotting.scales import Scale, readable_scale
 from erosion.report.case import Answer, Case
 from erosion.report.markdown import blocks, inline, to_html
 from erosion.report.text import degrees, degrees_tex, number, number_tex, quantity, quantity_tex

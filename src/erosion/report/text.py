@@ -6,8 +6,8 @@ import re
 from latex2mathml.converter import convert
 from markupsafe import Markup
 
+from erosion.parameters.scales import readable_scale, superscript
 from erosion.parameters.units import Dimension, System, unit_name
-from erosion.plotting.scales import readable_scale, superscript
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MINUS = "\N{MINUS SIGN}"

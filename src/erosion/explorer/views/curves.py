@@ -20,10 +20,10 @@ from erosion.explorer.views.look import (
 )
 from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.plotting.colors import DIM, ENDS
 from erosion.plotting.curves import describe, with_gaps
 from erosion.plotting.labels import EVENT_LABELS
-from erosion.plotting.scales import readable_scale
 
 _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times further apart are of different crossings

@@ -7,10 +7,10 @@ import numpy as np
 from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.models.base import State as Body
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.colors import PALETTE
 from erosion.plotting.labels import HISTORIES, NOTHING
-from erosion.plotting.scales import Scale, readable_scale
 from erosion.trajectory.trajectory import Trajectory
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))

@@ -9,9 +9,9 @@ from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import styles
 from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.curves import describe
-from erosion.plotting.scales import readable_scale
 
 _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 
