@@ -55,7 +55,7 @@ def calibrate(
     names = ["linearized"] if model is None else chosen_models(model)
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
-    require_outputs(openfoam, fluent, plot=plot, inputs=(data, case.case))
+    require_outputs(openfoam, fluent, plot=plot, inputs=(data, case.case, *names))
     start_engine()
     from erosion.calibration import rank_models, read_measurements
     from erosion.calibration.forward import SCALE

@@ -65,9 +65,9 @@ def sweep(
     options = with_file(case, file)
     section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum", "set"))
     _require_store(output, clustered=not (workers is scheduler is chunks is None))
-    require_outputs(plot=plot, inputs=(options.case,))
     p, axes = _case_and_axes(options, section)
     chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
+    require_outputs(plot=plot, inputs=(options.case, *([chosen] if isinstance(chosen, str) else chosen)))
     if isinstance(chosen, list) and len(chosen) == 1:
         chosen = chosen[0]
     values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
