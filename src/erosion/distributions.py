@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import special
 
+from erosion.arguments import check_unmasked
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import Dimension, System, has_unit, read_quantity, shown
 
@@ -215,6 +216,7 @@ class Samples(Distribution):
     source: str = "samples"
 
     def __post_init__(self) -> None:
+        check_unmasked("values", self.values)
         try:
             values = np.sort(np.asarray(self.values, float).reshape(-1))
         except (TypeError, ValueError):

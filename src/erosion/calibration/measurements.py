@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from erosion.arguments import check_unmasked
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
@@ -126,6 +127,8 @@ def read_measurements(data: Any, units: str) -> Measurements:
 
 def _read_columns(table: dict[str, Any], system: System) -> Measurements:
     where = "Argument `data`"
+    for name, values in table.items():
+        check_unmasked(name, values)
     try:
         header = read_header(list(table), system)
         columns = [np.atleast_1d(np.asarray(values, float)) for values in table.values()]

@@ -232,17 +232,10 @@ def _as_option(argument: re.Match[str]) -> str:
 
 
 def start_engine() -> None:
-    """Keep what XLA compiles (closed forms, correlations, `simulate`) in the user's cache folder for the next start."""
-    import jax
-    import platformdirs
+    """Make ready to compute: what XLA compiles is kept for the next start."""
+    from erosion.cli.kept_programs import keep_programs
 
-    # Whoever says where JAX is to keep its programs decides for themselves, as the tests do.
-    if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        with contextlib.suppress(OSError):
-            folder = platformdirs.user_cache_path("erosion", ensure_exists=True)
-            jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
-            # However small: reading any program takes a fraction of the time that compiling it does.
-            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    keep_programs()
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -10,6 +10,7 @@ P = k/(1 + 1/β), because the torque slows the tip as well.
 """
 
 import abc
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -21,13 +22,21 @@ from erosion.array_types import Broadcast
 from erosion.models.base import NO_CUT, ZERO, ClosedForm, State
 from erosion.models.trigonometry import UPRIGHT
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.precision import require_xla
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 
 def _traced_once(method: _Method) -> _Method:
     """The method as one program: `jax.jit`, with the method's signature left as it is."""
-    return cast(_Method, jax.jit(method))
+    program = jax.jit(method)
+
+    @functools.wraps(method)
+    def call(*arguments: Any, **named: Any) -> Any:
+        require_xla()
+        return program(*arguments, **named)
+
+    return cast(_Method, call)
 
 
 class SineCut(ClosedForm):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_tolerance
+from erosion.arguments import check_tolerance, check_unmasked
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
 from erosion.models import load_model, model_name
@@ -359,6 +359,7 @@ def _source(model: Model) -> "CuttingModel | Named":
 def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
     if name not in known:
         raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(known)}.")
+    check_unmasked(name, values)
     try:
         array = np.asarray(values)
     except ValueError:  # lists of several lengths
