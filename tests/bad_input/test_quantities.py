@@ -145,6 +145,31 @@ def test_no_unit_of_pints_is_taken_for_a_power() -> None:
     assert not [name for name in names if name[:-1].isalpha() and name[-1:] in ("2", "3")]
 
 
+@pytest.mark.parametrize(
+    ("text", "dimension"),
+    [
+        ("1 rad3", "angle"), ("20 deg^2", "angle"), ("20 deg*rad", "angle"), ("1 1/rad", "angle"),
+        ("1 deg/deg", "angle"),
+        ("1 rad^2/s", "angular speed"), ("1 1/s/rad", "angular speed"), ("1 rpm*rad", "angular speed"),
+        ("1 dB", "1"), ("50 percent", "1"), ("20 degC", "length"), ("1 mm", "angle"), ("1 m/s;import os", "speed"),
+        ("1 __class__", "length"), ("1 m.__class__", "length"), ("1 lambda: 0", "length"), ("0x10 m/s", "speed"),
+        ("1_000 m/s", "speed"), ("1,000 m/s", "speed"), ("1 000 m/s", "speed"), ("--5 m/s", "speed"),
+        ("5 M/S", "speed"), ("1 \udcff", "speed"), ("1 m\0s", "speed"), ("1 m/s*nan", "speed"), ("1 m/s/0", "speed"),
+        ("1 kg/m3 3", "density"),
+        ("1 m/s + 1 m/s", "speed"), ("2 2", "angle"),
+    ],
+)  # fmt: skip
+def test_what_another_program_might_take_for_a_quantity_is_refused(text: str, dimension: Dimension) -> None:
+    with pytest.raises(UnitError, match=r"^must be a"):
+        read_quantity(text, dimension, "si")
+
+
+@pytest.mark.parametrize("text", ["1:inf:3", "nan:1:3", "1e999:2:3", "1:-inf:3:log"])
+def test_ends_of_a_range_are_finite(text: str) -> None:
+    with pytest.raises(UnitError, match="must have finite ends, but is"):
+        read_axis(text, "speed", "si")
+
+
 def test_unit_systems_are_understood_in_capitals(tmp_path: Path) -> None:
     assert check_system("SI") == "si"
     assert check_system("Inch-Pound") == "inch-pound"

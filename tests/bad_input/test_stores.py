@@ -308,6 +308,14 @@ def test_a_result_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
     assert_same_bits(netcdf(path), WHOLE)
 
 
+def test_a_partial_result_that_is_deleted_meanwhile_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "out.nc"
+    with pytest.raises(SweepInterrupted):
+        netcdf(path, progress=stop(KeyboardInterrupt, 1))
+    assert_same_bits(netcdf(path, progress=lambda done, total: path.unlink(missing_ok=True)), WHOLE)
+    assert [file.name for file in tmp_path.iterdir()] == ["out.nc"]
+
+
 def test_a_stream_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
     path = tmp_path / "jet.nc"
 
@@ -365,6 +373,29 @@ def test_a_chunk_that_may_not_be_read_is_an_error_with_its_name(
     monkeypatch.setattr(library.Array, "__getitem__", refuse)
     with pytest.raises(StoreError, match=r"out\.zarr/alpha/c/0: cannot be read \(Permission denied\)"):
         zarr(path)
+
+
+def test_a_pipe_or_a_device_is_no_store(tmp_path: Path) -> None:
+    for suffix in ("nc", "zarr"):
+        os.mkfifo(tmp_path / f"pipe.{suffix}")
+        (tmp_path / f"full.{suffix}").symlink_to("/dev/full")
+        (tmp_path / f"ring.{suffix}").symlink_to(f"ring.{suffix}")
+        for name in ("pipe", "full"):
+            with pytest.raises(StoreError, match=r"is there already and is no (netCDF file|Zarr group)"):
+                sweep("linearized", P, store=tmp_path / f"{name}.{suffix}", **AXES)
+        with pytest.raises(OSError, match="Too many levels of symbolic links"):
+            sweep("linearized", P, store=tmp_path / f"ring.{suffix}", **AXES)
+    with pytest.raises(StoreError, match="is no netCDF file"):
+        erosion.stream("linearized", P, n=64, alpha=Normal(0.3, 0.02), store=tmp_path / "pipe.nc")
+
+
+def test_a_zarr_store_behind_a_link_is_written_there(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "out.zarr").symlink_to(tmp_path / "far" / "real.zarr")
+    assert_same_bits(zarr(tmp_path / "out.zarr").compute(), WHOLE)
+    assert_same_bits(zarr(tmp_path / "out.zarr").compute(), WHOLE)
+    assert (tmp_path / "out.zarr").is_symlink()
+    assert [file.name for file in (tmp_path / "far").iterdir()] == ["real.zarr"]
 
 
 def test_the_command_line_says_what_is_damaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

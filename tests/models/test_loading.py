@@ -66,6 +66,22 @@ def test_files_with_nearly_one_name_have_a_module_each(tmp_path: Path) -> None:
     assert all(vars(sys.modules[module])["model"] is model for module, model in zip(modules, models, strict=True))
 
 
+def test_a_plug_in_behind_a_link_finds_what_lies_beside_the_link(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "real.py").write_text(
+        "from pathlib import Path\n" + text("float(Path(__file__).with_name('k').read_text())")
+    )
+    (tmp_path / "mine.py").symlink_to(tmp_path / "far" / "real.py")
+    (tmp_path / "k").write_text("2.0")
+    monkeypatch.chdir(tmp_path)
+    expected = float(erosion.impact("linearized", P.replace(k=2 * P.k)).volume)
+    assert volume(Path("mine.py")) == pytest.approx(expected, rel=1e-12)
+    swept = erosion.sweep("mine.py", P, alpha=[float(P.alpha)])
+    assert float(swept.volume[0]) == pytest.approx(expected, rel=1e-12)
+
+
 def test_a_model_is_digested_as_it_was_when_it_was_loaded(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     path.write_text(text("1.0"))

@@ -203,7 +203,7 @@ def _import_file(path: Path) -> types.ModuleType:
         content = path.read_bytes()
     except OSError as error:
         raise ModelError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    place = path.resolve()
+    place = path.absolute()
     # Of its own for each file and each text, so that a class's module is always the one that it was made in.
     key = hashlib.sha256(os.fsencode(place) + b"\0" + content).hexdigest()[:16]
     module = types.ModuleType(f"erosion_plugin_{key}")

@@ -44,6 +44,8 @@ def _range(text: str, dimension: Dimension, system: System) -> np.ndarray:
     if not number.isdecimal() or len(number) > _LONGEST_COUNT or int(number) < 2 or spacing not in ([], ["log"]):
         raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {shown(text)}')
     begin, end = (read_quantity(part, dimension, system) for part in (first, last))
+    if not np.isfinite([begin, end]).all():
+        raise UnitError(f"must have finite ends, but is {shown(text)}")
     if spacing and begin * end <= 0:
         raise UnitError(f"must have ends of one sign, other than zero, for even ratios, but is {shown(text)}")
     try:

@@ -137,7 +137,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         _check_powers(pint.util.string_preprocessor(given))
         units = registry.parse_units(given)
         if units.dimensionality == registry.parse_units(unit or "dimensionless").dimensionality:
-            _check_angles(set(units._units), dimension, f"must be {expected}, but is {text!r}")
+            _check_angles(dict(units._units), dimension, f"must be {expected}, but is {text!r}")
         return float(registry.Quantity(number, units).to(unit or "dimensionless").magnitude)
     except pint.errors.DimensionalityError as error:
         dimensions = _dimension_of(registry.parse_units(given).dimensionality)
@@ -184,13 +184,13 @@ _ANGLES = {"radian", "milliradian", "degree", "arcminute", "arcsecond", "turn", 
 _SPINS = {*_ANGLES, "revolutions_per_minute", "revolutions_per_second"}
 
 
-def _check_angles(units: set[str], dimension: Dimension, complaint: str) -> None:
-    """Refuse what pint takes for a pure number: an angle for one, or cycles (Hz) for radians."""
-    if dimension == "1" or (dimension in ("mass per mass", "rate") and units & _SPINS):
+def _check_angles(units: Mapping[str, Any], dimension: Dimension, complaint: str) -> None:
+    """Refuse what pint takes for a pure number: an angle for one, its square for itself, or cycles (Hz) for radians."""
+    if dimension == "1" or (dimension in ("mass per mass", "rate") and _SPINS & units.keys()):
         raise UnitError(complaint)
-    if dimension == "angle" and not units <= _ANGLES:
+    if dimension == "angle" and (not units.keys() <= _ANGLES or list(units.values()) != [1]):
         raise UnitError(complaint)
-    if dimension == "angular speed" and not units & _SPINS:
+    if dimension == "angular speed" and sum(power for unit, power in units.items() if unit in _SPINS) != 1:
         raise UnitError(complaint)
 
 

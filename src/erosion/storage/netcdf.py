@@ -45,7 +45,7 @@ def write_netcdf(
     }
     with uninterrupted():
         content = marked.to_netcdf(None, engine="h5netcdf", encoding=summed)
-        moved = since != "any" and trace(path) != since
+        moved = since != "any" and trace(path) not in (None, since)
         target = free_path(path) if moved else path
         write_whole(target, content)
     if moved:
@@ -61,6 +61,8 @@ def read_netcdf(path: Path, identity: Mapping[str, str]) -> xr.Dataset:
     Raises:
         StoreError: where the file is something else, or not what was written.
     """
+    if not path.is_file():  # to open a pipe would wait for its writer
+        raise StoreError(f"{path}: is there already and is no netCDF file; it is left as it is.")
     try:
         # Not by xarray, which prints warnings for an HDF5 file that is not netCDF.
         with h5py.File(path) as file:

@@ -351,7 +351,7 @@ def _source(model: Model) -> "CuttingModel | Named":
     if isinstance(model, CuttingModel):
         return loaded
     # Another process, with another working directory, must find a model's file.
-    named = Named(Path(model).resolve() if str(model).endswith(".py") else str(model), fingerprint(loaded))
+    named = Named(Path(model).absolute() if str(model).endswith(".py") else str(model), fingerprint(loaded))
     _known.setdefault(named, loaded)
     return named
 
