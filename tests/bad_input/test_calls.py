@@ -80,12 +80,12 @@ ROWS = [
     (
         "erosion.alpha_max('finnie', P, alpha_range='ab')",
         "ValueError",
-        "two ascending angles within [0, π/2] rad, but is 'ab'",
+        "two ascending angles within [0, 90°], but is 'ab'",
     ),
     (
         "erosion.alpha_max('finnie', P, alpha_range=3)",
         "ValueError",
-        "two ascending angles within [0, π/2] rad, but is 3.",
+        "two ascending angles within [0, 90°], but is 3 (numbers",
     ),
     ("erosion.alpha_max('finnie', P, alpha_range=(0.1,))", "ValueError", "must be two ascending angles"),
     ("erosion.alpha_max('finnie', P, objective=3)", "TypeError", "`objective` must be a name or a function, but is 3."),

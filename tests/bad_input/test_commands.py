@@ -160,6 +160,18 @@ QUESTIONS = [
         "optimum --alpha-range 10 60",
         "within [0, 90°], but is 572.958°, 3437.75° (numbers without a unit are in radians).",
     ),
+    (
+        "optimum --alpha-range -5deg:20deg",
+        "Option `--alpha-range` must not have a negative value, but has -5deg:20deg.",
+    ),
+    ("optimum --alpha-range -5deg 20deg", "Option `--alpha-range` must not have a negative value, but has -5deg."),
+    (
+        "optimum --alpha-range 5deg -.2rad --json",
+        "Option `--alpha-range` must not have a negative value, but has -.2rad.",
+    ),
+    ("optimum --alpha-range=-5deg:20deg", "within [0, 90°], but is -5°, 20° (numbers without"),
+    ("optimum --json -5deg", "Option `--json` must not have a negative value, but has -5deg."),
+    ("optimum -5deg", "Option `-5deg` is unknown."),
     ("optimum --alpha-range nan 1", "must be two ascending angles"),
     ("optimum --alpha-range '1 kg' 30deg", "Option `--alpha-range` must be an angle"),
     ("optimum --alpha-range 1deg", 'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has 1.'),

@@ -71,7 +71,7 @@ def test_a_chunk_that_is_lost_or_damaged_is_computed_again(tmp_path: Path, damag
             zarr(path)
         return
     done = []
-    again = zarr(path, progress=lambda count, total: done.append(count))
+    again = zarr(path, progress=lambda work, count, total: done.append(count))
     assert done == [6, 12]
     assert_same_bits(again.compute(), WHOLE)
 
@@ -216,10 +216,10 @@ def test_a_stream_of_a_changed_file_is_refused(tmp_path: Path) -> None:
         run()
 
 
-def stop(error: type[BaseException], after: int) -> Callable[[int, int], None]:
+def stop(error: type[BaseException], after: int) -> Callable[[str, int, int], None]:
     calls = itertools.count()
 
-    def progress(done: int, total: int) -> None:
+    def progress(work: str, done: int, total: int) -> None:
         if next(calls) == after:
             raise error("stopped")
 
@@ -232,7 +232,7 @@ def test_an_error_of_any_kind_leaves_what_was_computed(tmp_path: Path, error: ty
     with pytest.raises(error, match="stopped"):
         netcdf(path, progress=stop(error, 1))
     done = []
-    assert_same_bits(netcdf(path, progress=lambda count, total: done.append(count)), WHOLE)
+    assert_same_bits(netcdf(path, progress=lambda work, count, total: done.append(count)), WHOLE)
     assert done == [6, 12]
 
 
@@ -268,7 +268,7 @@ def test_ctrl_c_waits_until_a_finished_sweep_is_written(tmp_path: Path) -> None:
     with pytest.raises(SweepInterrupted, match="holds 12 of 12 impacts"):
         netcdf(path)
     done = []
-    assert_same_bits(netcdf(path, progress=lambda count, total: done.append(count)), WHOLE)
+    assert_same_bits(netcdf(path, progress=lambda work, count, total: done.append(count)), WHOLE)
     assert done == [12]
 
 
@@ -296,7 +296,7 @@ def test_a_result_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
     path = tmp_path / "out.nc"
     (tmp_path / "out-2.nc").write_text("taken as well")
 
-    def arrive(done: int, total: int) -> None:
+    def arrive(work: str, done: int, total: int) -> None:
         path.write_text("another result")
 
     with pytest.raises(
@@ -312,7 +312,7 @@ def test_a_partial_result_that_is_deleted_meanwhile_comes_back(tmp_path: Path) -
     path = tmp_path / "out.nc"
     with pytest.raises(SweepInterrupted):
         netcdf(path, progress=stop(KeyboardInterrupt, 1))
-    assert_same_bits(netcdf(path, progress=lambda done, total: path.unlink(missing_ok=True)), WHOLE)
+    assert_same_bits(netcdf(path, progress=lambda work, done, total: path.unlink(missing_ok=True)), WHOLE)
     assert [file.name for file in tmp_path.iterdir()] == ["out.nc"]
 
 

@@ -55,7 +55,7 @@ def test_a_far_turn_is_a_warning_on_stderr(capsys):
 
 def test_models_lists_them_all(capsys):
     assert _status(["models", "--json"]) == 0
-    assert len(result_of(capsys.readouterr().out)["models"]) == 11
+    assert len(result_of(capsys.readouterr().out)["models"]) == 14
     assert _status(["models", "--path", str(ROOT / "models")]) == 0
     assert "saturating_lip" in capsys.readouterr().out
 
@@ -77,7 +77,7 @@ def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch
     assert "ZeroDivisionError" in printed[str(tmp_path / "a_bad.py")]["error"]
     good = {"summary": "One of mine.", "equations": "plug-in", "error": None, "own_parameters": {}}
     assert printed[str(tmp_path / "good.py")] == good
-    assert captured.err == "erosion: 1 of 13 models cannot be used.\n"
+    assert captured.err == "erosion: 1 of 16 models cannot be used.\n"
     assert _status(["models", "--help"]) == 0
     assert "run as Python" in " ".join(capsys.readouterr().out.replace("│", " ").split())
 
@@ -163,7 +163,7 @@ def test_compare_prints_a_table(capsys, monkeypatch, tmp_path):
     plot = tmp_path / "models.svg"
     assert _status(["compare", "--model", "linearized", "--model", "tan-alpha", "--plot", str(plot)]) == 0
     out = capsys.readouterr().out
-    assert "Models at α = 20° and at their best" in out
+    assert "2 models: impacts at α = 20° and best angles; volumes in 10⁻⁴ in³" in out
     assert "31.717°" in out
     assert "→ 0°" in out
     assert out.endswith(f"figure: {plot}\n")

@@ -83,7 +83,7 @@ def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
 def test_a_stream_is_told_as_a_table(case, capsys):
     assert _status(["stream", case, "--no-best-angle", "--points", "random"]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert said.startswith("stream of linearized, v0 lognormal(4400 in/s, 0.1), alpha normal(20°, 2°)")
+    assert said.startswith("linearized: a stream, v0 lognormal(4400 in/s, 0.1), alpha normal(20°, 2°)")
     assert said.endswith("with interactions")
 
 

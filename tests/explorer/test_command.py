@@ -29,7 +29,7 @@ def test_a_taken_port_is_one_line(capsys: pytest.CaptureFixture) -> None:
         taken.listen()
         port = str(taken.getsockname()[1])
         assert _status(["explore", "--no-browser", "--port", port]) == 2
-    assert f"Option `--port` must be free, but {port} cannot be had" in capsys.readouterr().err
+    assert f"Option `--port` must be free, but {port} is not" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

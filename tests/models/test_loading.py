@@ -102,7 +102,7 @@ def test_an_edit_while_a_sweep_runs_changes_nothing_of_it(tmp_path: Path, suffix
     axes: dict[str, Any] = {"alpha": np.linspace(0.1, 1.0, 20_000)}
     whole = erosion.sweep(path, P, **axes)
 
-    def edit(done: int, total: int) -> None:
+    def edit(work: str, done: int, total: int) -> None:
         path.write_text(text("2.0"))
 
     chunks: dict[str, Any] = {"chunks": {"alpha": 10_000}} if suffix == "zarr" else {}

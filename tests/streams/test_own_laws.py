@@ -71,7 +71,9 @@ def test_sensitivities_and_labels_are_those_of_the_model():
     assert list(result.sensitivities) == ["friction", "v0"]
     symbols = [row.symbol for row in result.rows() if row.name == "sensitivity"]
     assert symbols == ["S(μ)", "T(μ)", "S(v₀)", "T(v₀)"]
-    assert result.title == "stream of Linearized(CoulombTip), friction: Uniform(0.1, 0.3), v0: LogNormal(4400, 0.1)"
+    assert result.title == (
+        "Linearized(CoulombTip): a stream, friction uniform(0.1, 0.3), v0 lognormal(4400 in/s, 0.1)"
+    )
 
 
 def test_the_law_is_part_of_the_identity(tmp_path):

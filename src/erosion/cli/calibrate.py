@@ -72,7 +72,7 @@ def calibrate(
             measured,
             free,
             models=chosen,
-            progress=lambda model: progress(0, None, model),
+            progress=progress,
             density=density,
             loss=loss,
             starts=32 if starts is None else starts,

@@ -171,7 +171,8 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
         )
         for line in lines
     ]
-    title = f"Models at α = {math.degrees(float(p.alpha)):.6g}° and at their best; volumes in {scale.unit}"
+    models = f"{len(lines)} model{'s' * (len(lines) > 1)}"
+    title = f"{models}: impacts at α = {math.degrees(float(p.alpha)):.6g}° and best angles; volumes in {scale.unit}"
     headings = ("model", "V", "ends by", "α_max", "V_max", "kind", "ends by")
     print_table(title, rows, headings, (1, 3, 4), statements)
 

@@ -121,7 +121,7 @@ def _print(model: str, best: "Optimum") -> None:
 
     others = [line(c.alpha, [c.value], f"{c.kind} {c.side}".strip()) for c in best.candidates[1:]]
     if others:
-        print_table("What else was compared", others, _AT)
+        print_table("Other candidates", others, _AT)
     jumps = [line(j.alpha, [j.below, j.above], f"{j.ended_below} → {j.ended_above}") for j in best.jumps]
     if jumps:
         print_table("Jumps", jumps, _AT)
@@ -136,4 +136,8 @@ def _print_sensitivities(best: "Optimum") -> None:
         Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)
         for name, rate in best.sensitivities.items()
     ]
-    print_table("How the angle moves", rows, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))
+    print_table(
+        "How the angle moves when a parameter grows by its own size, to first order",
+        rows,
+        ("parameter", "", "q ∂α/∂q", "unit", "meaning"),
+    )

@@ -3,16 +3,21 @@
 import contextlib
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from erosion.arguments import Progress
 
 _SLOWEST = 10  # per second; a slower rate says less than the time left
 
 
 @contextlib.contextmanager
-def progress_bar(title: str) -> Iterator[Callable[..., None]]:
-    """Gives a function to call with what is done, what there is to do (None: unknown), and perhaps another title."""
+def progress_bar(title: str) -> Iterator["Progress"]:
+    """Give the `progress` of any verb, shown as a bar; `title` stands there until the first call."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
 
     columns = (
         TextColumn("{task.description}"),
@@ -23,15 +28,16 @@ def progress_bar(title: str) -> Iterator[Callable[..., None]]:
     )
     console = Console(stderr=True, highlight=False)
     is_shown = sys.stderr is not None and sys.stderr.isatty()
-    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
+    with Bar(*columns, console=console, transient=True, disable=not is_shown) as bar:
         task = bar.add_task(title, total=None, rate="")
 
-        def update(done: int, total: int | None, what: str = title) -> None:
+        def show(work: str, done: int, total: int) -> None:
             speed = bar.tasks[0].speed or 0
             rate = f"{speed:,.0f}/s" if speed > _SLOWEST else ""
-            bar.update(task, description=what, completed=done, total=total, rate=rate)
+            # Without a total the bar moves to and fro: it shows that the first part is being computed.
+            bar.update(task, description=work, completed=done, total=total if done else None, rate=rate)
 
-        yield update
+        yield show
 
 
 _PATIENCE = 0.5  # s, after which a person wonders whether anything happens

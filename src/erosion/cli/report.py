@@ -39,7 +39,5 @@ def report(
         chosen_questions(only)
         make_folders(output)
     with progress_bar("report") as progress:
-        page = write_report(
-            p, output, case_name=name, only=only, progress=lambda part, done, parts: progress(done, parts, part)
-        )
+        page = write_report(p, output, case_name=name, only=only, progress=progress)
     print(page.resolve())

@@ -52,7 +52,7 @@ def run(
         numbers = {name: content[name] for name in content["units"]}
         output.document({"ended_by": trajectory.ended_by, **numbers}, {model: chosen}, content["units"])
         return
-    print_table(f"{in_full(model, chosen)} at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory))
+    print_table(f"{in_full(model, chosen)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory))
     if plot is not None:
         print(f"figure: {plot}")
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
     from erosion.streams.result import Stream
+    from erosion.streams.stream import StreamJob
 
 
 def stream(
@@ -69,9 +70,9 @@ def stream(
     require_outputs(plot=plot, inputs=(options.case, name, *(text for _, text in texts)))
     chosen, own_laws = _model_and_laws(name, given, p)
     number = section.get("seed", 0) if seed is None else seed
-    said = Output("stream", p, options.case, json=json, seed=number)
+    printed = Output("stream", p, options.case, json=json, seed=number)
     start_engine()
-    from erosion.streams.stream import StreamInterrupted, StreamOptions, prepare_stream
+    from erosion.streams.stream import StreamOptions, prepare_stream
 
     with user_errors(TypeError):
         job = prepare_stream(
@@ -86,20 +87,27 @@ def stream(
                 store=output,
             ),
         )
-    with progress_bar("stream") as progress:
-        try:
-            result = job.run(lambda what, done, total: progress(done, total, what))
-        except StreamInterrupted as interrupted:
-            if interrupted.partial is not None:
-                _show(interrupted.partial, name, said)
-            raise
+    result = _run(job, name, printed)
     if plot is not None:
         from erosion.plotting.streams import plot_stream
         from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_stream(result), plot)
-    _show(result, name, said)
+    _show(result, name, printed)
+
+
+def _run(job: "StreamJob", name: str, output: Output) -> "Stream":
+    """Compute the stream; one that is interrupted shows the particles that it has computed."""
+    from erosion.streams.stream import StreamInterrupted
+
+    try:
+        with progress_bar("stream") as progress:
+            return job.run(progress)
+    except StreamInterrupted as interrupted:
+        if interrupted.partial is not None:
+            _show(interrupted.partial, name, output)
+        raise
 
 
 def _count(options: CaseOptions, section: dict[str, Any]) -> int:

@@ -27,7 +27,7 @@ from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
-    from erosion.sweeps.grid import Grid
+    from erosion.sweeps.grid import Grid, Outputs
     from erosion.tables import Row
 
 
@@ -66,30 +66,24 @@ def sweep(
     section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum", "set"))
     _require_store(output, clustered=not (workers is scheduler is chunks is None))
     p, axes = _case_and_axes(options, section)
-    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
+    chosen = _chosen(model, options, section)
     require_outputs(plot=plot, inputs=(options.case, *([chosen] if isinstance(chosen, str) else chosen)))
-    if isinstance(chosen, list) and len(chosen) == 1:
-        chosen = chosen[0]
     values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
-    from erosion.sweeps.grid import Outputs, make_grid
+    from erosion.sweeps.grid import make_grid
     from erosion.sweeps.sweep import prepare_sweep
 
     single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     with user_errors(TypeError):
-        outputs = Outputs(
-            derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
-            wrt=wrt or section.get("wrt", "alpha"),
-            optimum=section.get("optimum", False) if optimum is None else optimum,
-        )
+        outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
         grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
         lengths = _chunks(chunks)
     with _cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=lengths, store=output)
-        dataset = job.run(lambda _, done, total: progress(done, total))
+        dataset = job.run(progress)
     if plot is not None:
         from erosion.plotting.style import save_plot
         from erosion.plotting.sweeps import plot_sweep
@@ -97,6 +91,12 @@ def sweep(
         with user_errors():
             save_plot(plot_sweep(dataset), plot)
     _print(dataset, grid, output, Output("sweep", p, options.case, json=json))
+
+
+def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str, Any]) -> str | list[str]:
+    """The model, or the models if they are several; the option overrules the case file."""
+    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
+    return chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
 
 
 def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
@@ -142,6 +142,17 @@ def _own_values(model: Any, given: Settings, p: "Parameters") -> dict[str, Any]:
         for name in model if isinstance(model, list) else [model]:
             values = read_settings(name, load(name), given, p.units, lambda _, *of: read_axis(*of))
     return values
+
+
+def _outputs(section: Mapping[str, Any], derivatives: int | None, wrt: str | None, optimum: bool | None) -> "Outputs":
+    """What to compute of each impact; options overrule the case file."""
+    from erosion.sweeps.grid import Outputs
+
+    return Outputs(
+        derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
+        wrt=wrt or section.get("wrt", "alpha"),
+        optimum=section.get("optimum", False) if optimum is None else optimum,
+    )
 
 
 def _chunks(items: list[str] | None) -> dict[str, int] | None:
@@ -193,7 +204,7 @@ def _print(dataset: Any, grid: "Grid", store: Path, output: Output) -> None:
         result = {"output": str(store), "dimensions": dimensions, **summary}
         output.document(result, dict(grid.loaded()), units, axes)
     else:
-        print_table(f"sweep into {store}", _rows(dataset, summary))
+        print_table(f"{store}: a sweep", _rows(dataset, summary))
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
 

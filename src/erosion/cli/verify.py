@@ -1,4 +1,4 @@
-"""`erosion verify`: does it compute what it says, here and now?"""
+"""`erosion verify`: checks of the models on this machine."""
 
 from typing import Annotated
 
@@ -34,7 +34,7 @@ def verify(
     loaded = {name: load(name) for name in models}
     output = Output("verify", json=json)
     with progress_bar("compiling") as progress:
-        verification = verify_models(models or None, progress=lambda name, done, of: progress(done, of, name))
+        verification = verify_models(models or None, progress=progress)
     for name in verification.absent:
         output.warn(f"{name} is not installed: one reference solution fewer.")
     if json:

@@ -5,14 +5,14 @@ Plain JAX for one impact's numbers. `erosion.lanes` compiles it for many at a ti
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from erosion.array_types import Flag, Number, Scalar
+from erosion.array_types import Flag, ModelState, Number, Scalar
 from erosion.engine import cut_end, step_control
 from erosion.engine.crossings import Ends
 from erosion.engine.leaves import Layout
@@ -61,7 +61,7 @@ class Solution(NamedTuple):
     tolerance: Scalar
     time: Derivatives
     volume: Derivatives
-    state: Any
+    state: ModelState
     trials: Scalar
 
 
@@ -265,7 +265,7 @@ def _checked_error(error: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Sca
 
 
 def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
-    """The results where an impact ended: zeros where nothing is cut; NaN, and failed, where one is not finite."""
+    """The results where an impact ended, those at contact where nothing is cut; NaN where one of them is not finite."""
     control, equations = lane.control, problem.equations
     state = _short_step(problem, lane.state, lane.slope, control.left)
     slope, events = problem.rate_and_events(state)
@@ -277,9 +277,10 @@ def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
     members = problem.members(rows)
     time = control.time + control.left + remaining
     end = at_event(equations, members, event, time)
-    results = [equations.per_unit(end.time), equations.per_unit(end.volume)]
-    numbers, structure = jax.tree.flatten(results)
-    numbers = [jnp.where(event == NOT_BEGUN, 0.0, number) for number in numbers]
+    at_contact = equations.of(lambda cut, _: cut.volume, problem.members(problem.initial))
+    volume = jax.tree.map(lambda cut, alone: jnp.where(event == NOT_BEGUN, alone, cut), end.volume, at_contact)
+    time = jax.tree.map(lambda number: jnp.where(event == NOT_BEGUN, 0.0, number), end.time)
+    numbers, structure = jax.tree.flatten([equations.per_unit(time), equations.per_unit(volume)])
     finite = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), ended)
     time, volume = jax.tree.unflatten(structure, [jnp.where(finite, number, jnp.nan) for number in numbers])
 

@@ -5,15 +5,20 @@ angle, fits, plots) works for any model without knowing which one it is.
 """
 
 import abc
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from erosion.array_types import Broadcast, Flag, ModelState
 from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
+
+Events = Mapping[str, Broadcast]
+"""A number for each event, by its name."""
 
 
 class State(eqx.Module):
@@ -29,12 +34,12 @@ class State(eqx.Module):
         omega: φ̇ [rad/s].
     """
 
-    x: Any
-    y: Any
-    phi: Any
-    vx: Any
-    vy: Any
-    omega: Any
+    x: Broadcast
+    y: Broadcast
+    phi: Broadcast
+    vx: Broadcast
+    vy: Broadcast
+    omega: Broadcast
 
 
 class Tip(NamedTuple):
@@ -47,10 +52,10 @@ class Tip(NamedTuple):
         vdepth: d(depth)/dt [speed].
     """
 
-    x: Any
-    depth: Any
-    vx: Any
-    vdepth: Any
+    x: Broadcast
+    depth: Broadcast
+    vx: Broadcast
+    vdepth: Broadcast
 
 
 class Scales(NamedTuple):
@@ -61,8 +66,8 @@ class Scales(NamedTuple):
         length: of the order of the greatest depth [length].
     """
 
-    time: Any
-    length: Any
+    time: Broadcast
+    length: Broadcast
 
 
 class ClosedForm(eqx.Module):
@@ -72,15 +77,15 @@ class ClosedForm(eqx.Module):
     """
 
     @abc.abstractmethod
-    def state(self, t: Any, p: Parameters) -> State:
+    def state(self, t: Broadcast, p: Parameters) -> State:
         """The state at time `t` [s] since contact, for t up to `t_c`."""
 
     @abc.abstractmethod
-    def end_times(self, p: Parameters) -> dict[str, Any]:
+    def end_times(self, p: Parameters) -> Events:
         """When each event alone would end the cut [s]; NaN where it never happens."""
 
     @abc.abstractmethod
-    def t_c(self, p: Parameters) -> Any:
+    def t_c(self, p: Parameters) -> Broadcast:
         """When the cut ends [s]; 0 where nothing is cut."""
 
     @abc.abstractmethod
@@ -88,19 +93,19 @@ class ClosedForm(eqx.Module):
         """How the cut ends: "rebound", "stop" or "no-cut"."""
 
     @abc.abstractmethod
-    def volume(self, p: Parameters) -> Any:
+    def volume(self, p: Parameters) -> Broadcast:
         """Removed volume [volume]."""
 
     @abc.abstractmethod
-    def dvolume(self, p: Parameters) -> Any:
+    def dvolume(self, p: Parameters) -> Broadcast:
         """dV/dα [volume/rad]."""
 
     @abc.abstractmethod
-    def d2volume(self, p: Parameters) -> Any:
+    def d2volume(self, p: Parameters) -> Broadcast:
         """d²V/dα² [volume/rad²]."""
 
     @abc.abstractmethod
-    def alpha_max(self, p: Parameters) -> Any:
+    def alpha_max(self, p: Parameters) -> Broadcast:
         """The angle in (0, π/2) where V is greatest [rad]; NaN where there is none."""
 
 
@@ -109,26 +114,26 @@ class CuttingModel(eqx.Module):
 
     A model is autonomous (its motion depends on the state alone) and written for **one**
     impact with `jax.numpy`; the engines batch and differentiate it. `initial_state`,
-    `derivative` and `tip` must be given. `events`, `removal_rate`, `scales` and
-    `closed_form` have the defaults that the physics of all built-in models shares, and are
+    `derivative` and `tip` must be given. `events`, `removal_rate`, `removed_at_contact`,
+    `scales` and `closed_form` have the defaults that the physics of most models shares, and are
     the only implemented methods a model may replace.
 
     The state may be any pytree of scalars; `State` serves a rigid body.
     """
 
     @abc.abstractmethod
-    def initial_state(self, p: Parameters) -> Any:
+    def initial_state(self, p: Parameters) -> ModelState:
         """The state at first contact."""
 
     @abc.abstractmethod
-    def derivative(self, state: Any, p: Parameters) -> Any:
+    def derivative(self, state: ModelState, p: Parameters) -> ModelState:
         """d(state)/dt, a pytree of the state's own structure."""
 
     @abc.abstractmethod
-    def tip(self, state: Any, p: Parameters) -> Tip:
+    def tip(self, state: ModelState, p: Parameters) -> Tip:
         """The cutting tip's position and velocity in this state."""
 
-    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
+    def events(self, state: ModelState, p: Parameters) -> Events:
         """What ends a cut: by name, a smooth function that is positive while cutting.
 
         The functions are dimensionless and of order 1. The cut ends when the first of them
@@ -139,10 +144,17 @@ class CuttingModel(eqx.Module):
         tip = self.tip(state, p)
         return {"rebound": tip.depth / self.scales(p).length, "stop": tip.vx / p.v0}
 
-    def removal_rate(self, state: Any, p: Parameters) -> Any:
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         """dV/dt [volume/s], by default b · depth · ẋ_tip (Laverty (27), at the tip)."""
         tip = self.tip(state, p)
         return p.b * tip.depth * tip.vx
+
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
+        """What the impact removes beside the cut [volume], by default nothing; see `erosion.models.deformation`.
+
+        It counts for every impact, for one that cuts nothing too.
+        """
+        return 0.0
 
     def scales(self, p: Parameters) -> Scales:
         """Typical time and depth, by default 1/ω and v₀ sin α/ω with ω = √(k c/m)."""
@@ -152,7 +164,7 @@ class CuttingModel(eqx.Module):
         """The exact solution, if there is one."""
         return None
 
-    def replace(self, **changes: Any) -> "CuttingModel":
+    def replace(self, **changes: object) -> "CuttingModel":
         """The same model with other values of its own parameters: `model.replace(friction=0.3)`.
 
         A model's own parameters are its fields, and those of its parts, that hold one real number;
@@ -181,12 +193,12 @@ class CuttingModel(eqx.Module):
         return converted(self, p, units)
 
 
-def event_rates(model: CuttingModel, state: Any, rate: Any, p: Parameters) -> tuple[dict[str, Any], dict[str, Any]]:
+def event_rates(model: CuttingModel, state: ModelState, rate: ModelState, p: Parameters) -> tuple[Events, Events]:
     """The event functions in a state, and their time derivatives along `rate` = d(state)/dt."""
     return jax.jvp(lambda s: model.events(s, p), (state,), (rate,))
 
 
-def cuts_at_all(model: CuttingModel, p: Parameters) -> Any:
+def cuts_at_all(model: CuttingModel, p: Parameters) -> Flag:
     """Whether an impact starts to cut: every event function is positive or rises from zero."""
     state = model.initial_state(p)
     values, rates = event_rates(model, state, model.derivative(state, p), p)

@@ -10,7 +10,6 @@ import types
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 
@@ -18,6 +17,7 @@ from erosion.arguments import check_path
 from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.check import flaw
+from erosion.models.deformation import ProportionalDeformationWear
 from erosion.models.finnie import Finnie
 from erosion.models.forces import TanAlpha, VelocityAligned
 from erosion.models.linearized import Linearized
@@ -25,7 +25,7 @@ from erosion.models.own_parameters import own_parameters
 from erosion.models.rotating import Rotating
 from erosion.models.torques import FullTorque
 from erosion.parameters.parameters import Parameters
-from erosion.tables import to_plain
+from erosion.tables import Record, to_plain
 
 ENTRY_POINT_GROUP = "erosion.models"
 """A package offers a model as an entry point here: its name, and a model or a class of one."""
@@ -51,6 +51,8 @@ class ModelInfo:
 
 def _built_in() -> Mapping[str, ModelInfo]:
     tan, aligned, full = TanAlpha(), VelocityAligned(), FullTorque()
+    # A body that turns cuts a third of what one that does not turn cuts (P = k/3 in `finnie`, β = ½).
+    deforms, deforms_less = ProportionalDeformationWear(1.6), ProportionalDeformationWear(4.8)
     entries = (
         ("linearized", "no rotation, constant K = k", "(22)-(25)", Linearized),
         ("tan-alpha", "no rotation, K = tan α", "additional question 2", lambda: Linearized(force=tan)),
@@ -69,6 +71,12 @@ def _built_in() -> Mapping[str, ModelInfo]:
         ("rotating-velocity-aligned-full-torque",
          "full rotation, K = ẏ/ẋ of the centre of mass, torque of both force components",
          "additional questions 1 and 3", lambda: Rotating(force=aligned, torque=full)),
+        ("linearized-deformation", "linearized, and wear by deformation", "(22)-(25); Bitter (1963)",
+         lambda: Linearized(deformation=deforms)),
+        ("finnie-deformation", "finnie, and wear by deformation", "Finnie (1958); Bitter (1963)",
+         lambda: Finnie(deformation=deforms_less)),
+        ("rotating-deformation", "rotating, and wear by deformation", "(16)-(21); Bitter (1963)",
+         lambda: Rotating(deformation=deforms_less)),
         ("as-printed", "equations (16)-(21) to the letter, slips included", "(16)-(21) as printed", AsPrinted),
     )  # fmt: skip
     return types.MappingProxyType({entry[0]: ModelInfo(*entry) for entry in entries})
@@ -151,7 +159,7 @@ def model_name(model: CuttingModel) -> str:
     return type(model).__name__ + (f"({', '.join(parts)})" if parts else "")
 
 
-def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> dict[str, Any]:
+def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> Record:
     """A model's name and its own parameters (`but` some), and the parameters of the case, for `to_dict` of results."""
     own = {name: parameter.value for name, parameter in own_parameters(model).items() if name not in but}
     return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})

@@ -1,7 +1,7 @@
 """Every local maximum of a function of the angle, its jumps and its regimes, for many cases at once."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -191,7 +191,7 @@ class Search:
             return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
         return tuple(sorted(cutting, key=lambda candidate: -candidate.value))
 
-    def _candidate(self, nodes: Nodes, i: Any, **fields: Any) -> Candidate:
+    def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: str | bool | int) -> Candidate:
         defaults = {"side": "", "attained": True, "steps": 0}
         return Candidate(
             alpha=float(nodes.alpha[i]),

@@ -8,7 +8,7 @@ from erosion.parameters.units import SYSTEMS, Dimension, System, conversion_fact
 
 
 class Scale(NamedTuple):
-    """A unit that makes numbers readable: number in the base unit / size = number in `unit`."""
+    """A unit that makes numbers readable: the number in the base unit, divided by `size`, is the number in `unit`."""
 
     size: float
     unit: str
@@ -31,14 +31,14 @@ _BASES: Mapping[tuple[str, str], tuple[str, float]] = {
     ("mass", "inch-pound"): ("lb", _POUND),
     ("volume per mass", "inch-pound"): ("in³/lb", 1 / _POUND),
 }
-"""Where people read another unit than the consistent one."""
+"""Units that readers expect instead of the consistent unit."""
 _ANY_SIZE = ("1", "angle", "speed", "angular speed", "rate", "density")
 """Dimensions whose numbers read well without prefixes over many powers of ten."""
 _PER_ANGLE = {"volume per angle": ("°", _DEGREE), "volume per angle²": ("°²", _DEGREE**2)}
 
 
 def superscript(exponent: int) -> str:
-    """An integer raised: "⁻⁴"."""
+    """An integer in superscript digits: "⁻⁴"."""
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
@@ -46,7 +46,7 @@ def readable_scale(dimension: Dimension, units: System, largest: float) -> Scale
     """The unit in which numbers up to `largest` read well: "µs", "mm", "°", "10⁻³ in", "10⁻⁴ in³/°".
 
     Args:
-        dimension: what is measured.
+        dimension: the dimension of the numbers.
         units: the unit system of `largest`.
         largest: the greatest magnitude to show; 0 or a number that is not finite gives the
             base unit.
@@ -55,7 +55,7 @@ def readable_scale(dimension: Dimension, units: System, largest: float) -> Scale
 
 
 def table_scale(dimension: Dimension, units: System, largest: float) -> Scale:
-    """The same for a number in a table, which needs no power of ten from a thousandth to a million."""
+    """As `readable_scale`, for a table: numbers from a thousandth to a million need no power of ten."""
     return Scale(1.0, "") if dimension == "1" else _scale(dimension, units, largest, (1e-3, 1e6))
 
 

@@ -1,6 +1,4 @@
-"""A family of impacts as figure and numbers: what questions 5 to 8 have in common."""
-
-from typing import Any
+"""A family of impacts as a figure and as numbers, for questions 5 to 8."""
 
 from matplotlib.figure import Figure
 
@@ -8,16 +6,17 @@ from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Case
 from erosion.report.families import Family
+from erosion.tables import Record
 
 
 def family_figure(case: Case, family: Family) -> Figure:
-    """V(α) of every value, the maxima joined."""
+    """V(α) for every value, with a line that joins the maxima."""
     fig, ax = new_axes(5.4, 4.2)
     plot_family(ax, family.curves(), units=case.units, joined=True)
     return fig
 
 
-def family_numbers(case: Case, family: Family, model: str) -> dict[str, Any]:
+def family_numbers(case: Case, family: Family, model: str) -> Record:
     """For numbers.json."""
     return {
         "values": [float(value) for value in family.values],

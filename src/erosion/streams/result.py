@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,7 +20,7 @@ from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate
 from erosion.streams.tally import Tally
-from erosion.tables import Result, Row, largest_of, to_plain, with_error
+from erosion.tables import Record, Result, Row, largest_of, to_plain, with_error
 from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -107,9 +106,9 @@ class Stream(Result):
             rows.append(row._replace(meaning=f"{share:.0%} of the particles remove no more"))
         for end, share in self.shares.items():
             rows.append(_with_error(Row(f"share {end}", "", "", "%"), share, 100.0))
-        known = quantities(self.model)
+        parameters = quantities(self.model)
         for name, (first, total) in (self.sensitivities or {}).items():
-            symbol = known[name].symbol
+            symbol = parameters[name].symbol
             rows.append(_with_error(Row("sensitivity", f"S({symbol})", "", "", "of the variance, alone"), first))
             rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), total))
         if self.nozzle is not None:
@@ -134,18 +133,18 @@ class Stream(Result):
     def title(self) -> str:
         """Model and distributions in one line."""
         laws = (f"{name} {words}" for name, words in self.laws_in_words().items())
-        return f"stream of {model_name(self.model)}, {', '.join(laws)}"
+        return f"{model_name(self.model)}: a stream, {', '.join(laws)}"
 
     def laws_in_words(self) -> dict[str, str]:
         """By parameter, its distribution as a person reads it: "normal(20°, 3°)"."""
         units, known = self.particles.p.units, quantities(self.model)
         return {name: law.in_words(known[name].dimension, units) for name, law in self.particles.laws.items()}
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The results with their standard errors and units, and the case."""
         dataset = self.to_dataset()
         scalars = [str(name) for name, variable in dataset.data_vars.items() if not variable.dims]
-        numbers: dict[str, Any] = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
+        numbers: Record = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
         numbers["quantiles"] = {f"{share:g}": volume for share, volume in self.quantiles.items()}
         numbers["shares"] = {outcome: share.value for outcome, share in self.shares.items()}
         if self.nozzle is not None:

@@ -41,7 +41,7 @@ def sweep(
     paired: Sequence[str] = (),
     chunks: Mapping[str, int] | None = None,
     store: str | Path | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress = no_progress,
     **axes: Any,
 ) -> xr.Dataset:
     """Compute impacts over a grid: the product of the axes, or some of them going together.
@@ -65,7 +65,7 @@ def sweep(
             is one; the result is lazy. The same call goes on with an interrupted sweep and
             returns a finished one; the bits do not depend on where and how often it was
             interrupted.
-        progress: called with the number of impacts that are done, and of all.
+        progress: called with "sweep", the number of impacts that are done, and the number of all.
         **axes: parameter name, of the case or every model's own, to one-dimensional values, in the
             units of `p`.
 
@@ -82,8 +82,7 @@ def sweep(
     if chunks is not None and (store is None or check_path("store", store).suffix != ".zarr"):
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum), paired=paired)
-    job = prepare_sweep(grid, chunks=chunks, store=store)
-    return job.run() if progress is None else job.run(lambda work, done, total: progress(done, total))
+    return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
 
 
 def prepare_sweep(
@@ -111,13 +110,13 @@ class SweepJob:
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Compute the blocks that the store lacks; errors as of `sweep`."""
-        whole = math.prod(self.grid.shape)
-        begun = count = whole - sum(_size(region) for region in self.missing)
+        total = math.prod(self.grid.shape)
+        begun = count = total - sum(_size(region) for region in self.missing)
 
         def advance(impacts: int) -> None:
             nonlocal count
             count += impacts
-            progress("sweep", count, whole)
+            progress("sweep", count, total)
 
         try:
             advance(0)
@@ -130,8 +129,8 @@ class SweepJob:
         except KeyboardInterrupt:
             if self.path is None:
                 raise
-            hint = f": {self.path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
-            nothing = f" before any of {whole:,} impacts was stored"
+            hint = f": {self.path} holds {count:,} of {total:,} impacts; the same command goes on from there"
+            nothing = f" before any of {total:,} impacts was stored"
             raise SweepInterrupted(f"interrupted{hint if self.path.exists() else nothing}") from None
         return self.store.dataset()
 

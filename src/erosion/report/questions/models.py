@@ -1,6 +1,4 @@
-"""In closing: all models beside each other."""
-
-from typing import Any
+"""The closing part: a comparison of all models."""
 
 from matplotlib.figure import Figure
 
@@ -10,13 +8,14 @@ from erosion.plotting.correlations import plot_shapes
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _BESIDE = ("linearized", "finnie", "rotating")
-NEEDS = tuple((what, model) for model in BUILT_IN for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for model in BUILT_IN for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:
-    """V at the case's angle, α_max, V_max, what kind it is and how the cut ends there, of every model."""
+    """For every model: V at the case's angle, α_max, V_max, the kind of the maximum, and how its cut ends."""
     numbers = {model: _numbers(case, model) for model in BUILT_IN}
     fields = {
         "models": BUILT_IN,
@@ -26,15 +25,10 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, {"models": _figure(case), "correlations": _beside_correlations(case)}, fields)
 
 
-def _numbers(case: Case, model: str) -> dict[str, Any]:
-    hits, optimum = case.hits(model), case.optimum(model)
+def _numbers(case: Case, model: str) -> Record:
+    optimum = case.optimum(model)
     return {
-        "volume": float(hits.volume[-1]),
-        "t_c": float(hits.t_c[-1]),
-        "ended_by": str(hits.ended_by[-1]),
-        "alpha_max": float(optimum.alpha),
-        "volume_max": float(optimum.volume),
-        "kind": str(optimum.kind),
+        **case.impact_and_optimum(model),
         "side": str(optimum.side),
         "attained": bool(optimum.attained),
         "ended_by_at_max": str(optimum.ended_by),
