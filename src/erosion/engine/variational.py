@@ -94,7 +94,7 @@ class Variational:
     def initial(self) -> tuple[Cut, ...]:
         """The state at contact, and what is removed there."""
 
-        def start(_: Cut, motion: Motion) -> Cut:
+        def start(_: object, motion: Motion) -> Cut:
             return Cut(motion.initial_state(), jnp.asarray(motion.removed_at_contact(), float))
 
         return self._pack(self._lift(start, ()))
