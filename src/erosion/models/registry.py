@@ -31,6 +31,10 @@ ENTRY_POINT_GROUP = "erosion.models"
 """A package offers a model as an entry point here: its name, and a model or a class of one."""
 
 
+PLUG_IN = "erosion_plugin_"
+"""How the name of a plug-in file's module begins."""
+
+
 class ModelError(ValueError):
     """A model that cannot be found or loaded; the message says which and why."""
 
@@ -214,7 +218,7 @@ def _import_file(path: Path) -> types.ModuleType:
     place = path.absolute()
     # Of its own for each file and each text, so that a class's module is always the one that it was made in.
     key = hashlib.sha256(os.fsencode(place) + b"\0" + content).hexdigest()[:16]
-    module = types.ModuleType(f"erosion_plugin_{key}")
+    module = types.ModuleType(PLUG_IN + key)
     module.__file__ = str(place)
     module.__dict__["__source_bytes__"] = content
     sys.modules[module.__name__] = module

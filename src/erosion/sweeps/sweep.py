@@ -14,6 +14,8 @@ from typing import Any
 import xarray as xr
 
 from erosion.arguments import Progress, check_path, no_progress
+from erosion.models.base import CuttingModel
+from erosion.models.registry import PLUG_IN
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
 from erosion.storage.identity import code_version
@@ -142,6 +144,7 @@ class SweepJob:
             client = active_client()
             if client is not None:
                 assert self.path is not None
+                self._require_paths()
                 shared = self.path.resolve()
                 code = code_version()
                 blocks = ((self.grid[region], shared, region, code) for region in missing)
@@ -150,6 +153,17 @@ class SweepJob:
         for region in missing:
             self.store.write(region, self.grid[region].solve())
             advance(_size(region))
+
+    def _require_paths(self) -> None:
+        """A plug-in's class is known to this process alone: workers load the plug-in by its path."""
+        import cloudpickle
+
+        for label, model in self.grid.models.items():
+            if isinstance(model, CuttingModel) and PLUG_IN.encode() in cloudpickle.dumps(model):
+                raise ValueError(
+                    f"Argument `model` must be the path of a plug-in where a cluster computes, but is a model of one, "
+                    f"{label}; `--set` and axes change its own parameters."
+                )
 
 
 def compute_block(grid: Grid, path: Path, region: Region, code: str) -> int:
