@@ -107,7 +107,7 @@ def test_long_ranges_are_refused_in_short(text: str) -> None:
 
 @pytest.mark.parametrize("head", [" " * 20_000 + "[", "angle" + " " * 20_000 + "]", "[" * 20_000])
 def test_a_long_head_of_a_column_is_refused_at_once(head: str, tmp_path: Path) -> None:
-    with pytest.raises(HeaderError, match="must be one of angle") as caught:
+    with pytest.raises(HeaderError, match="has no column `angle") as caught:
         read_header([head, "volume [mm^3]"], "si")
     assert len(str(caught.value)) < 300
     file = tmp_path / "jet.csv"
