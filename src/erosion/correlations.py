@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import root_scalar
 
-from erosion.parameters.precision import require_float64
+from erosion.parameters.precision import require_xla
 
 Angle = Float[Array | np.ndarray, "..."] | float
 
@@ -45,6 +45,7 @@ class Correlation:
 
     def __call__(self, alpha: Angle) -> Array:
         """F at the angle(s) α [rad]."""
+        require_xla()
         return self._compiled(alpha)
 
     @functools.cached_property
@@ -54,7 +55,6 @@ class Correlation:
     @functools.cached_property
     def alpha_max(self) -> float:
         """The angle of greatest erosion [rad]."""
-        require_float64()
         # Every F here rises to one maximum and then falls.
         coarse = np.deg2rad(np.arange(1.0, 90.0))
         near = coarse[np.argmax(np.asarray(self(coarse)))]

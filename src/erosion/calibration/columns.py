@@ -22,6 +22,7 @@ _EXAMPLES = {
     "speed": "speed [m/s]", "mass": "mass [mg]",
 }  # fmt: skip
 _HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+_LONGEST_HEAD = 300  # characters; the pattern's time grows with their cube
 _NO_UNIT = ("", "-", "–", "1")
 
 
@@ -56,7 +57,7 @@ def read_header(cells: Sequence[str], units: System) -> list[Column | None]:
     Raises:
         HeaderError: for a repeated or missing column, or a unit that does not fit.
     """
-    parts = [_HEADER.fullmatch(cell) for cell in cells]
+    parts = [_HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEAD else None for cell in cells]
     names = [re.sub(r"[\s-]+", "_", part["name"]).lower() if part else "" for part in parts]
     for i, name in enumerate(names):
         if name in COLUMNS and name in names[:i]:

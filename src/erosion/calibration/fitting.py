@@ -15,7 +15,7 @@ from erosion.models import load_model
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.units import UnitError, read_quantity
+from erosion.parameters.units import UnitError, example, has_unit, read_quantity, shown
 
 
 def calibrate(
@@ -95,6 +95,9 @@ def _density(density: float | str | None, data: Measurements, p: Parameters) -> 
             )
         return None
     if isinstance(density, str):
+        if not has_unit(density):
+            such_as = example("density", p.units)
+            raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {shown(density)}.")
         try:
             density = read_quantity(density, "density", p.units)
         except UnitError as error:

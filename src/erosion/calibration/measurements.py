@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from erosion.arguments import check_unmasked
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
@@ -132,6 +133,8 @@ def read_measurements(data: Any, units: str) -> Measurements:
 
 def _read_columns(table: dict[str, Any], system: System) -> Measurements:
     where = "Argument `data`"
+    for name, values in table.items():
+        check_unmasked(name, values)
     try:
         header = read_header(list(table), system)
         used = [values for values, column in zip(table.values(), header, strict=True) if column is not None]

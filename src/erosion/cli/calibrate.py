@@ -69,7 +69,7 @@ def calibrate(
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
     outputs = _Outputs(plot, openfoam, fluent, write_case)
-    require_outputs(openfoam, fluent, write_case, plot=plot, inputs=(data, options.case))
+    require_outputs(openfoam, fluent, write_case, plot=plot, inputs=(data, options.case, *names))
     start_engine()
     from erosion.calibration import rank_models, read_measurements
     from erosion.calibration.forward import SCALE

@@ -61,7 +61,7 @@ def optimum(
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)
         between = None if alpha_range is None else _angles(alpha_range, p)
-        require_outputs(plot=plot, inputs=(options.case,))
+        require_outputs(plot=plot, inputs=(options.case, model))
         start_engine()
         from erosion.optimum.alpha_max import alpha_max, alpha_min
 

@@ -28,6 +28,7 @@ from erosion.optimum.maxima import SHALLOWEST as SHALLOWEST
 from erosion.optimum.maxima import TIGHT, Maxima, Search
 from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
+from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, quantity_row, result_row
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.scales import table_scale
@@ -206,6 +207,7 @@ def _optimum(
     *,
     least: bool,
 ) -> Optimum:
+    require_float64()
     model = load_model(model)
     require_parameters(p)
     name, integrand = _integrand(model, objective)

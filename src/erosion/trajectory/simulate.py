@@ -25,7 +25,7 @@ from erosion.models import load_model, model_name
 from erosion.models.base import NO_CUT, CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, require_concrete, validate
-from erosion.parameters.precision import require_float64
+from erosion.parameters.precision import require_xla
 from erosion.trajectory.events import find_root, first_fall
 from erosion.trajectory.trajectory import SimulationError, Trajectory, TurnWarning
 
@@ -68,7 +68,7 @@ def simulate(
     Warns:
         TurnWarning: where the body turned by more than π/2.
     """
-    require_float64()
+    require_xla()
     model = load_model(model)
     validate(p)
     require_concrete(p)
