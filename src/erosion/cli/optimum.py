@@ -71,7 +71,7 @@ def optimum(
         with user_errors():
             save_plot(plot_optimum(best), plot)
     if not best.certified:
-        warn("some impacts could not be computed: a greater value may have been missed")
+        warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if json:
         content = best.to_dict() | {"model": model}
         if sensitivities:

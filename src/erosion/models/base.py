@@ -14,6 +14,7 @@ import numpy as np
 
 from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
+from erosion.tables import abbreviate
 
 
 class State(eqx.Module):
@@ -35,6 +36,15 @@ class State(eqx.Module):
     vx: Any
     vy: Any
     omega: Any
+
+    def __repr__(self) -> str:
+        parts = {name: getattr(self, name) for name in ("x", "y", "phi", "vx", "vy", "omega")}
+        return f"State({', '.join(f'{name}={_shown(part)}' for name, part in parts.items())})"
+
+
+def _shown(part: Any) -> str:
+    """A number or an array by its values; JAX also puts other things in a state's place."""
+    return abbreviate(part) if isinstance(part, (float, int, np.ndarray, np.generic, jax.Array)) else repr(part)
 
 
 class Tip(NamedTuple):

@@ -21,7 +21,7 @@ from erosion.plotting.marks import mark_best, star
 from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes, typeset
 
-_MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
+_MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_", "unresolved": "v"}
 
 
 class Piece(NamedTuple):
