@@ -39,7 +39,7 @@ def newton(model: str, p: erosion.Parameters, steps: int = 30) -> tuple[float, s
 
 def main() -> None:
     """Print the table."""
-    print("| model | case | Newton ends at | which is | V there / V_max | certified α_max | kind |")
+    print("| model | case | Newton ends at | this is | V there / V_max | certified α_max | kind |")
     print("|---|---|---|---|---|---|---|")
     for model, case, changes in _CASES:
         changes = dict(changes)

@@ -66,7 +66,7 @@ def _sweep(store: Path, model: str, n: int) -> None:
         workers: Any = client.run(os.getpid)
         print(json.dumps({"workers": list(workers.values())}), flush=True)
 
-        def report(done: int, total: int) -> None:
+        def report(work: str, done: int, total: int) -> None:
             print(json.dumps({"done": done, "total": total, "time": time.perf_counter()}), flush=True)
 
         erosion.sweep(model, erosion.TABLE_1, store=store, progress=report, **_axes(n))

@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+import math
 
 import jax
 import numpy as np
 import pytest
 
 import erosion
-from erosion.tables import Result, abbreviate, format_number, to_json, to_plain
+from erosion.tables import Result, abbreviate, format_number, to_json, to_lines, to_plain, with_error
 
 P = erosion.TABLE_1
 
@@ -40,9 +41,9 @@ def test_what_is_traced_has_a_shape_and_no_numbers():
 def test_a_batch_of_impacts_is_a_table_of_ranges():
     hit = erosion.impact("linearized", P.replace(alpha=np.deg2rad([20.0, 60.0])), derivatives=2)
     lines = {line.split()[0]: line for line in str(hit).splitlines() if line}
-    assert "[2] 8.636375e-05 … 0.0001816436353" in lines["volume"]
+    assert "[2] 0.863638 … 1.81644   10⁻⁴ in³" in lines["volume"]
     assert "1 rebound, 1 stop" in lines["ended_by"]
-    assert "in³/rad²" in lines["d2volume"]
+    assert "in³/°²" in lines["d2volume"]
     html = hit._repr_html_()
     assert html.count("<tr>") == 6
     assert "1 rebound, 1 stop" in html
@@ -95,3 +96,27 @@ def test_a_result_is_numbers_by_name():
     assert json.loads(to_json(numbers))["values"] == [1.0, None]
     with pytest.raises(TypeError, match="object is not made of numbers and texts"):
         to_plain({"a": object()})
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (31.71746, 0.00011, "31.71746 ± 0.00011"),
+        (31.71746, 0.4, "31.72 ± 0.40"),
+        (1.7970592e-4, 8.4e-9, "0.0001797059 ± 0.0000000084"),
+        (629.4428, 0.0, "629.443"),
+        (1234.5, 110.0, "1230 ± 110"),
+        (0.5, math.inf, "0.5 ± inf"),
+        (2e9, 3.0, "2e+09 ± 3"),
+    ],
+)
+def test_a_number_shows_the_digits_that_its_error_leaves(value, error, text) -> None:
+    assert with_error(value, error) == text
+
+
+def test_names_stay_beside_their_numbers_where_a_tighter_table_does_it() -> None:
+    rows = [("rotating-full-torque", "0.89526", "rebound", "23.884°", "0.90989", "interior", "rebound")]
+    headings = ("model", "V", "ends by", "α_max", "V_max", "kind", "ends by")
+    lines = [line.plain for line in to_lines("", rows, headings, (1, 3, 4), 80)]
+    assert any(line.startswith(" rotating-full-torque  0.89526  rebound") for line in lines)
+    assert max(map(len, lines)) <= 80

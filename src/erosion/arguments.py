@@ -43,4 +43,4 @@ def check_path(name: str, value: Any) -> Path:
 
 
 def no_progress(work: str, done: int, total: int) -> None:
-    """The `Progress` of a verb that nobody watches."""
+    """Ignore the progress: the default of `progress`."""

@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import special
 
+from erosion.parameters.scales import table_scale
 from erosion.parameters.units import Dimension, System, read_quantity
 
 Number = float | int
@@ -53,6 +54,21 @@ class Distribution(ABC):
     def __str__(self) -> str:
         numbers = ", ".join(f"{getattr(self, name):.6g}" for name in _fields(self))
         return f"{type(self).__name__}({numbers})"
+
+    def in_words(self, dimension: Dimension, system: System) -> str:
+        """The law as a person reads it: "normal(20°, 3°)".
+
+        Args:
+            dimension: of the parameter.
+            system: the units of the numbers.
+        """
+        texts = []
+        for name in _fields(self):
+            value = getattr(self, name)
+            scale = table_scale("1" if name in self.shapes else dimension, system, abs(value))
+            texts.append(f"{value / scale.size:.5g} {scale.unit}".strip().replace(" °", "°"))
+        names = {law: name for name, law in LAWS.items()}
+        return f"{names.get(type(self), type(self).__name__)}({', '.join(texts)})"
 
     @abstractmethod
     def ppf(self, u: np.ndarray) -> np.ndarray:
@@ -213,6 +229,10 @@ class Samples(Distribution):
 
     def __str__(self) -> str:
         return repr(self)
+
+    def in_words(self, dimension: Dimension, system: System) -> str:
+        """The file that they are from, and how many they are."""
+        return f"{len(self.values):,} values of {self.source}"
 
     def ppf(self, u: np.ndarray) -> np.ndarray:
         return self.values[np.minimum((u * len(self.values)).astype(int), len(self.values) - 1)]

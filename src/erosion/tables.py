@@ -29,8 +29,14 @@ class Row(NamedTuple):
     meaning: str = ""
 
 
-def format_number(value: Any, digits: int = 10) -> str:
-    """A number as read by a person; an array as its shape and range."""
+def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
+    """A number as read by a person; an array as its shape and range.
+
+    Args:
+        value: numbers, or words, which are counted.
+        digits: significant digits.
+        size: of the unit in which numbers are shown.
+    """
     if isinstance(value, Tracer):
         return f"traced{list(value.shape)}"
     array = np.asarray(value)
@@ -39,11 +45,31 @@ def format_number(value: Any, digits: int = 10) -> str:
             return str(array)
         names, counts = np.unique(array, return_counts=True)
         return ", ".join(f"{count:,} {name}" for name, count in zip(names, counts, strict=True))
+    array = array / size
     if array.ndim == 0:
         return f"{float(array):.{digits}g}"
     if not array.size:
         return f"{list(array.shape)} empty"
     return f"{list(array.shape)} {np.nanmin(array):.{digits}g} … {np.nanmax(array):.{digits}g}"
+
+
+def largest_of(value: Any) -> float:
+    """The greatest magnitude of a number or an array; 0 where there is none."""
+    if isinstance(value, Tracer):
+        return 0.0
+    magnitudes = np.abs(np.asarray(value, dtype=float))
+    return float(np.max(magnitudes, where=np.isfinite(magnitudes), initial=0.0))
+
+
+def with_error(value: float, error: float, size: float = 1.0) -> str:
+    """A number and its standard error, to the error's second digit: "31.72 ± 0.11"; alone where the error is 0."""
+    value, error = value / size, error / size
+    if not (math.isfinite(error) and error > 0 and math.isfinite(value)):
+        return f"{value:.6g}" if error == 0 else f"{value:.6g} ± {error:.2g}"
+    places = 1 - math.floor(math.log10(float(f"{error:.1e}")))
+    if abs(value) >= 1e7 or places > 12:
+        return f"{value:.6g} ± {error:.2g}"
+    return f"{round(value, places):.{max(places, 0)}f} ± {round(error, places):.{max(places, 0)}f}"
 
 
 def abbreviate(value: Any) -> str:
@@ -84,15 +110,15 @@ def to_lines(
 
     table = [[Text(heading, "bold") for heading in headings]]
     table += [[*map(_cell, row[:-1]), _cell(row[-1], "dim")] for row in rows]
-    widths = _column_widths([[cell.cell_len for cell in row] for row in table], numbers, width)
-    head, *body = (_row_lines(row, widths, numbers) for row in table)
-    rule = Text(" " + "─" * (sum(widths) + len(_GAP) * (len(widths) - 1)))
+    widths, gap = _layout([[cell.cell_len for cell in row] for row in table], numbers, width)
+    head, *body = (_row_lines(row, widths, numbers, " " * gap) for row in table)
+    rule = Text(" " + "─" * (sum(widths) + gap * (len(widths) - 1)))
     titles = [Text(title, "bold")] if title else []
     return [*titles, Text(), *head, rule, *(line for lines in body for line in lines), Text()]
 
 
-_GAP = "   "  # between two columns
-_LEAST_WORDS = 24  # characters to which the last column shrinks
+_LAYOUTS = ((3, 24), (2, 24), (2, 16))
+"""Characters between two columns and those to which the last column shrinks, the roomiest layout first."""
 
 
 def _cell(cell: Any, style: str = "") -> "Text":
@@ -101,20 +127,29 @@ def _cell(cell: Any, style: str = "") -> "Text":
     return cell if isinstance(cell, Text) else Text(cell, style)
 
 
-def _column_widths(lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int) -> list[int]:
+def _layout(lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int) -> tuple[list[int], int]:
+    """The widths of the columns and the gap between two: the roomiest in which all names fit, else the tightest."""
+    layouts = [(_column_widths(lengths, numbers, width, gap, least), gap) for gap, least in _LAYOUTS]
+    longest = max(row[0] for row in lengths)
+    return next((layout for layout in layouts if longest <= layout[0][0]), layouts[-1])
+
+
+def _column_widths(
+    lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int, gap: int, least: int
+) -> list[int]:
     """The widths of two or more columns; the first one's is that of the names which fit."""
     names, *others = zip(*lengths, strict=True)
     *middle, last = (max(column) for column in others)
     wraps = len(others) not in numbers
-    room = width - 1 - len(_GAP) * len(others) - sum(middle)
-    least = min(last, _LEAST_WORDS) if wraps else last
+    room = width - 1 - gap * len(others) - sum(middle)
+    least = min(last, least) if wraps else last
     first = max((length for length in names if length <= room - least), default=0)
     if wraps:
         last = max(least, min(last, room - first))
     return [first, *middle, last]
 
 
-def _row_lines(cells: "Sequence[Text]", widths: Sequence[int], numbers: Collection[int]) -> "list[Text]":
+def _row_lines(cells: "Sequence[Text]", widths: Sequence[int], numbers: Collection[int], gap: str) -> "list[Text]":
     """One row: a name that is too long alone, then the cells, of which the last may take several lines."""
     from rich.text import Text
 
@@ -126,7 +161,7 @@ def _row_lines(cells: "Sequence[Text]", widths: Sequence[int], numbers: Collecti
     row = [name, *middle]
     for words in _wrapped(last, widths[-1]):
         padded = [_padded(cell, widths[i], left=i in numbers) for i, cell in enumerate((*row, words))]
-        lines.append(Text.assemble(" ", Text(_GAP).join(padded)))
+        lines.append(Text.assemble(" ", Text(gap).join(padded)))
         lines[-1].rstrip()
         row = [Text()] * len(row)
     return lines

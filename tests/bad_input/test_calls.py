@@ -24,7 +24,11 @@ ROWS = [
     ("erosion.validate(None)", "TypeError", "Argument `p` must be Parameters, but is None."),
     ("erosion.dump_case({})", "TypeError", "Argument `p` must be Parameters, but is {}."),
     ("erosion.impact('finnie', None)", "TypeError", "Argument `p` must be Parameters, but is None."),
-    ("erosion.impact('finnie', P.replace(alpha=20))", "ValueError", "np.deg2rad(20) in Python"),
+    (
+        "erosion.impact('finnie', P.replace(alpha=20))",
+        "ValueError",
+        'is 1145.92° (20 rad; degrees are written "20 deg").',
+    ),
     (
         "erosion.impact('finnie', P.replace(alpha=[1, 1], k=[1, 2, 3]))",
         "ValueError",
@@ -76,12 +80,12 @@ ROWS = [
     (
         "erosion.alpha_max('finnie', P, alpha_range='ab')",
         "ValueError",
-        "two ascending angles within [0, π/2] rad, but is 'ab'",
+        "two ascending angles within [0, 90°], but is 'ab'",
     ),
     (
         "erosion.alpha_max('finnie', P, alpha_range=3)",
         "ValueError",
-        "two ascending angles within [0, π/2] rad, but is 3.",
+        "two ascending angles within [0, 90°], but is 3 (numbers",
     ),
     ("erosion.alpha_max('finnie', P, alpha_range=(0.1,))", "ValueError", "must be two ascending angles"),
     ("erosion.alpha_max('finnie', P, objective=3)", "TypeError", "`objective` must be a name or a function, but is 3."),

@@ -281,7 +281,11 @@ def test_a_model_that_fails_is_said_to_fail():
     broken = Broken()
     with pytest.raises(CalibrationError, match="its impacts failed for every start"):
         calibrate(broken, GUESS, synthetic(0), ["k"], starts=2)
-    ranking = rank_models(GUESS, synthetic(0), ["k"], models=[broken, "linearized"], starts=2)
+    told = []
+    ranking = rank_models(
+        GUESS, synthetic(0), ["k"], models=[broken, "linearized"], starts=2, progress=lambda *call: told.append(call)
+    )
+    assert told == [("fitting Broken", 0, 2), ("fitting linearized", 1, 2)]
     assert ranking.names == ("linearized",)
     assert ranking.failures[0].startswith("Broken: The model could not be fitted")
 

@@ -1,6 +1,5 @@
 """Fits of a model's own parameters."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from erosion.calibration.forward import Forward
 from erosion.cli import _status
 from erosion.models import Linearized
 from tests.cli.test_set_option import FILE
+from tests.documents import result_of
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 
 pytestmark = pytest.mark.slow
@@ -121,7 +121,6 @@ def test_the_command_line_fits_them(tmp_path, monkeypatch, capsys):
         "1",
     ]
     assert _status([*words, "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = result_of(capsys.readouterr().out)
     # V ∝ 1/σ, and these are about half of what Table 1 gives.
     assert result["estimates"]["factor"] == pytest.approx(2.0, rel=0.05)
-    assert result["own_parameters"] == {"factor": result["estimates"]["factor"], "speed": 100.0}

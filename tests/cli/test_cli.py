@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from erosion.cli import _status
-from erosion.cli.options import print_table
+from erosion.cli.output import print_table
 from erosion.parameters.quantities import QUANTITIES
+from tests.documents import result_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -22,29 +23,26 @@ def erosion(*arguments, **options):
 
 def test_run_prints_the_reference_as_json(capsys):
     assert _status(["run", "--case", str(ROOT / "cases/table-1.toml"), "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = result_of(capsys.readouterr().out)
     assert printed["volume"] == pytest.approx(1.816436352531e-04, rel=1e-10)
     assert printed["ended_by"] == "rebound"
     assert printed["t_c"] == pytest.approx(6.6353363429e-05, rel=1e-10)
     assert printed["dvolume"] == pytest.approx(3.072135725e-4, rel=1e-9)
-    assert printed["volume_m3"] == pytest.approx(printed["volume"] * 0.0254**3, rel=1e-12)
-    assert printed["units"]["volume"] == "in³"
 
 
 def test_run_takes_a_model_and_parameters(capsys):
     assert _status(["run", "--model", "rotating", "--alpha", "20deg", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["volume"] == pytest.approx(1.014085387462e-04, rel=1e-10)
+    assert result_of(capsys.readouterr().out)["volume"] == pytest.approx(1.014085387462e-04, rel=1e-10)
     assert _status(["run", "--case", str(ROOT / "cases/table-1-si.toml"), "--v0", "8800 in/s", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = result_of(capsys.readouterr().out)
     assert printed["volume"] == pytest.approx(4 * 1.816436352531e-04 * 0.0254**3, rel=1e-10)
-    assert printed["parameters"]["units"] == "si"
 
 
 def test_run_prints_a_table_and_draws(capsys, tmp_path):
     assert _status(["run", "--plot", str(tmp_path / "cut.svg")]) == 0
     out = capsys.readouterr().out
-    assert "0.0001816436353" in out
-    assert "m³" in out
+    assert "1.81644   10⁻⁴ in³" in out
+    assert "2.97661   mm³" in out
     assert (tmp_path / "cut.svg").read_text().startswith("<?xml")
 
 
@@ -57,7 +55,7 @@ def test_a_far_turn_is_a_warning_on_stderr(capsys):
 
 def test_models_lists_them_all(capsys):
     assert _status(["models", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)) == 11
+    assert len(result_of(capsys.readouterr().out)["models"]) == 14
     assert _status(["models", "--path", str(ROOT / "models")]) == 0
     assert "saturating_lip" in capsys.readouterr().out
 
@@ -65,8 +63,8 @@ def test_models_lists_them_all(capsys):
 def test_a_material_replaces_the_flow_stress(capsys):
     assert _status(["run", "--units", "si", "--material", "copper", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["parameters"]["sigma"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
-    assert printed["volume_m3"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
+    assert printed["case"]["parameters"]["sigma"]["value"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
+    assert printed["result"]["volume"]["value"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
 
 
 def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch, tmp_path):
@@ -75,11 +73,11 @@ def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch
     (tmp_path / "good.py").write_text('"""One of mine."""\nimport erosion\nmodel = erosion.models.Rotating()\n')
     assert _status(["models", "--path", str(tmp_path), "--json"]) == 1
     captured = capsys.readouterr()
-    printed = json.loads(captured.out)
+    printed = json.loads(captured.out)["result"]["models"]
     assert "ZeroDivisionError" in printed[str(tmp_path / "a_bad.py")]["error"]
     good = {"summary": "One of mine.", "equations": "plug-in", "error": None, "own_parameters": {}}
     assert printed[str(tmp_path / "good.py")] == good
-    assert captured.err == "erosion: 1 of 13 models cannot be used.\n"
+    assert captured.err == "erosion: 1 of 16 models cannot be used.\n"
     assert _status(["models", "--help"]) == 0
     assert "run as Python" in " ".join(capsys.readouterr().out.replace("│", " ").split())
 
@@ -136,14 +134,14 @@ def test_optimum_is_printed_and_drawn(capsys, tmp_path):
     figure = tmp_path / "best.svg"
     assert _status(["optimum", "--model", "rotating", "--k", "1", "--plot", str(figure)]) == 0
     out = capsys.readouterr().out
-    assert "39.99624" in out
+    assert "39.996   °" in out
     assert "just below a jump, not reached" in out
     assert figure.read_text().startswith("<?xml")
 
 
 def test_optimum_as_json_has_everything(capsys):
     assert _status(["optimum", "--model", "rotating", "--json", "--sensitivities"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = result_of(capsys.readouterr().out)
     assert np.rad2deg(printed["alpha"]) == pytest.approx(25.571827308, abs=1e-8)
     assert printed["kind"] == "interior"
     assert printed["certified"] is True
@@ -154,7 +152,7 @@ def test_optimum_as_json_has_everything(capsys):
 def test_compare_lists_models_at_the_case_and_at_their_best(capsys, tmp_path):
     curves = tmp_path / "curves.nc"
     assert _status(["compare", "--model", "linearized,rotating", "--output", str(curves), "--json"]) == 0
-    one, other = json.loads(capsys.readouterr().out)["models"]
+    one, other = result_of(capsys.readouterr().out)["models"]
     assert one["volume"] == pytest.approx(1.816436352531e-4, rel=1e-9)
     assert other["volume_max"] == pytest.approx(1.050019817361e-4, rel=1e-9)
     assert curves.stat().st_size > 1000
@@ -165,8 +163,8 @@ def test_compare_prints_a_table(capsys, monkeypatch, tmp_path):
     plot = tmp_path / "models.svg"
     assert _status(["compare", "--model", "linearized", "--model", "tan-alpha", "--plot", str(plot)]) == 0
     out = capsys.readouterr().out
-    assert "Models at α = 20° and at their best" in out
-    assert "31.717474°" in out
+    assert "2 models: impacts at α = 20° and best angles; volumes in 10⁻⁴ in³" in out
+    assert "31.717°" in out
     assert "→ 0°" in out
     assert out.endswith(f"figure: {plot}\n")
     assert plot.read_text().startswith("<?xml")

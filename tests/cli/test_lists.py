@@ -1,13 +1,13 @@
 """Lists and models on the command line, and the option names of before."""
 
 import inspect
-import json
 
 import pytest
 
 from erosion.cli import _status, app
 from erosion.cli.lists import chosen_models, read_list, read_models
 from erosion.models import usable_models
+from tests.documents import result_of
 
 
 def test_a_list_has_commas_between_its_items():
@@ -33,7 +33,7 @@ def test_all_names_every_usable_model():
 )
 def test_models_are_named_with_commas_or_by_repeating(words, capsys):
     assert _status(["compare", *words.split(), "--json"]) == 0
-    compared = json.loads(capsys.readouterr().out)["models"]
+    compared = result_of(capsys.readouterr().out)["models"]
     assert [line["model"] for line in compared] == ["linearized", "finnie"]
 
 
@@ -42,13 +42,13 @@ def test_an_output_has_one_name_and_the_one_of_before(name, tmp_path, capsys):
     out = str(tmp_path / "out.nc")
     words = [name + out] if name.endswith("=") else [name, out]
     assert _status(["sweep", "--alpha", "20deg, 30deg", *words, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["output"] == out
+    assert result_of(capsys.readouterr().out)["output"] == out
 
 
 @pytest.mark.parametrize("words", [["20deg : 30deg"], ["20deg,30deg"], ["20deg", "30deg"]])
 def test_a_range_of_angles_is_one_text_or_two(words, capsys):
     assert _status(["optimum", "--alpha-range", *words, "--json"]) == 0
-    best = json.loads(capsys.readouterr().out)
+    best = result_of(capsys.readouterr().out)
     assert (best["kind"], best["alpha"]) == ("boundary", pytest.approx(0.5235987755982988))
 
 

@@ -72,8 +72,9 @@ def test_quantities_are_read_in_the_units_of_the_case(harder):
 def test_run_takes_own_parameters(harder, capsys):
     assert _status(["run", "--model", harder, "--set", "factor=2", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert (printed["model"], printed["own_parameters"]) == (harder, {"factor": 2.0, "speed": 100.0})
-    assert printed["volume"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # golden; V ∝ 1/σ
+    own = {"factor": {"value": 2.0, "unit": "1"}, "speed": {"value": 100.0, "unit": "in/s"}}
+    assert printed["model"] == {"name": harder, "own_parameters": own}
+    assert printed["result"]["volume"]["value"] == pytest.approx(1.816436352531e-4 / 2, rel=1e-9)  # golden; V ∝ 1/σ
 
 
 def test_a_stream_of_another_model_is_another_stream(harder, capsys):
@@ -82,8 +83,8 @@ def test_a_stream_of_another_model_is_another_stream(harder, capsys):
     Path("case.toml").write_text(case)
     assert _status([*words, "--case", "case.toml", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["own_parameters"] == {"factor": 2.0, "speed": 100.0}
-    assert printed["mean_volume"] == pytest.approx(1.816436352531e-4 / 2, rel=0.01)
+    assert printed["model"]["own_parameters"]["factor"]["value"] == 2.0
+    assert printed["result"]["mean_volume"]["value"] == pytest.approx(1.816436352531e-4 / 2, rel=0.01)
     import xarray as xr
 
     assert xr.load_dataset("jet.nc").attrs["own_parameters"] == "factor = 2, speed = 100"
@@ -95,7 +96,7 @@ def test_models_lists_them(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     shutil.copy(ROOT / "models/coulomb_tip.py", tmp_path)
     assert _status(["models", "--path", str(tmp_path), "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)["result"]["models"]
     friction = {"value": 0.2, "symbol": "μ", "meaning": "coefficient of friction"}
     assert printed[str(tmp_path / "coulomb_tip.py")]["own_parameters"] == {"friction": friction}
     assert printed["rotating"]["own_parameters"] == {}

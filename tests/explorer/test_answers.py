@@ -53,13 +53,13 @@ def test_answers_are_remembered_but_not_all() -> None:
 
     answer = Answer(ask)
     cases = [CASE.replace(k=1.0 + n) for n in range(200)]
-    assert answer.known("m", cases[0]) is None
-    assert answer("m", cases[0]) == answer("m", cases[0]) == answer.known("m", cases[0]) == "m 1.0"
+    assert answer.remembered("m", cases[0]) is None
+    assert answer("m", cases[0]) == answer("m", cases[0]) == answer.remembered("m", cases[0]) == "m 1.0"
     assert len(asked) == 1
     for case in cases:
         answer("m", case)
-    assert answer.known("m", cases[0]) is None
-    assert answer.known("m", cases[-1]) == "m 200.0"
+    assert answer.remembered("m", cases[0]) is None
+    assert answer.remembered("m", cases[-1]) == "m 200.0"
 
 
 def test_only_the_latest_waits() -> None:
@@ -173,8 +173,8 @@ def test_answers_are_of_the_own_parameters_of_the_case() -> None:
     # Another model's answer is remembered while the slider of this one moves.
     answers.point("linearized", PLUGGED)
     moved = PLUGGED.replace(**{"tip.friction": 0.1})
-    assert answers.point.known("linearized", moved) is not None
-    assert answers.point.known("tip", moved) is None
+    assert answers.point.remembered("linearized", moved) is not None
+    assert answers.point.remembered("tip", moved) is None
 
 
 def test_own_parameters_move_the_best_angle_too() -> None:

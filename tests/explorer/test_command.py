@@ -29,7 +29,7 @@ def test_a_taken_port_is_one_line(capsys: pytest.CaptureFixture) -> None:
         taken.listen()
         port = str(taken.getsockname()[1])
         assert _status(["explore", "--no-browser", "--port", port]) == 2
-    assert f"Option `--port` must be free, but {port} cannot be had" in capsys.readouterr().err
+    assert f"Option `--port` must be free, but {port} is not" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_a_taken_port_is_one_line(capsys: pytest.CaptureFixture) -> None:
         (["--model", "rotating"], "Option `--model` must be the path of a Python file here, but is 'rotating'."),
         (["--model", "missing.py"], "missing.py: there is no such file or folder of models."),
         (["--port", "70000"], "Option `--port` must be in 0 … 65535, but is 70000."),
-        (["--alpha", "95deg"], "Option `--alpha` must be in (0, π/2] rad"),
+        (["--alpha", "95deg"], "Option `--alpha` must be in (0, 90°]"),
     ],
 )
 def test_bad_options_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture) -> None:

@@ -147,16 +147,16 @@ def test_a_link_may_be_written_by_hand(page: Page, address: str) -> None:
     settle(page, "alpha", "30")
     expect(page.locator("#v0-entry")).to_have_value("3937.01")
     page.goto(f"{address}?alpha=95 deg")
-    expect(page.get_by_text("The link cannot be used: Field `alpha` must be in (0, π/2]")).to_be_visible()
+    expect(page.get_by_text("The link cannot be used: Field `alpha` must be in (0, 90°]")).to_be_visible()
     page.goto(f"{address}?models=/etc/passwd.py")
-    expect(page.get_by_text("which is not one of the models here")).to_be_visible()
+    expect(page.get_by_text("but the page offers no such model")).to_be_visible()
     expect(page.locator("#alpha-entry")).to_have_value("20")
 
 
 BAD_INPUT = [
     ("v0", "fast", "must be a speed"),
     ("v0", "-3", "must be positive and finite, but is -3"),
-    ("alpha", "95", "must be in (0, π/2]"),
+    ("alpha", "95", "must be in (0, 90°]"),
     ("k", "2 kg", "must be a pure number"),
     ("phidot0", "nan", "must be a finite number"),
     ("sigma", "", "must be a stress"),
@@ -243,8 +243,9 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
     capsys.readouterr()
     assert _status(["run", "--case", str(case), "--model", "rotating", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["parameters"] == exported["parameters"]
-    assert exported["models"]["rotating"]["volume"] == pytest.approx(printed["volume"], rel=1e-9)
+    numbers = {name: quantity["value"] for name, quantity in printed["case"]["parameters"].items()}
+    assert exported["parameters"] == {"units": printed["units"], **numbers}
+    assert exported["models"]["rotating"]["volume"] == pytest.approx(printed["result"]["volume"]["value"], rel=1e-9)
     lines = download("Curves over α (CSV)").read_text().splitlines()
     assert lines[0].split(",")[:2] == ["alpha [deg]", "linearized volume [in³]"]
     assert float(lines[1].split(",")[1]) == exported["models"]["linearized"]["curve"]["volume"][0]

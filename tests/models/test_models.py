@@ -9,16 +9,19 @@ from erosion.models.registry import model_name
 from tests.reference import closed_form
 
 P = erosion.TABLE_1
-ELEVEN = {
+FOURTEEN = {
+    "linearized-deformation",
+    "finnie-deformation",
+    "rotating-deformation",
     "linearized", "tan-alpha", "velocity-aligned", "finnie", "as-printed", "rotating", "rotating-full-torque",
     "rotating-tan-alpha", "rotating-tan-alpha-full-torque",
     "rotating-velocity-aligned", "rotating-velocity-aligned-full-torque",
 }  # fmt: skip
 
 
-def test_the_eleven_models_are_registered_under_their_names():
-    assert set(erosion.available_models()) == ELEVEN
-    for name in ELEVEN:
+def test_the_fourteen_models_are_registered_under_their_names():
+    assert set(erosion.available_models()) == FOURTEEN
+    for name in FOURTEEN:
         assert model_name(erosion.load_model(name)) == name
 
 

@@ -78,10 +78,10 @@ def test_replace_names_what_it_does_not_know():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"alpha": 0.0}, r"`alpha` must be in \(0, π/2\] rad, but is 0\."),
-        ({"alpha": 20.0}, 'is 20 .for degrees write "20 deg"'),
-        ({"alpha": [0.1, 2.0]}, "is 2 at index 1"),
-        ({"alpha": np.full((2, 2), -1.0)}, r"is -1 at index \(0, 0\)"),
+        ({"alpha": 0.0}, r"`alpha` must be in \(0, 90°\], but is 0°\."),
+        ({"alpha": 20.0}, r'is 1145.92° \(20 rad; degrees are written "20 deg"\)'),
+        ({"alpha": [0.1, 2.0]}, r'is 114.592° \(2 rad; degrees are written "2 deg"\) at index 1'),
+        ({"alpha": np.full((2, 2), -1.0)}, r"is -57.2958° at index \(0, 0\)"),
         ({"k": 0.0}, "`k` must be positive and finite, but is 0"),
         ({"sigma": np.inf}, "`sigma` must be positive and finite, but is inf"),
         ({"phidot0": np.nan}, "`phidot0` must be a finite number, but is nan"),
@@ -173,7 +173,7 @@ def test_a_case_is_written_of_scalars_only():
 def test_parameters_print_with_units():
     assert "lbf/in²" in str(P)
     assert "flow stress" in str(P)
-    assert "<td>slinch</td>" in P._repr_html_()
+    assert "<td>110.228</td><td>10⁻⁶ lb</td>" in P._repr_html_()
     assert "[3] 0 … 2" in str(P.replace(phidot0=[0.0, 1.0, 2.0]))
 
 

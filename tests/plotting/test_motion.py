@@ -8,6 +8,7 @@ from matplotlib.patches import Rectangle
 from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
+from erosion.parameters.scales import readable_scale
 from erosion.plotting.motion import (
     plot_end_times,
     plot_histories,
@@ -16,7 +17,6 @@ from erosion.plotting.motion import (
     plot_trajectory,
     plot_volume,
 )
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import new_axes, new_figure, save_plot
 from erosion.trajectory.simulate import simulate
 from erosion.trajectory.trajectory import Trajectory

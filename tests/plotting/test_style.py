@@ -1,32 +1,10 @@
-"""Figures as files: units that can be read, the same bytes each time, and nothing half written."""
+"""Figures as files: the same bytes each time, and nothing half written."""
 
 import pytest
 
 from erosion.plotting.motion import plot_path, plot_trajectory
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import new_axes, new_figure, save_figure, save_plot
 from erosion.trajectory.trajectory import Trajectory
-
-
-@pytest.mark.parametrize(
-    ("dimension", "units", "largest", "size", "unit"),
-    [
-        ("time", "inch-pound", 6.6e-5, 1e-6, "µs"),
-        ("time", "si", 0.0, 1.0, "s"),
-        ("length", "inch-pound", 0.032, 1e-3, "10⁻³ in"),
-        ("length", "si", 8e-4, 1e-3, "mm"),
-        ("length", "si", 2e-12, 1e-12, "10⁻¹² m"),
-        ("speed", "inch-pound", 4400.0, 1.0, "in/s"),
-        ("volume", "inch-pound", 2.1e-4, 1e-4, "10⁻⁴ in³"),
-        ("volume", "inch-pound", 1e-4, 1e-4, "10⁻⁴ in³"),
-        ("volume", "si", 3e-9, 1e-9, "mm³"),
-        ("volume", "si", 7e-11, 1e-9, "mm³"),
-    ],
-)
-def test_units_make_numbers_readable(dimension, units, largest, size, unit) -> None:
-    scale = readable_scale(dimension, units, largest)
-    assert scale.unit == unit
-    assert scale.size == pytest.approx(size, rel=1e-15)
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])

@@ -19,6 +19,7 @@ from erosion.streams.particles import Particles
 from erosion.streams.replicates import Points
 from erosion.streams.stream import REPLICATES, stream
 from tests.cli.test_set_option import FILE
+from tests.documents import result_of
 from tests.models.test_own_parameters import MODEL, P, with_friction
 from tests.reference import AT_20_DEGREES, closed_form
 
@@ -70,7 +71,9 @@ def test_sensitivities_and_labels_are_those_of_the_model():
     assert list(result.sensitivities) == ["friction", "v0"]
     symbols = [row.symbol for row in result.rows() if row.name == "sensitivity"]
     assert symbols == ["S(μ)", "T(μ)", "S(v₀)", "T(v₀)"]
-    assert result.title == "stream of Linearized(CoulombTip), friction: Uniform(0.1, 0.3), v0: LogNormal(4400, 0.1)"
+    assert result.title == (
+        "Linearized(CoulombTip): a stream, friction uniform(0.1, 0.3), v0 lognormal(4400 in/s, 0.1)"
+    )
 
 
 def test_the_law_is_part_of_the_identity(tmp_path):
@@ -120,11 +123,12 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, ca
     Path("case.toml").write_text(erosion.dump_case(P) + case)
     words = ["stream", "case.toml", "--no-best-angle", "-o", "jet.nc", "--json", "--set"]
     assert _status([*words, "speed=normal(5 m/s, 1 m/s)"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    document = capsys.readouterr().out
+    result = result_of(document)
     # V ∝ 1/σ, and the mean of 1/f is ln 1.5; 1024 points are worth four digits.
     single = AT_20_DEGREES["linearized"].volume
     assert result["mean_volume"] == pytest.approx(single * np.log(1.5), rel=1e-4)
-    assert result["own_parameters"] == {}
+    assert json.loads(document)["model"] == {"name": "harder.py", "own_parameters": {}}
     assert set(result["sensitivities"]) == {"factor", "speed"}
     stored = xr.load_dataset("jet.nc")
     assert stored.attrs["distributions"] == "factor: Uniform(2, 3); speed: Normal(196.85, 39.3701)"
@@ -137,5 +141,5 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, ca
     Path("factors.csv").write_text("factor\n2\n4\n")
     assert _status(["stream", "--model", "harder.py", "--n", "64", "--no-best-angle", "--set",
                     "factor=samples(factors.csv)", "--json"]) == 0  # fmt: skip
-    result = json.loads(capsys.readouterr().out)
+    result = result_of(capsys.readouterr().out)
     assert result["mean_volume"] == pytest.approx(single * 3 / 8, rel=1e-8)

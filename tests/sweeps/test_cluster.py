@@ -59,7 +59,7 @@ def test_the_death_of_a_worker_is_no_matter(client, whole, tmp_path):
     pids = client.run(os.getpid)
     killed = []
 
-    def kill_one(done: int, total: int) -> None:
+    def kill_one(work: str, done: int, total: int) -> None:
         if done and not killed:
             killed.append(next(iter(pids.values())))
             os.kill(killed[0], signal.SIGKILL)
@@ -89,7 +89,7 @@ def test_a_killed_client_is_resumed(whole, tmp_path):
 import numpy as np, erosion
 erosion.sweep("linearized", erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS!r},
               alpha=np.deg2rad(np.linspace(1, 90, 400)), v0=np.linspace(2200.0, 4400.0, 300),
-              progress=lambda done, total: print(done, flush=True))
+              progress=lambda work, done, total: print(done, flush=True))
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
@@ -99,7 +99,8 @@ erosion.sweep("linearized", erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS
         child.kill()
     assert child.returncode == -signal.SIGKILL
     seen = []
-    dataset = sweep("linearized", P, store=path, chunks=CHUNKS, progress=lambda done, total: seen.append(done), **AXES)
+    progress = lambda work, done, total: seen.append(done)  # noqa: E731
+    dataset = sweep("linearized", P, store=path, chunks=CHUNKS, progress=progress, **AXES)
     assert 30_000 <= seen[0] < dataset.volume.size or len(seen) == 1
     assert seen[-1] == dataset.volume.size
     assert_same_bits(dataset.compute(), whole)

@@ -1,6 +1,5 @@
 """Sweeps over a model's own parameters."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from erosion.sweeps import grid
 from erosion.sweeps.grid import Outputs, make_grid
 from erosion.sweeps.sweep import SweepInterrupted, sweep
 from tests.cli.test_set_option import FILE
+from tests.documents import result_of
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 from tests.sweeps.test_sweep import assert_same_bits, stop_after
 
@@ -135,7 +135,7 @@ def test_the_command_line_takes_axes_of_own_parameters(tmp_path, monkeypatch, ca
     Path("case.toml").write_text(erosion.dump_case(P) + '\n[sweep]\nmodel = "harder.py"\nset.factor = [1, 2]\n')
     words = ["sweep", "case.toml", "-o", "out.nc", "--alpha", "20deg,30deg", "--plot", "out.svg"]
     assert _status([*words, "--set", "speed=5 m/s", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["dimensions"] == {"alpha": 2, "factor": 2}
+    assert result_of(capsys.readouterr().out)["dimensions"] == {"alpha": 2, "factor": 2}
     dataset = xr.load_dataset("out.nc")
     assert dataset.volume[0].values == pytest.approx(1.816436352531e-4 / np.array([1, 2]), rel=1e-8)  # golden; V ∝ 1/σ
     assert dataset.attrs["own_parameters"] == "speed = 196.8503937007874"

@@ -35,7 +35,7 @@ def stop_after(blocks: int):
     """A progress callback as Ctrl-C after some blocks."""
     calls = iter(range(blocks + 1))
 
-    def progress(done: int, total: int) -> None:
+    def progress(work: str, done: int, total: int) -> None:
         if next(calls) == blocks:
             raise KeyboardInterrupt
 
@@ -125,8 +125,8 @@ def test_an_interrupted_sweep_is_readable_and_goes_on(whole, tmp_path, monkeypat
     assert int((partial.ended_by == 0).sum()) == 12_000
     assert int(np.isnan(partial.volume).sum()) == 12_000
     seen = []
-    dataset = sweep("linearized", P, progress=lambda done, total: seen.append((done, total)), **arguments)
-    assert seen == [(12_000, 24_000), (24_000, 24_000)]
+    dataset = sweep("linearized", P, progress=lambda *told: seen.append(told), **arguments)
+    assert seen == [("sweep", 12_000, 24_000), ("sweep", 24_000, 24_000)]
     assert_same_bits(dataset.compute(), whole)
 
 

@@ -1,4 +1,3 @@
-import json
 import math
 
 import numpy as np
@@ -10,6 +9,7 @@ from erosion.models.registry import BUILT_IN
 from erosion.verification.checks import Subject, cases
 from erosion.verification.reference_solutions import EQUATIONS_OF, has_heyoka, heyoka_solutions, scipy_solution
 from erosion.verification.result import BOUNDS, Check, Verification
+from tests.documents import result_of
 from tests.reference import AS_PRINTED, AT_20_DEGREES
 
 pytestmark = pytest.mark.slow
@@ -70,7 +70,7 @@ def test_a_wrong_closed_form_is_caught(wrong, capsys):
         main(["verify", str(wrong), "--json"])
     assert ended.value.code == 1
     said = capsys.readouterr()
-    content = json.loads(said.out)
+    content = result_of(said.out)
     assert not content["passed"]
     failed = {check["name"] for check in content["checks"] if not check["passed"]}
     assert failed == {"closed form"}

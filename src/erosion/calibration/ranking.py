@@ -1,12 +1,13 @@
 """Several models fitted to the same data, ranked by Akaike's criterion."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from erosion.arguments import Progress, no_progress
 from erosion.calibration.fitting import calibrate
 from erosion.calibration.least_squares import CalibrationError
 from erosion.calibration.measurements import read_measurements
@@ -101,7 +102,7 @@ def rank_models(
     free: Sequence[str],
     *,
     models: Sequence[CuttingModel | str | Path] | None = None,
-    progress: Callable[[str], object] = lambda line: None,
+    progress: Progress = no_progress,
     **options: Any,
 ) -> Ranking:
     """Fit several models to the same data and order them by AICc.
@@ -111,7 +112,8 @@ def rank_models(
         data: as for `calibrate`.
         free: the parameters to fit, the same for all models.
         models: models, names or paths; every registered model without it.
-        progress: called with a line that names the model to be fitted next.
+        progress: called before each fit with "fitting" and the model's name, how many models are done, and how
+            many there are.
         options: `bounds`, `density`, `loss` and `starts` of `calibrate`.
 
     Raises:
@@ -124,8 +126,8 @@ def rank_models(
     names = [str(model) for model in wanted if isinstance(model, (str, Path))]
     if not wanted or len(set(names)) != len(names):
         raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
-    for model in [load_model(source) for source in wanted]:
-        progress(f"fitting {model_name(model)}")
+    for done, model in enumerate([load_model(source) for source in wanted]):
+        progress(f"fitting {model_name(model)}", done, len(wanted))
         try:
             fits.append(calibrate(model, p, measured, free, **options))
         except CalibrationError as error:

@@ -18,7 +18,7 @@ from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import unit_name
+from erosion.parameters.units import ascii_unit, unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
 _SCALE = Quantity("s", "measured over computed volume", "1")
@@ -269,10 +269,15 @@ class Calibration(Result):
             "undetermined": self.undetermined,
             "aicc": self.aicc,
             "leave_one_out": self.leave_one_out,
-            "erosion_unit": unit_name(self.data.dimension, self.p.units),
+            "erosion_unit": self.erosion_unit,
             "warnings": self.statements,
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of the data in the case's system, as programs read it."""
+        return ascii_unit(unit_name(self.data.dimension, self.p.units))
 
     @property
     def _covariance(self) -> np.ndarray:

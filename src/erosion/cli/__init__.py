@@ -38,7 +38,7 @@ app = cyclopts.App(
     help_format="plaintext",
     version=__version__,
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
-    help_epilogue="Without --case, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
+    help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
 for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)

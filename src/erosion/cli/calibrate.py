@@ -11,18 +11,16 @@ from erosion.cli.options import (
     InputError,
     JsonOption,
     WholeOption,
-    print_json,
-    print_table,
     require_outputs,
     start_engine,
     user_errors,
-    warn,
 )
+from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, load_set, settings
 
 if TYPE_CHECKING:
-    from erosion.calibration import Ranking
+    from erosion.calibration import Calibration, Ranking
     from erosion.calibration.profiles import Profile
 
 
@@ -74,17 +72,18 @@ def calibrate(
             measured,
             free,
             models=chosen,
-            progress=lambda model: progress(0, None, model),
+            progress=progress,
             density=density,
             loss=loss,
             starts=32 if starts is None else starts,
         )
         drawn = None if profile is None else ranking.best.profile(profile)
     written = _write(ranking, level, plot, openfoam, fluent)
+    output = Output("calibrate", p, case.case, json=json)
     for statement in ranking.statements:
-        warn(statement)
+        output.warn(statement)
     if json:
-        print_json(_ranking_as_json(ranking, level, drawn))
+        _document(output, ranking, level, drawn)
     else:
         _print(ranking, level, drawn, written)
 
@@ -124,13 +123,25 @@ def _ranks_several(ranking: "Ranking") -> bool:
     return len(ranking.fits) + len(ranking.failures) > 1
 
 
-def _ranking_as_json(ranking: "Ranking", level: float, profile: "Profile | None") -> dict[str, Any]:
-    content = ranking.best.to_dict(level)
+def _document(output: Output, ranking: "Ranking", level: float, profile: "Profile | None") -> None:
+    """The best fit, the ranking of several models and the profile as JSON."""
+    from erosion.models.own_parameters import quantities
+
+    content = _fit_as_json(ranking.best, level)
     if _ranks_several(ranking):
         content["ranking"] = [
-            {**fit.to_dict(level), "weight": weight, "tied_with": ranking.tied_with(name)}
+            {"model": name, **_fit_as_json(fit, level), "weight": weight, "tied_with": ranking.tied_with(name)}
             for name, fit, weight in zip(ranking.names, ranking.fits, ranking.weights, strict=True)
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
-    return content
+    fits = dict(zip(ranking.names, ranking.fits, strict=True))
+    units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
+             for name, quantity in quantities(fit.model).items()}  # fmt: skip
+    units |= dict.fromkeys(("rms", "leave_one_out"), ranking.best.erosion_unit)
+    output.document(content, {name: fit.model for name, fit in fits.items()}, units)
+
+
+def _fit_as_json(fit: "Calibration", level: float) -> dict[str, Any]:
+    described = ("model", "own_parameters", "parameters", "warnings")
+    return {name: value for name, value in fit.to_dict(level).items() if name not in described}

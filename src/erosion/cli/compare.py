@@ -1,5 +1,6 @@
 """`erosion compare`: several models over the angle of attack."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,28 +8,31 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import (
+    CaseFile,
     CaseOptions,
     InputError,
     JsonOption,
     load,
-    parameters_as_json,
-    print_json,
-    print_table,
     require_outputs,
     start_engine,
     user_errors,
-    warn,
+    with_file,
 )
+from erosion.cli.output import Output, print_table
+from erosion.cli.progress import working
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
 
 _COMPARISON = {"result": "a comparison of models"}
 
 
 def compare(
+    file: CaseFile = None,
+    /,
     *,
     case: CaseOptions | None = None,
     model: Annotated[ModelsOption, Parameter(consume_multiple=True)] = None,
@@ -51,32 +55,45 @@ def compare(
     """
     if output is not None and output.suffix != ".nc":
         raise InputError(f"Option `--output` must end in .nc, but is {output}.")
-    case = case or CaseOptions()
-    p = case.parameters()
-    require_outputs(output, plot=plot, inputs=(case.case,))
-    if output is not None and output.exists():
-        _require_comparison(output)
-    overlay = _correlations(correlations, plot)
-    names = chosen_models(["all"] if model is None else model)
-    if not names or len(set(names)) != len(names):
-        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
-    for name in names:
-        load(name)
-    start_engine()
-    curves = _curves(names, p)
-    lines = _at_the_case(curves, p)
-    lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
-    _require_volumes(curves, lost)
-    _write(curves, overlay, plot, output)
+    options = with_file(case, file)
+    with working("comparing"):
+        p = options.parameters()
+        require_outputs(output, plot=plot, inputs=(options.case,))
+        if output is not None and output.exists():
+            _require_comparison(output)
+        overlay = _correlations(correlations, plot)
+        models = _models(model)
+        start_engine()
+        curves = _curves(list(models), p)
+        lines = _at_the_case(curves, p)
+        lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
+        _require_volumes(curves, lost)
+        _write(curves, overlay, plot, output)
+    said = Output("compare", p, options.case, json=json)
     for name in lost:
-        warn(f"{name}: its impact could not be computed.")
+        said.warn(f"{name}: its impact could not be computed.")
+    statements = _spread(lines)
     if json:
-        print_json({"parameters": parameters_as_json(p), "models": lines})
+        said.document({"models": lines, "statements": statements}, models, _units(p))
         return
-    _print(lines, p)
+    _print(lines, p, statements)
     for path, content in ((plot, "figure"), (output, "curves")):
         if path is not None:
             print(f"{content}: {path}")
+
+
+def _models(names: list[str] | None) -> "dict[str, CuttingModel]":
+    """The models to compare, by name; all of them without names."""
+    chosen = chosen_models(["all"] if names is None else names)
+    if not chosen or len(set(chosen)) != len(chosen):
+        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}.")
+    return {name: load(name) for name in chosen}
+
+
+def _units(p: "Parameters") -> dict[str, str]:
+    from erosion.parameters.quantities import RESULTS
+
+    return {name: RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
 
 
 def _curves(names: list[str], p: "Parameters") -> "xr.Dataset":
@@ -132,28 +149,51 @@ def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None, output: 
             save_plot(plot_against_correlations(curves, overlay) if overlay else plot_comparison(curves), plot)
 
 
-def _print(lines: list[dict[str, Any]], p: "Parameters") -> None:
-    import numpy as np
+def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) -> None:
+    from erosion.parameters.scales import table_scale
+    from erosion.tables import largest_of
 
-    from erosion.parameters.quantities import RESULTS
-    from erosion.parameters.units import unit_name
-    from erosion.tables import format_number
+    largest = max(largest_of(line[name]) for line in lines for name in ("volume", "volume_max"))
+    scale = table_scale("volume", p.units, largest)
 
-    unit = unit_name(RESULTS["volume"].dimension, p.units)
+    def volume(value: float) -> str:
+        return f"{value / scale.size:.5g}"
+
     rows = [
         (
             line["model"],
-            format_number(line["volume"], 7),
+            volume(line["volume"]),
             line["ended_by"],
             _angle(line["alpha_max"]),
-            format_number(line["volume_max"], 7),
+            volume(line["volume_max"]),
             line["kind"],
             line["alpha_max_ended_by"],
         )
         for line in lines
     ]
-    headings = ("model", f"V [{unit}]", "ends by", "α_max", f"V_max [{unit}]", "kind", "ends by")
-    print_table(f"Models at α = {np.rad2deg(float(p.alpha)):.6g}° and at their best", rows, headings, (1, 3, 4))
+    models = f"{len(lines)} model{'s' * (len(lines) > 1)}"
+    title = f"{models}: impacts at α = {math.degrees(float(p.alpha)):.6g}° and best angles; volumes in {scale.unit}"
+    headings = ("model", "V", "ends by", "α_max", "V_max", "kind", "ends by")
+    print_table(title, rows, headings, (1, 3, 4), statements)
+
+
+def _spread(lines: list[dict[str, Any]]) -> list[str]:
+    """How far the best angles of the models and of the correlations lie apart."""
+    from erosion.correlations import CORRELATIONS
+
+    def between(angles: list[float]) -> str:
+        low, high = (f"{math.degrees(angle):.3g}°" for angle in (min(angles), max(angles)))
+        return low if low == high else f"{low} to {high}"
+
+    # Where most is removed as α → 0, or nothing at all, there is no best angle.
+    of_models = [line["alpha_max"] for line in lines if line["alpha_max"] > 0]
+    if not of_models:
+        return []
+    of_all = [*of_models, *(correlation.alpha_max for correlation in CORRELATIONS.values())]
+    words = f"{len(of_models)} models" if len(of_models) > 1 else "one model"
+    if len(of_models) < len(lines):
+        words += f" (the other{'s' * (len(lines) - len(of_models) > 1)} have none)"
+    return [f"The best angle is {between(of_models)} over {words}, and {between(of_all)} with the correlations."]
 
 
 def _require_comparison(path: Path) -> None:
@@ -182,8 +222,6 @@ def _correlations(names: list[str] | None, plot: Path | None) -> list[str]:
 
 
 def _angle(alpha: float) -> str:
-    import math
-
     if math.isnan(alpha):
         return "none"
-    return "→ 0°" if alpha == 0 else f"{math.degrees(alpha):.6f}°"
+    return "→ 0°" if alpha == 0 else f"{math.degrees(alpha):.5g}°"

@@ -5,12 +5,14 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from erosion.cli.lists import ModelsOption
-from erosion.cli.options import CaseOptions, InputError, start_engine, user_errors
+from erosion.cli.options import CaseFile, CaseOptions, InputError, start_engine, user_errors, with_file
 
 _PORT = 8080
 
 
 def explore(
+    file: CaseFile = None,
+    /,
     *,
     case: CaseOptions | None = None,
     model: Annotated[
@@ -23,7 +25,7 @@ def explore(
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
     """Explore cuts in the browser: sliders, live plots, exports. Stop it with Ctrl+C."""
-    p = (case or CaseOptions()).parameters()
+    p = with_file(case, file).parameters()
     for path in model or []:
         if not path.endswith(".py"):
             raise InputError(f"Option `--model` must be the path of a Python file here, but is {path!r}.")

@@ -10,8 +10,11 @@ def explain(error: cyclopts.CycloptsError) -> str:
     """One sentence on what was typed wrong."""
     match error:
         case exceptions.UnknownOptionError():
+            word = error.token.keyword or error.token.value
+            if option := _option_before(error, word):
+                return f"Option `{option}` must not have a negative value, but has {word}."
             near = re.search(r" Did you mean .*\?", str(error))
-            return f"Option `{error.token.keyword or error.token.value}` is unknown.{near[0] if near else ''}"
+            return f"Option `{word}` is unknown.{near[0] if near else ''}"
         case exceptions.RepeatArgumentError():
             return f"Option `{error.token.keyword}` must be given once, but is given several times."
         case exceptions.MissingArgumentError(argument=argument) if argument is not None:
@@ -28,3 +31,11 @@ def explain(error: cyclopts.CycloptsError) -> str:
             return f"The word {word!r} belongs to no option."
         case _:
             return " ".join(str(error).split())
+
+
+def _option_before(error: exceptions.UnknownOptionError, word: str) -> str | None:
+    """The option that a negative value such as -5deg follows, which cyclopts takes for an option."""
+    words = error.root_input_tokens or []
+    if not re.match(r"-[\d.]", word) or word not in words:
+        return None
+    return next((option for option in reversed(words[: words.index(word)]) if option.startswith("--")), None)

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import JsonOption, print_json, print_table, user_errors
+from erosion.cli.options import JsonOption, user_errors
+from erosion.cli.output import Output, print_table
 
 if TYPE_CHECKING:
     from erosion.models.registry import ModelInfo
@@ -31,12 +32,11 @@ def models(
         catalogue = available_models(path)
     if json:
         keys = ("summary", "equations", "error")
-        print_json(
-            {
-                name: {key: getattr(info, key) for key in keys} | {"own_parameters": _own(info)}
-                for name, info in catalogue.items()
-            }
-        )
+        described = {
+            name: {key: getattr(info, key) for key in keys} | {"own_parameters": _own(info)}
+            for name, info in catalogue.items()
+        }
+        Output("models", json=True).document({"models": described})
     else:
         _print_table(catalogue)
     broken = [name for name, info in catalogue.items() if info.error]

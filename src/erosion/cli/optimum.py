@@ -1,5 +1,6 @@
 """`erosion optimum`: the angle at which most, or least, is removed."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -7,16 +8,17 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import ModelOption, read_list
 from erosion.cli.options import (
-    CaseOptions,
+    AllAngles,
+    CaseFile,
     InputError,
     JsonOption,
-    print_json,
-    print_table,
     require_outputs,
     start_engine,
     user_errors,
-    warn,
+    with_file,
 )
+from erosion.cli.output import Output, print_table
+from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
 
 if TYPE_CHECKING:
@@ -28,8 +30,10 @@ _AT = ("angle", "", "value", "unit", "kind")
 
 
 def optimum(
+    file: CaseFile = None,
+    /,
     *,
-    case: CaseOptions | None = None,
+    case: AllAngles | None = None,
     model: ModelOption = "linearized",
     own: SetOption = None,
     alpha_range: Annotated[
@@ -50,33 +54,37 @@ def optimum(
 
     Jumps of the volume and the ends of the range are compared too.
     """
-    case = case or CaseOptions()
-    if "alpha" in case.given():
+    options = with_file(case, file)
+    if "alpha" in options.given():
         raise InputError("Option `--alpha` has no meaning here: all angles are searched, or those of --alpha-range.")
-    p = case.parameters()
-    chosen = load_set(model, settings(own), p.units)
-    between = None if alpha_range is None else _angles(alpha_range, p)
-    require_outputs(plot=plot, inputs=(case.case,))
-    start_engine()
-    from erosion.optimum.alpha_max import alpha_max, alpha_min
-
-    with user_errors():
-        best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
-    if best.ended_by == "failed":
-        raise RuntimeError(f"{model}: no impact could be computed, at any angle.")
-    if plot is not None:
-        from erosion.plotting.angles import plot_optimum
-        from erosion.plotting.style import save_plot
+    with working("searching all angles"):
+        p = options.parameters()
+        chosen = load_set(model, settings(own), p.units)
+        between = None if alpha_range is None else _angles(alpha_range, p)
+        require_outputs(plot=plot, inputs=(options.case,))
+        start_engine()
+        from erosion.optimum.alpha_max import alpha_max, alpha_min
 
         with user_errors():
-            save_plot(plot_optimum(best), plot)
+            best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
+        if best.ended_by == "failed":
+            raise RuntimeError(f"{model}: no impact could be computed, at any angle.")
+        if plot is not None:
+            from erosion.plotting.angles import plot_optimum
+            from erosion.plotting.style import save_plot
+
+            with user_errors():
+                save_plot(plot_optimum(best), plot)
+        rates = best.sensitivities if sensitivities else {}
+    output = Output("optimum", p, options.case, json=json)
     if not best.certified:
-        warn("some impacts failed or have no derivatives: a greater value may have been missed")
+        output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if json:
-        content = best.to_dict() | {"model": model}
+        described = ("model", "own_parameters", "parameters", "units")
+        result = {name: value for name, value in best.to_dict().items() if name not in described}
         if sensitivities:
-            content["sensitivities"] = {name: float(rate) for name, rate in best.sensitivities.items()}
-        print_json(content)
+            result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
+        output.document(result, {model: chosen}, best.units())
         return
     _print(model, best)
     if sensitivities:
@@ -99,46 +107,37 @@ def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
 
 
 def _print(model: str, best: "Optimum") -> None:
-    import numpy as np
+    from erosion.parameters.quantities import QUANTITIES, quantity_row
+    from erosion.tables import Row
 
-    from erosion.optimum.objectives import MEASURES
-    from erosion.parameters.quantities import RESULTS
-    from erosion.parameters.units import unit_name
-    from erosion.tables import Row, format_number
+    title = f"{in_full(model, best.model)}: the angle of {'least' if best.least else 'greatest'} {best.objective}"
+    print_table(title, best.rows())
+    value = best.value_row(best.value)
 
-    measure = MEASURES.get(best.objective)
-    unit = "" if measure is None else unit_name(RESULTS[measure].dimension, best.p.units)
-    print_table(
-        f"{in_full(model, best.model)}: the angle of {'least' if best.least else 'greatest'} {best.objective}",
-        best.rows(),
-    )
-    others = [
-        Row(f"{np.rad2deg(c.alpha):.10g}°", "", format_number(c.value), unit, f"{c.kind} {c.side}".strip())
-        for c in best.candidates[1:]
-    ]
+    def line(alpha: float, numbers: list[float], meaning: str) -> Row:
+        angle = quantity_row("", QUANTITIES["alpha"], alpha, best.p.units)
+        values = " → ".join(best.value_row(number).value for number in numbers)
+        return Row(f"{angle.value}{angle.unit}", "", values, value.unit, meaning)
+
+    others = [line(c.alpha, [c.value], f"{c.kind} {c.side}".strip()) for c in best.candidates[1:]]
     if others:
-        print_table("What else was compared", others, _AT)
-    jumps = [
-        Row(
-            f"{np.rad2deg(jump.alpha):.10g}°",
-            "",
-            f"{format_number(jump.below, 7)} → {format_number(jump.above, 7)}",
-            unit,
-            f"{jump.ended_below} → {jump.ended_above}",
-        )
-        for jump in best.jumps
-    ]
+        print_table("Other candidates", others, _AT)
+    jumps = [line(j.alpha, [j.below, j.above], f"{j.ended_below} → {j.ended_above}") for j in best.jumps]
     if jumps:
         print_table("Jumps", jumps, _AT)
 
 
 def _print_sensitivities(best: "Optimum") -> None:
     from erosion.models.own_parameters import quantities, sizes
-    from erosion.tables import Row, format_number
+    from erosion.tables import Row
 
     known, size = quantities(best.model), sizes(best.model, best.p)
     rows = [
-        Row(name, known[name].symbol, format_number(rate * size[name]), "rad", known[name].meaning)
+        Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)
         for name, rate in best.sensitivities.items()
     ]
-    print_table("How the angle moves", rows, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))
+    print_table(
+        "How the angle moves when a parameter grows by its own size, to first order",
+        rows,
+        ("parameter", "", "q ∂α/∂q", "unit", "meaning"),
+    )

@@ -2,9 +2,8 @@
 
 import contextlib
 import dataclasses
-import os
+import functools
 import re
-import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -26,14 +25,14 @@ class InputError(ValueError):
     """Something the user gave that cannot be used; the message is one sentence."""
 
 
-def _with_quantities(options: type[_Options]) -> type[_Options]:
-    """The same dataclass with an option, text, for each parameter of an impact."""
+def _with_quantities(options: type[_Options], hidden: Collection[str] = ()) -> type[_Options]:
+    """The same dataclass with an option, text, for each parameter of an impact; help does not list the `hidden`."""
     fields: list[tuple[str, Any, Any]] = []
     for name, quantity in QUANTITIES.items():
         such_as = "" if quantity.dimension == "1" else f": {example(quantity.dimension, 'inch-pound')}"
         bare = "; bare numbers are radians" if quantity.dimension == "angle" else ""
         help_text = f"{quantity.symbol}, {quantity.meaning}{such_as}{bare}."
-        kind = Annotated[str | None, Parameter(help=help_text, allow_leading_hyphen=True)]
+        kind = Annotated[str | None, Parameter(help=help_text, allow_leading_hyphen=True, show=name not in hidden)]
         fields.append((name, kind, dataclasses.field(default=None)))
     made = dataclasses.make_dataclass(options.__name__, fields, bases=(options,), frozen=True)
     made.__module__ = options.__module__
@@ -118,6 +117,16 @@ class CaseOptions:
             name: (f"{self.case}: field `{name}` of [{verb}]", section[name]) for name in QUANTITIES if name in section
         }
         return in_file | {name: (f"Option `--{name}`", text) for name, text in self.given().items()}
+
+
+@Parameter(name="*")
+@functools.partial(_with_quantities, hidden=("alpha",))
+@dataclasses.dataclass(frozen=True)
+class AllAngles(CaseOptions):
+    """Which impact, at no angle of its own."""
+
+
+CaseFile = Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")]
 
 
 def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
@@ -222,35 +231,3 @@ def print_json(content: Mapping[str, Any]) -> None:
     from erosion.tables import to_json
 
     print(to_json(content))
-
-
-def print_table(
-    title: str,
-    rows: "Sequence[Sequence[Any]]",
-    headings: "Sequence[str] | None" = None,
-    numbers: "Collection[int]" = (2,),
-) -> None:
-    """A table on stdout, in colour where it is a terminal; the columns `numbers` are flush right."""
-    from rich.console import Console
-
-    from erosion.tables import HEADINGS, WIDTH, to_lines
-
-    console = Console(highlight=False)
-    # Where no one says how wide it is, nothing need be shortened.
-    width = console.width if console.is_terminal or "COLUMNS" in os.environ else WIDTH
-    # rich would end the process, with status 1, where the reader of a pipe has gone.
-    with console.capture() as captured:
-        for line in to_lines(title, rows, headings or HEADINGS, numbers, width):
-            console.print(line, soft_wrap=True)
-    print(captured.get(), end="")
-
-
-def warn(message: str) -> None:
-    """A warning on stderr, where there is one."""
-    if sys.stderr is not None:
-        print(f"warning: {message}", file=sys.stderr)
-
-
-def parameters_as_json(p: "Parameters") -> dict[str, Any]:
-    """The parameters as plain numbers."""
-    return {"units": p.units, **{name: float(getattr(p, name)) for name in QUANTITIES}}

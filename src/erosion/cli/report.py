@@ -6,20 +6,29 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from erosion.cli.lists import LISTED
-from erosion.cli.options import CaseOptions, start_engine, user_errors
+from erosion.cli.options import CaseFile, CaseOptions, start_engine, user_errors, with_file
 from erosion.cli.progress import progress_bar
 
 
 def report(
+    file: CaseFile = None,
+    /,
     *,
     case: CaseOptions | None = None,
     output: Annotated[
         Path, Parameter(name=("--output", "-o"), help="Folder for the page, its figures and numbers.")
     ] = Path("report"),
-    only: Annotated[list[str] | None, LISTED, Parameter(help='Only these questions: "q4,a1".')] = None,
+    only: Annotated[
+        list[str] | None,
+        LISTED,
+        Parameter(
+            help='Only these parts: the questions "q1" to "q8", the harder ones "a1" to "a3", "slips" of the source, '
+            'or "models" side by side; with commas: "q4,a1".'
+        ),
+    ] = None,
 ) -> None:
     """Answer the scenario's questions for a case, on one self-contained page."""
-    options = case or CaseOptions()
+    options = with_file(case, file)
     p = options.parameters()
     start_engine()
     from erosion.report.page import chosen_questions, make_folders, write_report
@@ -29,7 +38,5 @@ def report(
         chosen_questions(only)
         make_folders(output)
     with progress_bar("report") as progress:
-        page = write_report(
-            p, output, case_name=name, only=only, progress=lambda part, done, parts: progress(done, parts, part)
-        )
+        page = write_report(p, output, case_name=name, only=only, progress=progress)
     print(page.resolve())

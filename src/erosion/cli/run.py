@@ -1,22 +1,16 @@
 """`erosion run`: one impact."""
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import (
-    CaseOptions,
-    JsonOption,
-    parameters_as_json,
-    print_json,
-    print_table,
-    require_outputs,
-    user_errors,
-    warn,
-)
-from erosion.cli.set_option import SetOption, in_full, load_set, model_as_json, settings
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, require_outputs, user_errors, with_file
+from erosion.cli.output import Output, print_table
+from erosion.cli.progress import working
+from erosion.cli.set_option import SetOption, in_full, load_set, settings
 
 if TYPE_CHECKING:
     from erosion.tables import Row
@@ -24,6 +18,8 @@ if TYPE_CHECKING:
 
 
 def run(
+    file: CaseFile = None,
+    /,
     *,
     case: CaseOptions | None = None,
     model: ModelOption = "linearized",
@@ -32,62 +28,43 @@ def run(
     json: JsonOption = False,
 ) -> None:
     """Follow one impact to the end of its cut: when, how, and how much is removed."""
-    case = case or CaseOptions()
-    p = case.parameters()
-    chosen = load_set(model, settings(own), p.units)
-    require_outputs(plot=plot, inputs=(case.case,))
-    import numpy as np
+    options = with_file(case, file)
+    with working("computing"):
+        p = options.parameters()
+        chosen = load_set(model, settings(own), p.units)
+        require_outputs(plot=plot, inputs=(options.case,))
+        from erosion.trajectory.path import path
 
-    from erosion.trajectory.path import path
-    from erosion.trajectory.trajectory import SimulationError
+        trajectory = path(chosen, p)
+        if plot is not None:
+            from erosion.plotting.motion import plot_trajectory
+            from erosion.plotting.style import save_plot
 
-    trajectory = path(chosen, p)
-    if trajectory.dvolume is None or not np.isfinite(trajectory.dvolume):
-        raise SimulationError(f"{model}: the derivative of the volume could not be computed.")
-    if plot is not None:
-        from erosion.plotting.motion import plot_trajectory
-        from erosion.plotting.style import save_plot
-
-        with user_errors():
-            save_plot(plot_trajectory(trajectory), plot)
+            with user_errors():
+                save_plot(plot_trajectory(trajectory), plot)
+    output = Output("run", p, options.case, json=json)
     for message in trajectory.warnings:
-        warn(message)
+        output.warn(message)
+    if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
+        output.warn("dV/dα could not be computed")
     if json:
-        print_json({**model_as_json(model, chosen), **_as_json(trajectory)})
+        content = trajectory.to_dict()
+        numbers = {name: content[name] for name in content["units"]}
+        output.document({"ended_by": trajectory.ended_by, **numbers}, {model: chosen}, content["units"])
         return
-    print_table(f"{in_full(model, chosen)} at α = {np.rad2deg(float(p.alpha)):.6g}°", _rows(trajectory))
+    print_table(f"{in_full(model, chosen)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory))
     if plot is not None:
         print(f"figure: {plot}")
 
 
-def _as_json(trajectory: "Trajectory") -> dict[str, Any]:
-    from erosion.parameters.quantities import RESULTS
-    from erosion.parameters.units import unit_name
-
-    names = ("t_c", "ended_by", "volume", "volume_m3", "dvolume", "max_depth", "turn")
-    numbers = {name: _volume_in_si(trajectory) if name == "volume_m3" else getattr(trajectory, name) for name in names}
-    return {
-        "parameters": parameters_as_json(trajectory.p),
-        **numbers,
-        "units": {name: unit_name(RESULTS[name].dimension, trajectory.p.units) for name in RESULTS if name in names},
-        "warnings": list(trajectory.warnings),
-    }
-
-
 def _rows(trajectory: "Trajectory") -> "list[Row]":
-    """The trajectory's rows, with the volume in SI and its derivative below the volume."""
+    """The trajectory's rows, with the volume in SI below the volume."""
     from erosion.parameters.quantities import result_row
-    from erosion.tables import Row, format_number
-
-    more = [result_row("dvolume", trajectory.dvolume, trajectory.p.units)]
-    if trajectory.p.units != "si":
-        more.insert(0, Row("", "", format_number(_volume_in_si(trajectory)), "m³", "the same in SI"))
-    rows = trajectory.rows()
-    below_volume = 1 + [row.name for row in rows].index("volume")
-    return [*rows[:below_volume], *more, *rows[below_volume:]]
-
-
-def _volume_in_si(trajectory: "Trajectory") -> float:
     from erosion.parameters.units import conversion_factor
 
-    return trajectory.volume * conversion_factor("volume", trajectory.p.units, "si")
+    rows, units = trajectory.rows(), trajectory.p.units
+    if units == "si":
+        return rows
+    in_si = result_row("volume", trajectory.volume * conversion_factor("volume", units, "si"), "si")
+    below = 1 + [row.name for row in rows].index("volume")
+    return [*rows[:below], in_si._replace(name="", symbol="", meaning="the same in SI"), *rows[below:]]

@@ -7,19 +7,19 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
+    CaseFile,
     CaseOptions,
     InputError,
     JsonOption,
     WholeOption,
     load,
-    print_json,
-    print_table,
     read_whole,
     require_outputs,
     start_engine,
     user_errors,
     with_file,
 )
+from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
     from erosion.streams.result import Stream
+    from erosion.streams.stream import StreamJob
 
 
 def stream(
-    file: Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")] = None,
+    file: CaseFile = None,
     /,
     *,
     case: CaseOptions | None = None,
@@ -65,9 +66,12 @@ def stream(
     count = _count(options, section) if n is None else n
     require_outputs(plot=plot, inputs=(options.case,))
     given = settings(own, section, f"{options.case}: `set` of [stream]")
-    chosen, own_laws = _model_and_laws(model or section.get("model", "linearized"), given, p)
+    name = model or section.get("model", "linearized")
+    chosen, own_laws = _model_and_laws(name, given, p)
+    number = section.get("seed", 0) if seed is None else seed
+    printed = Output("stream", p, options.case, json=json, seed=number)
     start_engine()
-    from erosion.streams.stream import StreamInterrupted, StreamOptions, prepare_stream
+    from erosion.streams.stream import StreamOptions, prepare_stream
 
     with user_errors(TypeError):
         job = prepare_stream(
@@ -76,26 +80,33 @@ def stream(
             {**laws, **own_laws},
             StreamOptions(
                 n=count,
-                seed=section.get("seed", 0) if seed is None else seed,
+                seed=number,
                 points=points or section.get("points", "sobol"),
                 best_angle=best_angle,
                 store=output,
             ),
         )
-    with progress_bar("stream") as progress:
-        try:
-            result = job.run(lambda what, done, total: progress(done, total, what))
-        except StreamInterrupted as interrupted:
-            if interrupted.partial is not None:
-                _show(interrupted.partial, json)
-            raise
+    result = _run(job, name, printed)
     if plot is not None:
         from erosion.plotting.streams import plot_stream
         from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_stream(result), plot)
-    _show(result, json)
+    _show(result, name, printed)
+
+
+def _run(job: "StreamJob", name: str, output: Output) -> "Stream":
+    """Compute the stream; one that is interrupted shows the particles that it has computed."""
+    from erosion.streams.stream import StreamInterrupted
+
+    try:
+        with progress_bar("stream") as progress:
+            return job.run(progress)
+    except StreamInterrupted as interrupted:
+        if interrupted.partial is not None:
+            _show(interrupted.partial, name, output)
+        raise
 
 
 def _count(options: CaseOptions, section: dict[str, Any]) -> int:
@@ -140,8 +151,14 @@ def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
     return numbers, {name: value for name, value in values.items() if name not in numbers}
 
 
-def _show(result: "Stream", json: bool) -> None:
-    if not json:
+def _show(result: "Stream", name: str, output: Output) -> None:
+    if not output.json:
         print_table(result.title, result.rows())
         return
-    print_json(result.to_dict())
+    described = ("model", "own_parameters", "parameters", "laws", "units")
+    content = result.to_dict()
+    numbers = {name: value for name, value in content.items() if name not in described}
+    units = content["units"] | dict.fromkeys(("quantiles",), content["units"]["mean_volume"])
+    if "alpha_max" in units:
+        units["alpha_max_interval"] = units["alpha_max"]
+    output.document(numbers, {name: result.model}, units, result.laws_in_words())

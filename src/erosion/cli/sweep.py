@@ -9,30 +9,30 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import (
+    CaseFile,
     CaseOptions,
     InputError,
     JsonOption,
     WholeOption,
     load,
-    print_json,
-    print_table,
     require_outputs,
     start_engine,
     user_errors,
-    warn,
     with_file,
 )
+from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
+    from erosion.sweeps.grid import Grid, Outputs
     from erosion.tables import Row
 
 
 def sweep(
-    file: Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")] = None,
+    file: CaseFile = None,
     /,
     *,
     output: Annotated[Path, Parameter(name=("--output", "-o"), help="out.nc (netCDF), or out.zarr for any size.")],
@@ -67,36 +67,36 @@ def sweep(
     _require_store(output, clustered=not (workers is scheduler is chunks is None))
     require_outputs(plot=plot, inputs=(options.case,))
     p, axes = _case_and_axes(options, section)
-    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
-    if isinstance(chosen, list) and len(chosen) == 1:
-        chosen = chosen[0]
+    chosen = _chosen(model, options, section)
     values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
-    from erosion.sweeps.grid import Outputs, make_grid
+    from erosion.sweeps.grid import make_grid
     from erosion.sweeps.sweep import prepare_sweep
 
     single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     with user_errors(TypeError):
-        outputs = Outputs(
-            derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
-            wrt=wrt or section.get("wrt", "alpha"),
-            optimum=section.get("optimum", False) if optimum is None else optimum,
-        )
+        outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
         grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
         lengths = _chunks(chunks)
     with _cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=lengths, store=output)
-        dataset = job.run(lambda _, done, total: progress(done, total))
+        dataset = job.run(progress)
     if plot is not None:
         from erosion.plotting.style import save_plot
         from erosion.plotting.sweeps import plot_sweep
 
         with user_errors():
             save_plot(plot_sweep(dataset), plot)
-    _print(dataset, output, json=json)
+    _print(dataset, grid, output, Output("sweep", p, options.case, json=json))
+
+
+def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str, Any]) -> str | list[str]:
+    """The model, or the models if they are several; the option overrules the case file."""
+    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
+    return chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
 
 
 def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
@@ -144,6 +144,17 @@ def _own_values(model: Any, given: Settings, p: "Parameters") -> dict[str, Any]:
     return values
 
 
+def _outputs(section: Mapping[str, Any], derivatives: int | None, wrt: str | None, optimum: bool | None) -> "Outputs":
+    """What to compute of each impact; options overrule the case file."""
+    from erosion.sweeps.grid import Outputs
+
+    return Outputs(
+        derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
+        wrt=wrt or section.get("wrt", "alpha"),
+        optimum=section.get("optimum", False) if optimum is None else optimum,
+    )
+
+
 def _chunks(items: list[str] | None) -> dict[str, int] | None:
     """Lengths by dimension, of "alpha=100"."""
     if items is None:
@@ -180,18 +191,22 @@ def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
         yield
 
 
-def _print(dataset: Any, output: Path, *, json: bool) -> None:
+def _print(dataset: Any, grid: "Grid", store: Path, output: Output) -> None:
     """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
     summary = _summary(dataset)
-    if json:
-        print_json({"output": str(output), "dimensions": {str(dim): n for dim, n in dataset.sizes.items()}, **summary})
-    else:
-        print_table(f"sweep into {output}", _rows(dataset, summary))
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
+    if 0 < lost < summary["impacts"]:
+        output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
+    if output.json:
+        dimensions = {str(dim): length for dim, length in dataset.sizes.items()}
+        units: dict[str, str] = dict.fromkeys(("volume_least", "volume_greatest"), dataset.volume.attrs["units"])
+        axes = {name: f"{values.size} values" for name, values in grid.axes.items()}
+        result = {"output": str(store), "dimensions": dimensions, **summary}
+        output.document(result, dict(grid.loaded()), units, axes)
+    else:
+        print_table(f"{store}: a sweep", _rows(dataset, summary))
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
-    if lost:
-        warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
 
 
 def _summary(dataset: Any) -> dict[str, Any]:
@@ -211,16 +226,14 @@ def _summary(dataset: Any) -> dict[str, Any]:
 
 
 def _rows(dataset: Any, summary: dict[str, Any]) -> "list[Row]":
-    from erosion.parameters.quantities import RESULTS
-    from erosion.parameters.units import unit_name
-    from erosion.tables import Row, format_number
+    from erosion.parameters.quantities import result_row
+    from erosion.tables import Row
 
-    unit = unit_name("volume", dataset.attrs["unit_system"])
     rows = [
         Row("impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in dataset.sizes.items())),
         Row("ended_by", "", ", ".join(f"{n:,} {name}" for name, n in summary["ended_by"].items()), ""),
     ]
     for name, meaning in (("volume_least", "least"), ("volume_greatest", "greatest")):
-        value = format_number(summary[name])
-        rows.append(Row("volume", RESULTS["volume"].symbol, value, unit, f"{meaning} {RESULTS['volume'].meaning}"))
+        row = result_row("volume", summary[name], dataset.attrs["unit_system"])
+        rows.append(row._replace(meaning=f"{meaning} {row.meaning}"))
     return rows

@@ -1,11 +1,12 @@
-"""`erosion verify`: does it compute what it says, here and now?"""
+"""`erosion verify`: checks of the models on this machine."""
 
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import JsonOption, load, print_json, print_table, start_engine, warn
+from erosion.cli.options import JsonOption, load, start_engine
+from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 
 
@@ -30,17 +31,16 @@ def verify(
     from erosion.verification import verify as verify_models
     from erosion.verification.result import HEADINGS
 
-    for name in models:
-        load(name)
+    loaded = {name: load(name) for name in models}
+    output = Output("verify", json=json)
     with progress_bar("compiling") as progress:
-        verification = verify_models(models or None, progress=lambda name, done, of: progress(done, of, name))
-    if json:
-        print_json(verification.to_dict())
-    else:
-        print_table(verification.title, verification.rows(), HEADINGS, (1, 2, 3))
-        for check in verification.failures:
-            print(f"✗ {check}")
+        verification = verify_models(models or None, progress=progress)
     for name in verification.absent:
-        warn(f"{name} is not installed: one reference solution fewer.")
+        output.warn(f"{name} is not installed: one reference solution fewer.")
+    if json:
+        output.document(verification.to_dict(), loaded)
+    else:
+        failures = [f"✗ {check}" for check in verification.failures]
+        print_table(verification.title, verification.rows(), HEADINGS, (1, 2, 3), failures)
     if not verification.passed:
         raise RuntimeError(f"{len(verification.failures)} of {len(verification.checks)} checks are out of bounds.")

@@ -17,16 +17,17 @@ from erosion.engine.variational import Derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
+from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
-from erosion.parameters.quantities import derivative_row, result_row
-from erosion.tables import Row, abbreviate, format_number, to_html, to_text
+from erosion.parameters.quantities import RESULTS, derivative_row, result_row
+from erosion.tables import Result, Row, abbreviate, format_number, to_plain
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 
 
 @dataclasses.dataclass(frozen=True)
-class Impact:
+class Impact(Result):
     """Results of a batch of impacts; every array has the broadcast shape of the parameters.
 
     Args:
@@ -98,11 +99,18 @@ class Impact:
         values = [f"{name}={abbreviate(v)}" for name in names if (v := getattr(self, name)) is not None]
         return f"Impact({model_name(self.model)!r}, {', '.join(values)}, wrt={self.wrt!r}, p={self.p!r})"
 
-    def __str__(self) -> str:
-        return to_text(f"{model_name(self.model)}: {np.size(self.volume):,} impact(s)", self.rows())
+    @property
+    def title(self) -> str:
+        """The model, and how many impacts."""
+        count = np.size(self.volume)
+        return f"{model_name(self.model)}: {count:,} impact{'s' * (count != 1)}"
 
-    def _repr_html_(self) -> str:
-        return to_html(f"{model_name(self.model)}: {np.size(self.volume):,} impact(s)", self.rows())
+    def to_dict(self) -> dict[str, Any]:
+        """Model and case, times, volumes, derivatives and outcomes, and the units of times and volumes."""
+        names = ("t_c", "volume", "dvolume", "d2volume", "ended_by", "wrt")
+        numbers = {name: value for name in names if (value := getattr(self, name)) is not None}
+        units = {name: RESULTS[name].unit(self.p.units) for name in ("t_c", "volume")}
+        return impact_to_dict(self.model, self.p) | to_plain({**numbers, "units": units})
 
 
 def impact(

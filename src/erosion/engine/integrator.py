@@ -304,7 +304,7 @@ def _checked_error(error: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Sca
 
 
 def _finish(problem: Problem, lane: Lane, scale: Scalar, rtol: Scalar) -> Solution:
-    """The results where an impact ended: zeros where nothing is cut; NaN, and failed, where one is not finite."""
+    """The results where an impact ended, those at contact where nothing is cut; NaN where one of them is not finite."""
     control, equations = lane.control, problem.equations
     left, state, moves = _to_the_end(problem, lane, scale)
     slope, events = problem.rate_and_events(state)
@@ -316,9 +316,10 @@ def _finish(problem: Problem, lane: Lane, scale: Scalar, rtol: Scalar) -> Soluti
     members = problem.members(rows)
     time = control.time + left + remaining
     end = at_event(equations, members, event, time)
-    results = [equations.per_unit(end.time), equations.per_unit(end.volume)]
-    numbers, structure = jax.tree.flatten(results)
-    numbers = [jnp.where(event == NOT_BEGUN, 0.0, number) for number in numbers]
+    at_contact = equations.of(lambda cut, _: cut.volume, problem.members(problem.initial))
+    volume = jax.tree.map(lambda cut, alone: jnp.where(event == NOT_BEGUN, alone, cut), end.volume, at_contact)
+    time = jax.tree.map(lambda number: jnp.where(event == NOT_BEGUN, 0.0, number), end.time)
+    numbers, structure = jax.tree.flatten([equations.per_unit(time), equations.per_unit(volume)])
     finite = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), ended)
     time, volume = jax.tree.unflatten(structure, [jnp.where(finite, number, jnp.nan) for number in numbers])
 

@@ -43,6 +43,10 @@ class WholeMotion:
         rates = jax.tree.leaves(self.model.derivative(state, self.p))
         return Cut(tuple(rates), self.model.removal_rate(state, self.p))
 
+    def removed_at_contact(self) -> Scalar:
+        """The volume removed beside the cut."""
+        return self.model.removed_at_contact(self.p)
+
     def events(self, cut: Cut) -> list[Scalar]:
         """The event functions, by name."""
         # JAX sorts the keys of a dictionary that passes through it; so is the order everywhere.
@@ -69,6 +73,7 @@ class ReducedMotion:
 
     def __init__(self, unknowns: "Unknowns", model: CuttingModel, p: Parameters) -> None:
         self.unknowns, self.known = unknowns, numbers_of(model, p)
+        self.model, self.p = model, p
 
     def initial_state(self) -> tuple[Scalar, ...]:
         """The integrals at contact."""
@@ -78,6 +83,10 @@ class ReducedMotion:
         """The time derivative of integrals and volume."""
         *rates, volume = self.unknowns.rates(self.known, cut.state)
         return Cut(tuple(rates), volume)
+
+    def removed_at_contact(self) -> Scalar:
+        """The volume removed beside the cut."""
+        return self.model.removed_at_contact(self.p)
 
     def events(self, cut: Cut) -> list[Scalar]:
         """The event functions, by name."""

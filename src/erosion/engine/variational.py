@@ -66,8 +66,12 @@ class Variational:
         self.mixed = order == 2 and len(directions) == 2
 
     def initial(self) -> tuple[Cut, ...]:
-        """The state at contact."""
-        return self._pack(self._lift(lambda _, motion: Cut(motion.initial_state(), jnp.zeros(())), ()))
+        """The state at contact, and what is removed there."""
+
+        def start(_: Any, motion: Any) -> Cut:
+            return Cut(motion.initial_state(), jnp.asarray(motion.removed_at_contact(), float))
+
+        return self._pack(self._lift(start, ()))
 
     def rate(self, members: tuple[Cut, ...]) -> tuple[Cut, ...]:
         """The time derivative of a state."""

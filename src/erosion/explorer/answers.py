@@ -1,4 +1,4 @@
-"""Everything the page asks about a model and a case, each answered once and kept."""
+"""The answers that the page needs about a model and a case; each is computed once and remembered."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -14,8 +14,8 @@ from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
 
-# Every 0.375°. At 90° itself an impact without spin cuts nothing; the last is short of it by less than
-# any curve shows.
+# Every 0.375°. At exactly 90° an impact without spin cuts nothing, so the last angle is smaller than 90°,
+# by less than a curve can show.
 ANGLES = np.deg2rad(np.append(np.linspace(0, 90, 241)[1:-1], 90 - 1e-7))
 SPINS = np.linspace(-0.9, 0.9, 61)  # s = r φ̇₀/v₀
 
@@ -31,39 +31,39 @@ class Spins(NamedTuple):
 
 
 class Answer:
-    """One question that may be asked of any model and case; what was said last is remembered.
+    """One kind of answer, for any model and case; the latest answers are remembered.
 
     Args:
-        ask: computes the answer, from a model's name and a case.
+        compute: computes the answer from a model's name and a case.
     """
 
-    def __init__(self, ask: Callable[[str, Case], Any]) -> None:
-        self._ask = ask
-        self._said: dict[tuple[str, Case], Any] = {}
+    def __init__(self, compute: Callable[[str, Case], Any]) -> None:
+        self._compute = compute
+        self._kept: dict[tuple[str, Case], Any] = {}
         self._lock = threading.Lock()
 
     def __call__(self, model: str, case: Case) -> Any:
-        """The answer, computed where it is not remembered."""
+        """The answer; it is computed if it is not remembered."""
         case = case.of_model(model)
-        said = self.known(model, case)
-        if said is None:
-            said = self._ask(model, case)
+        answer = self.remembered(model, case)
+        if answer is None:
+            answer = self._compute(model, case)
             with self._lock:
-                self._said[model, case] = said
-                if len(self._said) > _KEPT:
-                    del self._said[next(iter(self._said))]
-        return said
+                self._kept[model, case] = answer
+                if len(self._kept) > _KEPT:
+                    del self._kept[next(iter(self._kept))]
+        return answer
 
-    def known(self, model: str, case: Case) -> Any:
+    def remembered(self, model: str, case: Case) -> Any:
         """The answer if it is remembered, else None."""
-        return self._said.get((model, case.of_model(model)))
+        return self._kept.get((model, case.of_model(model)))
 
 
 class Answers:
-    """The package's verbs on models by name, remembering what they said last.
+    """All kinds of answers, about models that are given by name.
 
     Args:
-        models: by name, as the page lists them.
+        models: by name, in the order of the page's list.
     """
 
     def __init__(self, models: Mapping[str, CuttingModel]) -> None:
@@ -77,20 +77,20 @@ class Answers:
         self.spins = Answer(self._spins)
 
     def model(self, name: str, case: Case) -> CuttingModel:
-        """A model with its own parameters as the case has them."""
+        """The model with the own parameters of the case."""
         return self.models[name].replace(**case.own_values(name))
 
     def _cut(self, model: str, case: Case) -> Trajectory:
-        """One impact, dense in time."""
+        """The motion of one impact, at many times."""
         return path(self.model(model, case), case.parameters())
 
     def _point(self, model: str, case: Case) -> Impact:
-        """The same impact's end, volume and derivative."""
+        """End, volume and derivatives of the same impact."""
         return impact(self.model(model, case), case.parameters(), derivatives=2)
 
     def _curve(self, model: str, case: Case) -> Impact:
         """Impacts at all `ANGLES`."""
-        # To second order, as `alpha_max` computes V: the best angle lies on the curve to the bit.
+        # With second derivatives, as `alpha_max` computes V: so the best angle lies on the curve to the last bit.
         return impact(self.model(model, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
 
     def _best(self, model: str, case: Case) -> Optimum:
@@ -98,11 +98,11 @@ class Answers:
         return alpha_max(self.model(model, case), case.parameters())
 
     def _ends(self, model: str, case: Case) -> dict[str, np.ndarray]:
-        """When each event alone would end the cut, at all `ANGLES`."""
+        """The times at which each event alone would end the cut, at all `ANGLES`."""
         return end_times(self.model(model, case), case.parameters().replace(alpha=ANGLES))
 
     def _sensitivities(self, model: str, case: Case) -> Mapping[str, Any]:
-        """dα_max/dq for every parameter q, the model's own too."""
+        """dα_max/dq for every parameter q of the case and of the model."""
         return self.best(model, case).sensitivities
 
     def _spins(self, model: str, case: Case) -> Spins:

@@ -1,4 +1,4 @@
-"""Answers computed for a state: those that the page needs at once, and those that take longer."""
+"""Compute the answers for a state: first the answers that take milliseconds, then the slower ones."""
 
 import dataclasses
 import functools
@@ -16,7 +16,7 @@ from erosion.explorer.threads import in_thread
 from erosion.optimum.alpha_max import Optimum
 from erosion.trajectory.trajectory import Trajectory
 
-# s; a model that has no answer then is left out until it has one.
+# s; a model that has given no answer by then is left out until its answer comes.
 PATIENCE_AT_ONCE = 5.0
 PATIENCE_LATER = 60.0
 
@@ -26,15 +26,15 @@ class Computed:
     """Answers about one state, by model; answers that are not computed yet are missing.
 
     Args:
-        state: asked about.
-        cut: of the model shown.
-        points: at the state's angle.
-        curves: over all angles.
-        best: angles of greatest removal.
-        ends: of the model shown, when each event alone would end the cut, over all angles.
-        spins: angles of greatest removal over the spin.
-        sensitivities: of the angle of greatest removal of the model shown.
-        errors: what could not be computed, as sentences.
+        state: the state that the answers are about.
+        cut: the cut of the model shown.
+        points: the impacts at the state's angle.
+        curves: the impacts over all angles.
+        best: the angles of greatest removal.
+        ends: for the model shown, the times at which each event alone would end the cut, over all angles.
+        spins: the angles of greatest removal over the spin.
+        sensitivities: how far the angle of greatest removal of the model shown moves with each parameter.
+        errors: one sentence for each answer that could not be computed.
     """
 
     state: State
@@ -53,13 +53,13 @@ class Computed:
 
 
 class Step(NamedTuple):
-    """One more thing to find out.
+    """One answer to compute.
 
     Args:
-        answer, model, case: what is asked.
-        keep: puts the answer where it belongs.
-        compiled: the answer whose program this one runs.
-        views: names of those to draw again; none where all wait for it.
+        answer, model, case: the kind of answer, and the model and case that it is about.
+        keep: a function that stores the answer in `Computed`.
+        compiled: the kind of answer whose compiled program this step runs.
+        views: names of the views to draw again afterwards; empty if the whole stage waits for the step.
     """
 
     answer: Answer
@@ -71,11 +71,11 @@ class Step(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """Part of what is needed at once.
+    """A part of the answers that the page needs at once.
 
     Args:
         steps: the steps to compute.
-        views: names of those that can then be drawn.
+        views: names of the views that can be drawn afterwards.
     """
 
     steps: Sequence[Step]
@@ -83,68 +83,68 @@ class Stage(NamedTuple):
 
 
 def stages(answers: Answers, computed: Computed) -> Sequence[Stage]:
-    """What takes milliseconds, in parts: the browser draws the first while the next is computed."""
+    """The answers that take milliseconds, in parts: the browser draws one part while the next is computed."""
     curves = Stage([*_curves(answers, computed), *_second(answers, computed)], ("volumes", "end_times"))
     return curves, Stage([_cut(answers, computed)], ("cut", "histories", "numbers", "spins", "sensitivities"))
 
 
 def at_once(computed: Computed, stage: Stage, preparation: Preparation) -> None:
-    """Find out a stage, of models that are compiled; of what takes longer, what is known already."""
-    unknown = []
+    """Compute a stage for the models that are compiled. Of slower answers only the remembered ones are taken."""
+    missing = []
     for step in stage.steps:
-        known = step.answer.known(step.model, step.case)
-        if known is not None:
-            step.keep(known)
+        remembered = step.answer.remembered(step.model, step.case)
+        if remembered is not None:
+            step.keep(remembered)
         elif not step.views and preparation.ready(step.compiled, step.model):
-            unknown.append(step)
-    take(computed, unknown, preparation, PATIENCE_AT_ONCE)
+            missing.append(step)
+    take(computed, missing, preparation, PATIENCE_AT_ONCE)
 
 
 def later(answers: Answers, computed: Computed, preparation: Preparation) -> Iterator[Step]:
-    """What takes longer and is not known yet, the nearest at hand first."""
+    """The slower steps whose answers are not remembered, in the order in which the reader needs them."""
     for step in _second(answers, computed):
-        if step.answer.known(step.model, step.case) is None and preparation.ready(step.compiled, step.model):
+        if step.answer.remembered(step.model, step.case) is None and preparation.ready(step.compiled, step.model):
             yield step
 
 
 def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
-    """Whether everything that moves with a slider is compiled."""
+    """Whether all programs are compiled whose answers follow a slider."""
     computed = Computed(state)
     steps = _cut(answers, computed), *_curves(answers, computed)
-    # A list, for asking begins the compiling of each.
+    # A list: `ready` starts the compilation, and `all` alone would stop at the first program that is not ready.
     compiled = [preparation.ready(step.compiled, step.model) for step in steps]
     return all(compiled)
 
 
 def take(computed: Computed, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
-    """Take steps, the models side by side; an error becomes a sentence, and a model that is late is left out."""
-    # One after another for a model: an answer that never comes keeps a thread, and a core, busy.
-    asked = {
+    """Compute steps, all models in parallel. An error becomes a sentence; a model that is late is left out."""
+    # The steps of one model run in one thread: an answer that never comes keeps one thread and one core busy.
+    futures = {
         model: in_thread(functools.partial(_answer, [step for step in steps if step.model == model]))
         for model in dict.fromkeys(step.model for step in steps)
     }
-    wait(asked.values(), timeout=patience)
-    for model, answers in asked.items():
-        if not answers.done():
-            preparation.leave_out(model, answers, f"no answer in {patience:g} s; left out until it comes")
+    wait(futures.values(), timeout=patience)
+    for model, future in futures.items():
+        if not future.done():
+            preparation.leave_out(model, future, f"no answer in {patience:g} s; left out until it comes")
             continue
-        for step, said in answers.result():
-            if isinstance(said, Exception):
-                computed.errors.append(f"{model}: {sentence(said)}")
+        for step, answer in future.result():
+            if isinstance(answer, Exception):
+                computed.errors.append(f"{model}: {sentence(answer)}")
             else:
-                step.keep(said)
+                step.keep(answer)
 
 
 def _answer(steps: Sequence[Step]) -> list[tuple[Step, Any]]:
-    """The steps with their answers, or with the errors that came instead."""
-    said: list[tuple[Step, Any]] = []
+    """Each step with its answer, or with the error that was raised instead."""
+    answers: list[tuple[Step, Any]] = []
     for step in steps:
         try:
-            said.append((step, step.answer(step.model, step.case)))
-        # A plug-in's own code may raise anything; the page says so and goes on.
+            answers.append((step, step.answer(step.model, step.case)))
+        # A plug-in's own code may raise any error; the page shows the error and goes on.
         except Exception as error:  # noqa: BLE001
-            said.append((step, error))
-    return said
+            answers.append((step, error))
+    return answers
 
 
 def _cut(answers: Answers, computed: Computed) -> Step:

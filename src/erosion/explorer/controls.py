@@ -1,4 +1,4 @@
-"""The parameters and models of a tab, as elements to work with."""
+"""The elements by which the reader changes parameters and models."""
 
 import dataclasses
 import html
@@ -19,12 +19,12 @@ _ORDER = ("alpha", *(name for name in QUANTITIES if name != "alpha"))
 
 
 class Controls:
-    """Presets, parameters of the case and of the models that are checked, and models.
+    """Presets, the parameters of the case and of the checked models, and the list of models.
 
     Args:
-        start: whose case and models reset goes back to; sliders reach about its case.
-        summaries: by name, what each model is.
-        go: is given the state that the reader asks for.
+        start: the state that "Reset" shows; its case is at the middle of the sliders.
+        summaries: one line on each model, by name.
+        go: is called with the state that the reader asks for.
     """
 
     def __init__(self, start: State, summaries: Mapping[str, str], go: Callable[[State], None]) -> None:
@@ -43,15 +43,15 @@ class Controls:
             self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
             self._units.props('dense no-caps unelevated aria-label="Units"')
         self._fields = {name: self._field(name) for name in _ORDER}
-        self._groups = {model: self._group(model) for model in dict.fromkeys(one.model for one in start.case.own)}
+        self._groups = {model: self._group(model) for model in dict.fromkeys(number.model for number in start.case.own)}
         with ui.element("div").classes("models").props('role=group aria-label="Models"'):
             ui.html("Models", tag="h2", sanitize=False)
-            self._shown = ui.select(list(start.models), label="cut drawn of", value=start.shown)
+            self._shown = ui.select(list(start.models), label="model drawn", value=start.shown)
             self._shown.props("dense options-dense").on_value_change(self._draw_other)
             self._boxes = {name: self._box(name, summaries) for name in summaries}
 
     def show(self, state: State) -> None:
-        """Show a state; nothing is asked for by that."""
+        """Show a state. The changed elements send events, which are ignored meanwhile."""
         self._showing, self._state = True, state
         first = self._start.case.to(state.case.units)
         for name, field in self._fields.items():
@@ -64,17 +64,18 @@ class Controls:
         self._units.set_value(state.case.units)
         for name, box in self._boxes.items():
             box.set_value(name in state.models)
-        # Setting options has the browser lay out the whole page again.
+        # New options make the browser lay out the whole page again.
         if self._shown.options != list(state.models):
             self._shown.set_options(list(state.models), value=state.shown)
         self._shown.set_value(state.shown)
         self._showing = False
 
     def _group(self, model: str) -> ui.element:
-        """The own parameters of a model."""
+        """The fields of a model's own parameters."""
         with ui.element("div").props(f'role=group aria-label="Parameters of {html.escape(model)}"') as group:
             ui.html(html.escape(model), tag="h2", sanitize=False)
-            self._fields |= {one.key: self._field(one.key) for one in self._start.case.own if one.model == model}
+            keys = [number.key for number in self._start.case.own if number.model == model]
+            self._fields |= {key: self._field(key) for key in keys}
         return group
 
     def _field(self, name: str) -> Field:
@@ -90,7 +91,7 @@ class Controls:
         return Field(name, quantity.symbol, quantity.meaning, range_of(name), slide, entry)
 
     def _ask(self, name: str, case: Callable[[], Case]) -> None:
-        """Go to a case, or say at the parameter why not."""
+        """Show a case; if it is not valid, say why at the parameter."""
         self._shown_fields.pop(name, None)
         try:
             state = dataclasses.replace(self._state, case=case())
@@ -109,9 +110,10 @@ class Controls:
     def _check(self, name: str, checked: bool) -> None:
         if self._showing:
             return
-        models = tuple(one for one in self._boxes if (checked if one == name else one in self._state.models))
+        states = {model: model in self._state.models for model in self._boxes} | {name: checked}
+        models = tuple(model for model, is_checked in states.items() if is_checked)
         if not models:
-            ui.notify("At least one model stays checked.")
+            ui.notify("At least one model must stay checked.")
             self.show(self._state)
             return
         self._go(self._state.checking(models))

@@ -1,4 +1,4 @@
-"""The page's own elements: what they are told and what they tell."""
+"""The page's own elements: the methods that change them, and the events that they send."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -14,10 +14,10 @@ class Field(ui.element, component="web/field.js"):
 
     Args:
         name: the parameter.
-        symbol, meaning: its label.
-        range_: of the slider's positions.
-        on_slide: is given the position.
-        on_entry: is given the text.
+        symbol, meaning: the parameter's label.
+        range_: the range of the slider's positions.
+        on_slide: is called with the position.
+        on_entry: is called with the text.
     """
 
     def __init__(
@@ -36,11 +36,11 @@ class Field(ui.element, component="web/field.js"):
         self.on("entry", lambda event: on_entry(str(event.args)))
 
     def show(self, text: str, unit: str, position: float) -> None:
-        """Show a number, and nothing wrong with it."""
+        """Show a number, and remove the mark of a wrong entry."""
         self.run_method("show", text, unit, position)
 
     def complain(self, why: str) -> None:
-        """Mark the entry and say what is wrong with it."""
+        """Mark the entry as wrong and say why."""
         self.run_method("complain", why)
 
 
@@ -48,16 +48,16 @@ class Prose(ui.element, component="web/prose.js"):
     """HTML that changes often."""
 
     def draw(self, content: str, key: str) -> None:
-        """Show it; `key` says when that is done."""
+        """Show the HTML; then the element's attribute `data-drawn` is `key`."""
         self.run_method("draw", content, key)
 
 
 class Cut(ui.element, component="web/cut.js"):
-    """The cut drawn to scale, to be played.
+    """The cut drawn to scale, as an animation.
 
     Args:
-        instant: shown at first, as a share of the cut's time.
-        on_instant: is given the one shown when a hand or the play stops at it.
+        instant: the time that is shown first, as a share of the cut's time.
+        on_instant: is called with the time, as a share, at which the reader or the animation stops.
     """
 
     def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
@@ -66,17 +66,17 @@ class Cut(ui.element, component="web/cut.js"):
         self.on("instant", lambda event: on_instant(_number(event)))
 
     def draw(self, content: Mapping[str, Any], key: str) -> None:
-        """Draw a cut; `key` says when that is done."""
+        """Draw a cut; then the element's attribute `data-drawn` is `key`."""
         self.run_method("draw", content, key)
 
 
 class Plot(ui.element, component="web/plot.js"):
-    """An ECharts plot with upright handles.
+    """An ECharts plot with vertical handles.
 
     Args:
-        height: of it, in CSS.
-        follows: whether its fixed handles follow the time of the cut.
-        on_pick: is given where a handle is moved to.
+        height: the height of the plot, in CSS.
+        follows: whether the fixed handles follow the time of the cut.
+        on_pick: is called with the position to which the reader moves a handle.
     """
 
     def __init__(self, height: str, *, follows: bool = False, on_pick: Callable[[float], None] | None = None) -> None:
@@ -88,7 +88,7 @@ class Plot(ui.element, component="web/plot.js"):
     def draw(
         self, option: Mapping[str, Any] | None, handles: Sequence[Mapping[str, Any]], label: str, key: str
     ) -> None:
-        """Draw an option of ECharts, or move the handles alone; `key` says when that is done."""
+        """Draw an option of ECharts, or only move the handles if there is none; `key` is as of `Cut.draw`."""
         self.run_method("draw", option, handles, label, key)
 
 

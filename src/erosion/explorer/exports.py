@@ -1,4 +1,4 @@
-"""What a tab hands out: figures, data, the case, and Python lines that compute the same."""
+"""The exports of a tab: figures, data, the case, and Python lines that compute the same numbers."""
 
 import csv
 import io
@@ -23,19 +23,19 @@ FIGURES: Mapping[str, str] = {
     "end-times": "t_c(α) with both candidates",
     "spins": "α_max over the spin",
 }
-"""By name of the file, what a figure shows."""
+"""The title of each figure, by the name of its file."""
 
 
 def figure(name: str, suffix: str, answers: Answers, state: State) -> bytes:
     """One of `FIGURES` as the bytes of an "svg" or "png" file."""
-    # matplotlib, scipy and xarray would keep the first page waiting.
+    # Imported here: matplotlib, scipy and xarray would delay the first page.
     from erosion.explorer.figures import draw
 
     return draw(name, suffix, answers, state)
 
 
 def curves_csv(answers: Answers, state: State) -> bytes:
-    """α [°], and of each checked model V, dV/dα, t_c and how the cut ends, over all angles."""
+    """A table over all angles: α [°], and for each checked model V, dV/dα, t_c and how the cut ends."""
     columns: dict[str, Any] = {"alpha [deg]": np.rad2deg(ANGLES)}
     for name in state.models:
         curve = answers.curve(name, state.case.at_any_angle())
@@ -58,7 +58,7 @@ def motion_csv(answers: Answers, state: State) -> bytes:
 
 
 def results_json(answers: Answers, state: State) -> bytes:
-    """The case and everything that the page says of each checked model."""
+    """The case, and all numbers that the page shows of each checked model."""
     over_angles = state.case.at_any_angle()
     models = {}
     for name in state.models:
@@ -86,16 +86,16 @@ def results_json(answers: Answers, state: State) -> bytes:
 
 
 def case_toml(state: State) -> bytes:
-    """The case as `erosion run --case` reads it."""
+    """The case as a file for `erosion run --case`."""
     return dump_case(state.case.parameters(), "From the explorer").encode()
 
 
 def python_lines(state: State, sources: Mapping[str, str]) -> str:
-    """Lines that compute what the page shows.
+    """Lines of Python that compute the numbers of the page.
 
     Args:
-        state: of the tab.
-        sources: by the page's names of models, what `erosion.load_model` takes.
+        state: the state of the tab.
+        sources: the argument of `erosion.load_model` for each model, by its name on the page.
     """
     models = {name: _python_model(sources[name], state.case.own_values(name)) for name in state.models}
     return f"""import numpy as np
@@ -113,13 +113,13 @@ print(cut)
 
 
 def _python_model(source: str, own: Mapping[str, float]) -> str:
-    """What makes the model in Python; a name alone where it has no parameters of its own."""
+    """The Python expression of a model; without own parameters it is the model's name."""
     if not own:
         return repr(source)
-    said = ", ".join(f"{name}={value!r}" for name, value in own.items())
-    if not all(name.isidentifier() for name in own):  # "force.rate" is no keyword of Python's
-        said = f"**{dict(own)!r}"
-    return f"erosion.load_model({source!r}).replace({said})"
+    arguments = ", ".join(f"{name}={value!r}" for name, value in own.items())
+    if not all(name.isidentifier() for name in own):  # "force.rate" cannot be a keyword argument in Python
+        arguments = f"**{dict(own)!r}"
+    return f"erosion.load_model({source!r}).replace({arguments})"
 
 
 def _heading(name: str, dimension: Dimension, state: State) -> str:
@@ -131,6 +131,6 @@ def _csv(columns: Mapping[str, Any]) -> bytes:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(columns)
-    # Python's own numbers print to the last bit.
+    # Python writes its own floats exact to the last bit.
     writer.writerows(zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True))
     return buffer.getvalue().encode()

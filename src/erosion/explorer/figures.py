@@ -1,4 +1,4 @@
-"""The figures that a tab hands out."""
+"""The figures that a tab exports."""
 
 from collections.abc import Callable, Mapping
 
@@ -16,7 +16,7 @@ from erosion.sweeps.studies import compare
 
 
 def draw(name: str, suffix: str, answers: Answers, state: State) -> bytes:
-    """A figure by the name of its file, as the bytes of an "svg" or "png" file."""
+    """Draw the figure of this name; returns the bytes of an "svg" or "png" file."""
     return render(_DRAWN[name](answers, state), suffix)
 
 
@@ -36,9 +36,9 @@ def _optimum(answers: Answers, state: State) -> Figure:
 def _end_times(answers: Answers, state: State) -> Figure:
     over_angles = state.case.at_any_angle()
     fig, ax = new_axes(6.2, 4.4)
-    here = state.case.numbers()["alpha"], float(answers.point(state.shown, state.case).t_c)
+    case_point = state.case.numbers()["alpha"], float(answers.point(state.shown, state.case).t_c)
     ends, curve = answers.ends(state.shown, over_angles), answers.curve(state.shown, over_angles)
-    plot_end_times(ax, ANGLES, ends, np.asarray(curve.t_c), units=state.case.units, marks={"case": here})
+    plot_end_times(ax, ANGLES, ends, np.asarray(curve.t_c), units=state.case.units, marks={"case": case_point})
     return fig
 
 

@@ -1,4 +1,4 @@
-"""Work of which only the latest matters."""
+"""A worker for which only the latest item matters."""
 
 from collections.abc import Awaitable, Callable
 from typing import Generic, TypeVar
@@ -7,10 +7,10 @@ T = TypeVar("T")
 
 
 class LatestWins(Generic[T]):
-    """Does one thing at a time and keeps at most one waiting: the newest.
+    """Works on one item at a time, and lets only the newest item wait.
 
     Args:
-        work: what is done with it. It may look at `waiting` and give up early.
+        work: works on an item. It may look at `waiting` and stop early.
         start: starts a coroutine on the event loop.
     """
 
@@ -21,11 +21,11 @@ class LatestWins(Generic[T]):
 
     @property
     def waiting(self) -> bool:
-        """Whether something newer waits."""
+        """Whether a newer item waits."""
         return bool(self._next)
 
     def offer(self, item: T) -> None:
-        """Do this, instead of whatever was waiting."""
+        """Work on this item next; it replaces an item that waits."""
         self._next = [item]
         if not self._busy:
             self._busy = True

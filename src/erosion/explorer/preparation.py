@@ -1,4 +1,4 @@
-"""What can be had in milliseconds: programs compiled in the background, of models that answer."""
+"""Compile programs in the background, and say which answers take only milliseconds by now."""
 
 import threading
 from collections.abc import Callable
@@ -9,12 +9,12 @@ from erosion.explorer.answers import Answer
 from erosion.explorer.state import Case
 from erosion.explorer.threads import in_thread
 
-_SIDE_BY_SIDE = 2  # at once: the engine compiles one program at a time, XLA a closed form's meanwhile
-_TURN = 60.0  # s; so long a program waits for others to be compiled, which may never be
+_IN_PARALLEL = 2  # compilations: one of the engine, which does one at a time, and one of XLA for a closed form
+_TURN = 60.0  # s; a program waits at most this long for others, whose compilation may never end
 
 
 class Progress(NamedTuple):
-    """How many programs are compiled, how many were asked for, and the models still without one."""
+    """The number of compiled programs, of requested programs, and the models that still wait for a program."""
 
     done: int
     begun: int
@@ -22,22 +22,22 @@ class Progress(NamedTuple):
 
 
 class Preparation:
-    """Which answers about which models are compiled; one of these serves all tabs.
+    """Compiles the program of each answer and model; all tabs share one preparation.
 
     Args:
-        case: any case, about which each answer is asked once to have it compiled.
+        case: any case; to compile a program, its answer is computed once for this case.
     """
 
     def __init__(self, case: Case) -> None:
         self._case = case
-        self._turns = threading.Semaphore(_SIDE_BY_SIDE)
+        self._turns = threading.Semaphore(_IN_PARALLEL)
         self._lock = threading.Lock()
         self._begun: dict[tuple[Answer, str], Future] = {}
         self._late: dict[str, tuple[Future, str]] = {}
         self.listeners: set[Callable[[], None]] = set()
 
     def ready(self, answer: Answer, model: str) -> bool:
-        """Whether this is compiled and the model answers; if it is not compiled, it will be."""
+        """Whether the program is compiled and the model answers; the first call starts the compilation."""
         with self._lock:
             if (answer, model) not in self._begun:
                 self._begun[answer, model] = in_thread(lambda: self._compile(answer, model))
@@ -45,12 +45,12 @@ class Preparation:
             return self._begun[answer, model].done() and not self._is_late(model)
 
     def leave_out(self, model: str, late: Future, why: str) -> None:
-        """Count a model as not ready until a late answer comes."""
+        """Treat a model as not ready until its late answer comes."""
         self._late[model] = late, why
         late.add_done_callback(self._tell)
 
     def failure(self, model: str) -> str | None:
-        """Why a model cannot be computed, if it cannot."""
+        """A sentence that says why a model cannot be computed, or None."""
         if self._is_late(model):
             return f"{model}: {self._late[model][1]}"
         for (_, name), future in list(self._begun.items()):
@@ -59,7 +59,7 @@ class Preparation:
         return None
 
     def progress(self) -> Progress:
-        """How far compiling is."""
+        """How many programs are compiled by now."""
         begun = list(self._begun.items())
         waiting = [model for (_, model), future in begun if not future.done()]
         return Progress(len(begun) - len(waiting), len(begun), tuple(dict.fromkeys(waiting)))

@@ -1,4 +1,4 @@
-"""The page's server, on this machine alone."""
+"""The page's server, which only this machine can reach."""
 
 import asyncio
 import atexit
@@ -27,23 +27,24 @@ from erosion.trajectory.trajectory import TurnWarning
 HOST = "127.0.0.1"
 _PORT = 8080
 _SWITCH = 0.0005  # s
-_INTERRUPTED = 130  # a shell's exit status of what Ctrl+C ended
+_INTERRUPTED = 130  # the exit status that shells give a program ended by Ctrl+C
 _CHECKED = ("linearized", "finnie", "rotating")
 _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
 
 
 def serve(service: Service, *, port: int, show: bool = True) -> None:
-    """Serve the explorer until it is interrupted.
+    """Serve the explorer until Ctrl+C.
 
     Args:
-        service: what it offers.
-        port: a free one of this machine.
-        show: open a browser.
+        service: the models and the first state.
+        port: a free port of this machine.
+        show: whether to open a browser.
     """
-    # A thread that comes back from compiled code waits so long for the one that has the interpreter: 5 ms else.
+    # A thread that returns from compiled code waits this long for the thread that holds the interpreter.
+    # Python's default is 5 ms.
     sys.setswitchinterval(_SWITCH)
-    # The page says it in words.
+    # The page itself shows this warning.
     warnings.simplefilter("ignore", TurnWarning)
 
     @ui.page("/", title="erosion explorer", dark=None)
@@ -63,24 +64,24 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
     async def announce() -> None:
         await _listening(port)
         print(f"http://{HOST}:{port}/", flush=True)
-        # Not before, for compiling would slow the start of the server.
+        # Not earlier: compiling would slow the start of the server.
         all_ready(service.answers, service.start, service.preparation)
 
     app.on_startup(lambda: background_tasks.create(announce()))
-    # What NiceGUI and Python say of work that is dropped at the end, where a model still computes.
+    # If a model still computes at the end, NiceGUI and Python would warn about the dropped work.
     warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
-    # It ends by Ctrl+C only. The interrupt itself is lost if it comes while Python looks for garbage.
+    # The server ends by Ctrl+C only. The exception is lost if it comes while Python collects garbage.
     with contextlib.suppress(KeyboardInterrupt):
         ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # At the interpreter's own end, a thread that is still inside XLA would abort the process.
+    # When the interpreter ends, a thread that is still inside XLA would abort the process.
     atexit.register(os._exit, _INTERRUPTED)
     raise KeyboardInterrupt
 
 
 async def _listening(port: int) -> None:
-    """Wait until the server answers, which is a moment after its start."""
+    """Wait until the server answers, which takes a moment after its start."""
     while True:
         try:
             _, writer = await asyncio.open_connection(HOST, port)
@@ -92,11 +93,11 @@ async def _listening(port: int) -> None:
 
 
 def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
-    """Every model known by name, and plug-ins.
+    """Offer every model that is known by name, and plug-ins.
 
     Args:
-        p: the case to begin with, all scalars.
-        plug_ins: paths of models to offer besides those known by name; they are shown first.
+        p: the first case, all scalars.
+        plug_ins: paths of further models; the cut of the first of them is drawn.
 
     Raises:
         ModelError: for a plug-in that cannot be loaded.
@@ -121,10 +122,10 @@ def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
 
 
 def free_port(port: int | None) -> int:
-    """The port if it can be had, any free one for 0; for None 8080, or a free one where that is taken.
+    """The port if it is free; any free port for 0; for None 8080, or any free port if 8080 is in use.
 
     Raises:
-        ValueError: where it cannot be had.
+        ValueError: if the port is not free.
     """
     if port is None:
         try:
@@ -136,5 +137,5 @@ def free_port(port: int | None) -> int:
         try:
             probe.bind((HOST, port))
         except OSError as error:
-            raise ValueError(f"Argument `port` must be free, but {port} cannot be had ({error.strerror}).") from error
+            raise ValueError(f"Argument `port` must be free, but {port} is not ({error.strerror}).") from error
         return probe.getsockname()[1]

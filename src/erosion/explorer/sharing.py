@@ -1,4 +1,4 @@
-"""Handing out: link, figures, data, case and Python lines."""
+"""The buttons that copy the link and export figures, data, the case and Python lines."""
 
 import asyncio
 import dataclasses
@@ -17,13 +17,13 @@ _OUTLINE = "dense no-caps outline"
 
 
 class Sharing:
-    """The buttons that hand something out.
+    """The buttons for the link, for exports, and for the dark page.
 
     Args:
-        answers: of all models.
-        sources: by name, what `erosion.load_model` takes.
-        state: the tab's present state.
-        go: is given the state that the reader asks for.
+        answers: the answers about all models.
+        sources: the argument of `erosion.load_model` for each model, by name.
+        state: returns the tab's present state.
+        go: is called with the state that the reader asks for.
     """
 
     def __init__(
@@ -49,29 +49,29 @@ class Sharing:
                 ui.button("Close", on_click=self._python.close).props("dense no-caps flat")
 
     def _item(self, title: str, file: str, make: Callable[..., bytes], *arguments: Any) -> None:
-        async def hand_out() -> None:
+        async def download() -> None:
             state = self._state()
             try:
                 content = await asyncio.wrap_future(in_thread(lambda: make(*arguments, self._answers, state)))
-            # A plug-in's own code may raise anything; the page says so and goes on.
+            # A plug-in's own code may raise any error; the page shows the error and goes on.
             except Exception as error:  # noqa: BLE001
                 ui.notify(f"{file}: {error}", type="negative")
                 return
             ui.download.content(content, file)
 
-        ui.menu_item(title, hand_out)
+        ui.menu_item(title, download)
 
     async def _copy_link(self) -> None:
         query = json.dumps(f"/?{self._state().query()}")
         try:
             await ui.run_javascript(f"navigator.clipboard.writeText(location.origin + {query}).then(() => true)")
         except TimeoutError:
-            ui.notify("The browser did not let the link be copied; it is in the address line.", type="negative")
+            ui.notify("The browser refused to copy the link; you find it in the address line.", type="negative")
             return
         ui.notify("Link copied.")
 
     async def _toggle_dark(self) -> None:
-        # What the browser prefers is known there alone.
+        # Only the browser knows whether it prefers a dark page.
         dark = bool(await ui.run_javascript("Quasar.Dark.isActive"))
         self._go(dataclasses.replace(self._state(), dark=not dark))
 

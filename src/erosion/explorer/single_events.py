@@ -1,4 +1,4 @@
-"""When each event alone would end the cut: the candidates of Figure 9, for any model."""
+"""The times at which each event alone would end the cut: the candidates of Figure 9, for any model."""
 
 from typing import Any
 
@@ -11,25 +11,25 @@ from erosion.engine.outcomes import OTHER_ENDS, end_names
 from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.parameters.parameters import Parameters
 
-_PATIENCE = 12.0  # time scales; an event later than this is taken never to happen
+_PATIENCE = 12.0  # time scales; the page says that a later event never happens
 _NEVER = "never"
 
 
 class SingleEvent(CuttingModel):
-    """A model whose cut only one of its events ends, or a clock where that never happens.
+    """A model whose cut is ended by one event alone, or by a clock if this event does not happen.
 
-    The motion past the other events is the one that the same forces would cause.
+    The motion after the other events continues under the same forces.
     """
 
     model: CuttingModel
     event: str = eqx.field(static=True)
 
     def initial_state(self, p: Parameters) -> Any:
-        """The model's own state and a clock, in time scales."""
+        """The model's own state, and a clock that counts time scales."""
         return self.model.initial_state(p), jnp.zeros_like(self.model.scales(p).time)
 
     def derivative(self, state: Any, p: Parameters) -> Any:
-        """The model's own motion; the clock runs."""
+        """The model's own motion, and the rate of the clock."""
         return self.model.derivative(state[0], p), 1 / self.model.scales(p).time
 
     def tip(self, state: Any, p: Parameters) -> Tip:
@@ -37,23 +37,23 @@ class SingleEvent(CuttingModel):
         return self.model.tip(state[0], p)
 
     def events(self, state: Any, p: Parameters) -> dict[str, Any]:
-        """The one event, and the end of patience."""
+        """The one event, and the end of the clock."""
         return {self.event: self.model.events(state[0], p)[self.event], _NEVER: 1 - state[1] / _PATIENCE}
 
     def scales(self, p: Parameters) -> Scales:
-        """The model's own."""
+        """The model's own scales."""
         return self.model.scales(p)
 
 
 def end_times(model: CuttingModel, p: Parameters) -> dict[str, np.ndarray]:
-    """When each event alone would end the cut.
+    """The times at which each event alone would end the cut.
 
     Args:
-        model: any.
+        model: any model.
         p: parameters whose leaves are scalars or arrays that broadcast.
 
     Returns:
-        By event name, times of the broadcast shape [s]; NaN where it never happens.
+        By event name, times of the broadcast shape [s]; NaN where the event never happens.
     """
     closed = model.closed_form()
     if closed is not None:

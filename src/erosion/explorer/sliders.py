@@ -1,4 +1,4 @@
-"""How far each parameter's slider reaches, and what its positions mean."""
+"""The range of each parameter's slider, and the number that belongs to each position."""
 
 import re
 from typing import NamedTuple
@@ -8,12 +8,12 @@ import numpy as np
 from erosion.explorer.state import Case
 from erosion.parameters.units import unit_name
 
-_FACTOR = 20.0  # either way of the first value, where that is positive
-_DIGITS = 4  # of what a slider sets
+_FACTOR = 20.0  # a slider reaches from 1/20 to 20 times the first value, if this value is positive
+_DIGITS = 4  # of the numbers that a slider sets
 
 
 class Range(NamedTuple):
-    """A slider's ends and steps in its own positions."""
+    """Ends and step of a slider, in units of its position."""
 
     low: float
     high: float
@@ -22,7 +22,8 @@ class Range(NamedTuple):
 
 ANGLES = Range(0.25, 90.0, 0.25)  # degrees
 SPINS = Range(-1.0, 1.0, 0.01)  # s = r φ̇₀/v₀
-# Powers of `_FACTOR` times the first value; about an own parameter's that is not positive, shares of its size.
+# Exponents of `_FACTOR`, which multiplies the first value. If the first value of an own parameter is not positive:
+# distances from the first value, as shares of its size.
 FACTORS = Range(-1.0, 1.0, 0.005)
 SPIN_PRESETS = (-0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5)
 
@@ -33,12 +34,12 @@ def range_of(name: str) -> Range:
 
 
 def position(name: str, case: Case, first: Case) -> float:
-    """Where a parameter's slider stands; beyond an end it stands at the end.
+    """The position of a parameter's slider; a number out of range puts the slider at its end.
 
     Args:
         name: the parameter.
-        case: what is shown.
-        first: the case about which the sliders reach, in the same units.
+        case: the case that is shown.
+        first: the case at the middle of all sliders, in the same units.
     """
     numbers, ends = case.numbers(), range_of(name)
     middle = first.numbers()[name]
@@ -54,7 +55,7 @@ def position(name: str, case: Case, first: Case) -> float:
 
 
 def at_position(name: str, at: float, case: Case, first: Case) -> Case:
-    """The case with a parameter where its slider stands, as a number of few digits."""
+    """Set a parameter to the number at its slider's position, rounded to few digits."""
     if name == "alpha":
         return case.replace(alpha=float(np.deg2rad(_rounded(at))))
     if name == "phidot0":
@@ -65,20 +66,20 @@ def at_position(name: str, at: float, case: Case, first: Case) -> Case:
 
 
 def with_spin(s: float, case: Case) -> Case:
-    """The case with spin s = r φ̇₀/v₀."""
+    """Set the spin to s = r φ̇₀/v₀."""
     numbers = case.numbers()
     return case.replace(phidot0=_rounded(s * numbers["v0"] / numbers["r"]))
 
 
 def text_of(name: str, case: Case) -> str:
-    """A parameter's number as its entry shows it; angles in degrees."""
+    """The text of a parameter's entry; angles are in degrees."""
     number = case.numbers()[name]
     text = f"{np.rad2deg(number) if name == 'alpha' else number:.6g}"
     return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text)
 
 
 def unit_of(name: str, case: Case) -> str:
-    """The unit of that number."""
+    """The unit of the number that `text_of` shows."""
     return "°" if name == "alpha" else unit_name(case.quantities()[name].dimension, case.units)
 
 

@@ -21,8 +21,8 @@ from erosion.explorer.state import State
 from erosion.explorer.threads import in_thread
 from erosion.explorer.views import VIEWS
 
-_REST = 0.2  # s; after so long without a change the slower answers are begun
-_PATIENCE = 0.4  # s; what takes longer is said to be computed
+_REST = 0.2  # s; the slower answers begin after this time without a change
+_PATIENCE = 0.4  # s; after this time the page says that it computes
 
 _TITLES: Mapping[str, str] = {
     "cut": "The cut, to scale",
@@ -37,14 +37,14 @@ _TITLES: Mapping[str, str] = {
 
 @dataclasses.dataclass(frozen=True)
 class Service:
-    """What all tabs share.
+    """The data that all tabs share.
 
     Args:
-        answers: of all models.
-        preparation: which of them are compiled.
-        start: the state of a tab without a link.
-        summaries: by name, what each model is.
-        sources: by name, what `erosion.load_model` takes.
+        answers: the answers about all models.
+        preparation: compiles the programs of these answers.
+        start: the state of a tab that is opened without a link.
+        summaries: one line on each model, by name.
+        sources: the argument of `erosion.load_model` for each model, by name.
     """
 
     answers: Answers
@@ -55,11 +55,11 @@ class Service:
 
 
 class Tab:
-    """The page's elements and what happens to them.
+    """The page's elements, and the work that their events start.
 
     Args:
-        service: what all tabs share.
-        state: to begin with.
+        service: the data that all tabs share.
+        state: the first state.
     """
 
     def __init__(self, service: Service, state: State) -> None:
@@ -83,11 +83,11 @@ class Tab:
                 self._elements = {name: self._view(name) for name in VIEWS}
 
     def begin(self) -> None:
-        """Show the state, and follow what is compiled."""
+        """Show the state, and show it again whenever a program has been compiled."""
         loop = asyncio.get_running_loop()
 
         def prepared() -> None:
-            # Where the server was stopped meanwhile, its loop is closed.
+            # If the server was stopped meanwhile, its event loop is closed.
             with contextlib.suppress(RuntimeError):
                 loop.call_soon_threadsafe(self._prepared)
 
@@ -97,7 +97,7 @@ class Tab:
         self._go(self.state)
 
     def say(self, sentence: str) -> None:
-        """Tell the reader."""
+        """Show the reader a message."""
         with self._main:
             ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button="Close")
 
@@ -126,7 +126,7 @@ class Tab:
         return dataclasses.replace(self.state, case=case)
 
     def _go(self, state: State) -> None:
-        """Show another state."""
+        """Change to another state and show it."""
         self.state = state
         self._controls.show(state)
         self._dark.set_value(state.dark)
@@ -146,7 +146,7 @@ class Tab:
             try:
                 await work
             except RuntimeError:
-                # What is computed for a tab that closes meanwhile has nowhere to go.
+                # Answers for a tab that was closed meanwhile cannot be shown.
                 if not self._main.is_deleted:
                     raise
 
@@ -198,8 +198,8 @@ class Tab:
             element = self._elements[name]
             if isinstance(element, Plot):
                 option, handles, label = content
-                same = self._drawn.get(name) == option
-                element.draw(None if same else option, handles, label, key)
+                unchanged = self._drawn.get(name) == option
+                element.draw(None if unchanged else option, handles, label, key)
                 self._drawn[name] = option
             else:
                 element.draw(*content, key)

@@ -1,4 +1,4 @@
-"""Work in threads that keep neither the page nor the end of the program waiting."""
+"""Work in threads: neither the page nor the end of the program waits for them."""
 
 import threading
 from collections.abc import Callable
@@ -9,10 +9,10 @@ T = TypeVar("T")
 
 
 def in_thread(work: Callable[[], T]) -> Future[T]:
-    """Do it in a thread of its own.
+    """Do the work in a new thread.
 
-    A plug-in's own code may never come back. In a pool it would keep its place, and the
-    interpreter would wait for it at its end.
+    A plug-in's own code may never return. In a pool this code would occupy a thread for ever, and
+    the interpreter would wait for the thread before it ends.
     """
     future: Future[T] = Future()
 
@@ -21,7 +21,7 @@ def in_thread(work: Callable[[], T]) -> Future[T]:
             return
         try:
             future.set_result(work())
-        # Whoever asked decides what an error means.
+        # The caller of `result` decides what to do about an error.
         except BaseException as error:  # noqa: BLE001
             future.set_exception(error)
 

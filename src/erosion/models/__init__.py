@@ -1,6 +1,10 @@
 """The models: their classes, the parts they are made of, and the registry."""
 
 from erosion.models.as_printed import AsPrinted as AsPrinted
+from erosion.models.deformation import Deformation as Deformation
+from erosion.models.deformation import DeformationWear as DeformationWear
+from erosion.models.deformation import NoDeformation as NoDeformation
+from erosion.models.deformation import ProportionalDeformationWear as ProportionalDeformationWear
 from erosion.models.finnie import Finnie as Finnie
 from erosion.models.forces import ConstantRatio as ConstantRatio
 from erosion.models.forces import ForceLaw as ForceLaw

@@ -119,8 +119,8 @@ class CuttingModel(eqx.Module):
 
     A model is autonomous (its motion depends on the state alone) and written for **one**
     impact with `jax.numpy`; the engines batch and differentiate it. `initial_state`,
-    `derivative` and `tip` must be given. `events`, `removal_rate`, `scales` and
-    `closed_form` have the defaults that the physics of all built-in models shares, and are
+    `derivative` and `tip` must be given. `events`, `removal_rate`, `removed_at_contact`,
+    `scales` and `closed_form` have the defaults that the physics of most models shares, and are
     the only implemented methods a model may replace.
 
     The state may be any pytree of scalars; `State` serves a rigid body.
@@ -153,6 +153,13 @@ class CuttingModel(eqx.Module):
         """dV/dt [volume/s], by default b · depth · ẋ_tip (Laverty (27), at the tip)."""
         tip = self.tip(state, p)
         return p.b * tip.depth * tip.vx
+
+    def removed_at_contact(self, p: Parameters) -> Any:
+        """What the impact removes beside the cut [volume], by default nothing; see `erosion.models.deformation`.
+
+        It counts for every impact, for one that cuts nothing too.
+        """
+        return 0.0
 
     def scales(self, p: Parameters) -> Scales:
         """Typical time and depth, by default 1/ω and v₀ sin α/ω with ω = √(k c/m)."""

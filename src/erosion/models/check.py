@@ -57,6 +57,11 @@ def _flaw(structure: Any, functions: tuple[Any, ...], numbers: tuple[tuple[tuple
         for name, kind in (("tip", Tip), ("removal_rate", None), ("events", dict)):
             given = _given(name, lambda model, p, state, n=name: getattr(model, n)(state, p), model, TABLE_1, state)
             _require(name, given, kind)
+        _require(
+            "removed_at_contact",
+            _given("removed_at_contact", lambda model, p: model.removed_at_contact(p), model, TABLE_1),
+            None,
+        )
         _require("scales", _given("scales", lambda model, p: model.scales(p), model, TABLE_1), Scales)
     except _FlawError as error:
         return str(error)

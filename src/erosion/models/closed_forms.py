@@ -19,6 +19,7 @@ import numpy as np
 
 from erosion.array_types import Broadcast
 from erosion.models.base import NO_CUT, ZERO, ClosedForm, State
+from erosion.models.deformation import Deformation, NoDeformation
 from erosion.models.trigonometry import UPRIGHT
 from erosion.parameters.parameters import Parameters
 
@@ -207,3 +208,72 @@ class StraightCut(ClosedForm):
 
     def _rate(self, p: Parameters) -> Broadcast:
         return jnp.sqrt(p.stiffness * jnp.tan(p.alpha) / p.m)
+
+
+def with_deformation(cut: ClosedForm, deformation: Deformation) -> ClosedForm:
+    """The cut's exact solution, with the volume that deformation removes."""
+    return cut if isinstance(deformation, NoDeformation) else DeformingCut(cut, deformation)
+
+
+class DeformingCut(ClosedForm):
+    """A cut, and wear by deformation: the motion is the cut's, the volumes add up.
+
+    Args:
+        cut: the exact solution of the cut alone.
+        deformation: what deformation removes.
+    """
+
+    cut: ClosedForm
+    deformation: Deformation
+
+    def state(self, t: Broadcast, p: Parameters) -> State:
+        return self.cut.state(t, p)
+
+    def end_times(self, p: Parameters) -> dict[str, Broadcast]:
+        return self.cut.end_times(p)
+
+    def t_c(self, p: Parameters) -> Broadcast:
+        return self.cut.t_c(p)
+
+    def ended_by(self, p: Parameters) -> np.ndarray:
+        return self.cut.ended_by(p)
+
+    def volume(self, p: Parameters) -> Broadcast:
+        return self.cut.volume(p) + self._derivative(p, 0)
+
+    def dvolume(self, p: Parameters) -> Broadcast:
+        return self.cut.dvolume(p) + self._derivative(p, 1)
+
+    def d2volume(self, p: Parameters) -> Broadcast:
+        return self.cut.d2volume(p) + self._derivative(p, 2)
+
+    def alpha_max(self, p: Parameters) -> Broadcast:
+        """The root of V′ beside the greatest of volumes every tenth of a degree, by bisection to the last bit."""
+        angles = np.deg2rad(np.arange(1, 900) / 10)
+        shape = jnp.shape(p.volume_scale * p.k * p.inertia * p.spin)
+        grid = p.replace(alpha=angles.reshape(-1, *[1] * len(shape)))
+        volumes = np.asarray(jnp.broadcast_to(self.volume(grid), (len(angles), *shape)))
+        best = np.argmax(volumes, axis=0)
+        # Greatest at an end of the grid: it rises towards 0 or 90°.
+        inside = (best > 0) & (best < len(angles) - 1)
+        best = np.clip(best, 1, len(angles) - 2)
+        low, high = angles[best - 1], angles[best + 1]
+        for _ in range(64):
+            middle = (low + high) / 2
+            rising = np.asarray(self.dvolume(p.replace(alpha=middle))) > 0
+            low, high = np.where(rising, middle, low), np.where(rising, high, middle)
+        return np.where(inside, (low + high) / 2, np.nan)[()]
+
+    def _derivative(self, p: Parameters, order: int) -> Broadcast:
+        """V_D or its derivative by α."""
+        alpha = jnp.asarray(p.alpha, float)
+
+        def volume(alpha: Broadcast) -> Broadcast:
+            return jnp.asarray(self.deformation.removed_at_contact(p.replace(alpha=alpha)), float)
+
+        def slope(alpha: Broadcast) -> Broadcast:
+            return jax.jvp(volume, (alpha,), (jnp.ones_like(alpha),))[1]
+
+        if order == 2:
+            return jax.jvp(slope, (alpha,), (jnp.ones_like(alpha),))[1]
+        return slope(alpha) if order else volume(alpha)

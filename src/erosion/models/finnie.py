@@ -1,7 +1,7 @@
 """Finnie's own model of 1958: the turn counts to first order."""
 
 from erosion.models.base import ClosedForm
-from erosion.models.closed_forms import FinnieCut
+from erosion.models.closed_forms import FinnieCut, with_deformation
 from erosion.models.forces import ConstantRatio, ForceLaw
 from erosion.models.rigid import RigidErodent
 from erosion.models.tips import SmallAngleTip, TipKinematics
@@ -24,4 +24,5 @@ class Finnie(RigidErodent):
 
     def closed_form(self) -> ClosedForm | None:
         parts = (self.force, self.torque, self.kinematics)
-        return FinnieCut() if parts == (ConstantRatio(), HorizontalTorque(), SmallAngleTip()) else None
+        known = parts == (ConstantRatio(), HorizontalTorque(), SmallAngleTip())
+        return with_deformation(FinnieCut(), self.deformation) if known else None

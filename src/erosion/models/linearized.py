@@ -1,7 +1,7 @@
 """The erodent does not turn: the system that questions 1 to 8 are asked of."""
 
 from erosion.models.base import ClosedForm
-from erosion.models.closed_forms import LinearizedCut, StraightCut
+from erosion.models.closed_forms import LinearizedCut, StraightCut, with_deformation
 from erosion.models.forces import ConstantRatio, ForceLaw, TanAlpha, VelocityAligned
 from erosion.models.rigid import RigidErodent
 from erosion.models.tips import CentreOfMassTip, TipKinematics
@@ -28,5 +28,7 @@ class Linearized(RigidErodent):
         if self.torque != NoTorque() or self.kinematics != CentreOfMassTip():
             return None
         if isinstance(self.force, ConstantRatio):
-            return LinearizedCut()
-        return StraightCut() if isinstance(self.force, (TanAlpha, VelocityAligned)) else None
+            return with_deformation(LinearizedCut(), self.deformation)
+        if isinstance(self.force, (TanAlpha, VelocityAligned)):
+            return with_deformation(StraightCut(), self.deformation)
+        return None

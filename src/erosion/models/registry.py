@@ -17,6 +17,7 @@ from erosion.arguments import check_path
 from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.check import flaw
+from erosion.models.deformation import ProportionalDeformationWear
 from erosion.models.finnie import Finnie
 from erosion.models.forces import TanAlpha, VelocityAligned
 from erosion.models.linearized import Linearized
@@ -50,6 +51,8 @@ class ModelInfo:
 
 def _built_in() -> Mapping[str, ModelInfo]:
     tan, aligned, full = TanAlpha(), VelocityAligned(), FullTorque()
+    # A body that turns cuts a third of what one that does not turn cuts (P = k/3 in `finnie`, β = ½).
+    deforms, deforms_less = ProportionalDeformationWear(1.6), ProportionalDeformationWear(4.8)
     entries = (
         ("linearized", "no rotation, constant K = k", "(22)-(25)", Linearized),
         ("tan-alpha", "no rotation, K = tan α", "additional question 2", lambda: Linearized(force=tan)),
@@ -68,6 +71,12 @@ def _built_in() -> Mapping[str, ModelInfo]:
         ("rotating-velocity-aligned-full-torque",
          "full rotation, K = ẏ/ẋ of the centre of mass, torque of both force components",
          "additional questions 1 and 3", lambda: Rotating(force=aligned, torque=full)),
+        ("linearized-deformation", "linearized, and wear by deformation", "(22)-(25); Bitter (1963)",
+         lambda: Linearized(deformation=deforms)),
+        ("finnie-deformation", "finnie, and wear by deformation", "Finnie (1958); Bitter (1963)",
+         lambda: Finnie(deformation=deforms_less)),
+        ("rotating-deformation", "rotating, and wear by deformation", "(16)-(21); Bitter (1963)",
+         lambda: Rotating(deformation=deforms_less)),
         ("as-printed", "equations (16)-(21) to the letter, slips included", "(16)-(21) as printed", AsPrinted),
     )  # fmt: skip
     return types.MappingProxyType({entry[0]: ModelInfo(*entry) for entry in entries})

@@ -1,4 +1,4 @@
-"""A rigid erodent, composed: where the tip is × what force acts there × what torque.
+"""A rigid erodent, composed: where the tip is × what force acts there × what torque × what deforms.
 
     m ẍ = F_x,   m ÿ = F_y,   I φ̈ = τ        (Laverty (2), (3), (11))
 
@@ -8,7 +8,9 @@ A new variant is one new part, a few lines long.
 import equinox as eqx
 import jax.numpy as jnp
 
+from erosion.array_types import Scalar
 from erosion.models.base import CuttingModel, Scales, State, Tip
+from erosion.models.deformation import Deformation, NoDeformation
 from erosion.models.forces import ForceLaw
 from erosion.models.tips import TipKinematics
 from erosion.models.torques import Torque
@@ -22,6 +24,7 @@ class RigidErodent(CuttingModel):
     kinematics: eqx.AbstractVar[TipKinematics]
     force: eqx.AbstractVar[ForceLaw]
     torque: eqx.AbstractVar[Torque]
+    deformation: Deformation = eqx.field(default=NoDeformation(), kw_only=True)
 
     def initial_state(self, p: Parameters) -> State:
         sine, cosine = sincos(p.alpha)
@@ -39,6 +42,9 @@ class RigidErodent(CuttingModel):
             vy=force[1] / p.m,
             omega=self.torque(state, force, p) / p.moment_of_inertia,
         )
+
+    def removed_at_contact(self, p: Parameters) -> Scalar:
+        return self.deformation.removed_at_contact(p)
 
     def tip(self, state: State, p: Parameters) -> Tip:
         return self.kinematics(state, p)

@@ -9,6 +9,7 @@ every jump and of both ends of the range.
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -27,9 +28,10 @@ from erosion.optimum.maxima import SHALLOWEST as SHALLOWEST
 from erosion.optimum.maxima import TIGHT, Maxima, Search
 from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
-from erosion.parameters.quantities import result_row
+from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, quantity_row, result_row
 from erosion.parameters.ranges import STEEPEST
-from erosion.tables import Result, Row, format_number, to_plain
+from erosion.parameters.scales import table_scale
+from erosion.tables import Result, Row, format_number, largest_of, to_plain
 
 NOT_CERTIFIED = "impacts failed or have no derivatives: a better angle may have been missed"
 
@@ -108,15 +110,15 @@ class Optimum(Result):
 
     def rows(self) -> list[Row]:
         """The answer as rows of a table."""
-        degrees = np.rad2deg(self.alpha)
+        angle = quantity_row("", QUANTITIES["alpha"], self.alpha, self.p.units)
         rows = [
-            Row("alpha_max" if not self.least else "alpha_min", "α", format_number(degrees), "°", "angle of attack"),
+            angle._replace(name="alpha_min" if self.least else "alpha_max", meaning="angle of attack, of this model"),
             Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._kind_explained()),
             Row("ended_by", "", format_number(self.ended_by), "", "how the cut ends there"),
             result_row("volume", self.volume, self.p.units),
         ]
         if self.objective != "volume":
-            rows.append(self._value_row())
+            rows.append(self.value_row(self.value))
         if not np.all(self.certified):
             share = f"{np.sum(self.certified):,} of {np.size(self.certified):,}" if np.ndim(self.certified) else "no"
             rows.append(Row("certified", "", share, "", NOT_CERTIFIED))
@@ -126,12 +128,29 @@ class Optimum(Result):
         """Model, parameters and every field, without the sensitivities, which take longer."""
         described = ("model", "p", "integrand")
         names = [field.name for field in dataclasses.fields(self) if field.name not in described]
-        return impact_to_dict(self.model, self.p) | to_plain({name: getattr(self, name) for name in names})
+        content = {name: getattr(self, name) for name in names} | {"units": self.units()}
+        return impact_to_dict(self.model, self.p) | to_plain(content)
 
-    def _value_row(self) -> Row:
-        if self.objective in MEASURES:
-            return result_row(MEASURES[self.objective], self.value, self.p.units)
-        return Row("value", "", format_number(self.value), "", self.objective)
+    def units(self) -> dict[str, str]:
+        """Unit by name of the numbers of `to_dict`, those of candidates, jumps and regimes too."""
+        angle, volume = (RESULTS[name].unit(self.p.units) for name in ("alpha_max", "volume"))
+        value = RESULTS[MEASURES[self.objective]].unit(self.p.units) if self.objective in MEASURES else "1"
+        return {
+            **dict.fromkeys(("alpha", "low", "high"), angle),
+            "volume": volume,
+            **dict.fromkeys(("value", "below", "above"), value),
+            **dict.fromkeys(("dvolume", "dvalue"), f"{value}/{angle}"),
+            **dict.fromkeys(("d2volume", "d2value"), f"{value}/{angle}^2"),
+        }
+
+    def value_row(self, value: Any) -> Row:
+        """A value of the objective as a table row, in the unit of the greatest one."""
+        if self.objective not in MEASURES:
+            return Row("value", "", format_number(value, DIGITS), "", self.objective)
+        name = MEASURES[self.objective]
+        scale = table_scale(RESULTS[name].dimension, self.p.units, largest_of(self.value))
+        row = result_row(name, value, self.p.units)
+        return row._replace(value=format_number(value, DIGITS, scale.size), unit=scale.unit)
 
     def _kind_explained(self) -> str:
         if self.kind == "jump":
@@ -273,9 +292,17 @@ def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
         low = high = np.nan
     if not 0 <= low < high <= STEEPEST * (1 + 1e-12):
         raise ValueError(
-            f"Argument `alpha_range` must be two ascending angles within [0, π/2] rad, but is {alpha_range!r}."
+            "Argument `alpha_range` must be two ascending angles within [0, 90°], but is "
+            f"{_in_degrees(alpha_range)} (numbers without a unit are in radians)."
         )
     return low, min(high, STEEPEST)
+
+
+def _in_degrees(angles: Any) -> str:
+    try:
+        return ", ".join(f"{math.degrees(angle):g}°" for angle in angles)
+    except TypeError:
+        return repr(angles)
 
 
 def _volume_at(model: CuttingModel, p: Parameters, alpha: Any, ended_by: Any) -> tuple[Any, Any]:

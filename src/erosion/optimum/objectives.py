@@ -48,6 +48,9 @@ class VolumePerMass(SameMotion):
     def removal_rate(self, state: Any, p: Parameters) -> Any:
         return self.motion.removal_rate(state, p) / p.m
 
+    def removed_at_contact(self, p: Parameters) -> Any:
+        return self.motion.removed_at_contact(p) / p.m
+
 
 class EndTime(SameMotion):
     """t_c = ∫ dt [s]."""

@@ -157,14 +157,14 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
         np.maximum.at(size, nodes.case, np.nan_to_num(np.abs(nodes.value)))
         cells = Cells(nodes.take(low), nodes.take(high))
         resolved = is_resolved(cells, size[cells.low.case])
-        known = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
+        computed = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
         # Without derivatives nothing says how often to split, but a change of outcome is found all the same.
         blind = ~np.isfinite(cells.low.curve + cells.high.curve) & ~cells.outcome_changes
         thin = ~resolved & (cells.width <= _SUSPECT)
-        lost = ~resolved & (~known | (~thin & (blind | (used[cells.low.case] > _MAX_NODES))))
+        lost = ~resolved & (~computed | (~thin & (blind | (used[cells.low.case] > _MAX_NODES))))
         np.add.at(unresolved, cells.low.case[lost], 1)
         smooth.append(np.stack([low[resolved], high[resolved]]))
-        narrow.append(np.stack([low[thin & known], high[thin & known]]))
+        narrow.append(np.stack([low[thin & computed], high[thin & computed]]))
         split = ~(resolved | thin | lost)
         # A cell that may hold a jump is bracketed once. If the jump is not in the bracket, the cell is split evenly.
         suspect = cells.outcome_changes | (cells.width < _STEEP)

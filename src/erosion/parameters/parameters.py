@@ -18,10 +18,10 @@ from jaxtyping import Array, Float
 
 from erosion.arguments import check_scalars
 from erosion.parameters.materials import MATERIALS
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.parameters.ranges import STEEPEST
-from erosion.parameters.units import System, check_system, conversion_factor, read_quantity, unit_name
-from erosion.tables import Row, abbreviate, format_number, to_html, to_text
+from erosion.parameters.units import System, check_system, conversion_factor, read_quantity
+from erosion.tables import Result, Row, abbreviate
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one
@@ -53,7 +53,7 @@ def _parameter(name: str, default: float | None = None) -> Any:
     return eqx.field(converter=_float64, metadata=metadata, default=default)
 
 
-class Parameters(eqx.Module):
+class Parameters(Result, eqx.Module):
     """Erodent, target and impact: the symbols of the scenario's equations, as float64 leaves.
 
     Any consistent unit system works; `units` names the one these numbers are in. Leaves are
@@ -179,19 +179,14 @@ class Parameters(eqx.Module):
         values = ", ".join(f"{name}={abbreviate(getattr(self, name))}" for name in QUANTITIES)
         return f"Parameters({values}, units={self.units!r})"
 
-    def __str__(self) -> str:
-        return to_text(f"Parameters ({self.units})", self.rows())
-
-    def _repr_html_(self) -> str:
-        return to_html(f"Parameters ({self.units})", self.rows())
+    @property
+    def title(self) -> str:
+        """What the table shows."""
+        return f"Parameters ({self.units})"
 
     def rows(self) -> list[Row]:
         """Name, symbol, value, unit and meaning of each field, for tables."""
-        return [
-            Row(name, quantity.symbol, format_number(getattr(self, name)),
-                unit_name(quantity.dimension, self.units), quantity.meaning)
-            for name, quantity in QUANTITIES.items()
-        ]  # fmt: skip
+        return [quantity_row(name, quantity, getattr(self, name), self.units) for name, quantity in QUANTITIES.items()]
 
 
 REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("phidot0", "inertia"))
@@ -228,13 +223,13 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
         if name == "phidot0":
             good, condition = np.isfinite(values), "must be a finite number"
         elif name == "alpha":
-            good, condition = are_angles(values), "must be in (0, π/2] rad"
+            good, condition = are_angles(values), "must be in (0, 90°]"
         else:
             good, condition = (values > 0) & np.isfinite(values), "must be positive and finite"
         if batch and values.ndim:
             good = good | ~np.isfinite(values)
         if not (good.all() if values.ndim else good):
-            raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(values, good)}{_hint(name, values)}.")
+            raise ValueError(f"{what} `{name}` {condition}, but is {_first_bad(name, values, good)}.")
     try:
         np.broadcast_shapes(*(np.shape(leaf) for leaf in leaves.values()))
     except ValueError:
@@ -277,17 +272,18 @@ def require_parameters(p: object) -> None:
         raise TypeError(f"Argument `p` must be Parameters, but is {p!r}.")
 
 
-def _first_bad(values: np.ndarray, good: Any) -> str:
-    if values.ndim == 0:
-        return f"{float(values):g}"
-    index = tuple(int(i) for i in np.argwhere(~good)[0])
-    return f"{float(values[index]):g} at index {index[0] if len(index) == 1 else index}"
-
-
-def _hint(name: str, values: np.ndarray) -> str:
-    if name == "alpha" and np.any((values > _STEEPEST) & (values <= 90)):
-        return ' (for degrees write "20 deg" in files and on the command line, np.deg2rad(20) in Python)'
-    return ""
+def _first_bad(name: str, values: np.ndarray, good: Any) -> str:
+    """The first value that is not good, and where it is; angles in degrees."""
+    index = tuple(int(i) for i in np.argwhere(~good)[0]) if values.ndim else ()
+    value = float(values[index])
+    text = f"{value:g}"
+    if name == "alpha" and np.isfinite(value):
+        text = f"{np.rad2deg(value):g}°"
+        # Somebody has written 20 and meant degrees.
+        text += f' ({value:g} rad; degrees are written "{value:g} deg")' if 2 <= value <= 90 else ""
+    if not index:
+        return text
+    return f"{text} at index {index[0] if len(index) == 1 else index}"
 
 
 TABLE_1 = Parameters(

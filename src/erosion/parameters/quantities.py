@@ -3,15 +3,20 @@
 The module loads without JAX, so that the command line can make its options from it.
 """
 
+import re
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from erosion.parameters.scales import readable_scale, table_scale
 from erosion.parameters.units import Dimension, System, ascii_unit, derivative_unit, unit_name
 
 if TYPE_CHECKING:
     from erosion.tables import Row
+
+DIGITS = 6  # in tables: the numerical errors are smaller by far, those of the physics far greater
+ANGLE_DIGITS = 5  # 31.717°
 
 
 @dataclass(frozen=True)
@@ -27,10 +32,13 @@ class Quantity:
         unit = unit_name(self.dimension, units)
         return f"{self.symbol}  {self.meaning}" + (f" [{unit}]" if unit else "")
 
+    def unit(self, units: System) -> str:
+        """The unit as programs read it: "in^3", "1" for a pure number."""
+        return ascii_unit(unit_name(self.dimension, units))
+
     def attributes(self, units: System) -> dict[str, str]:
         """The same as attributes of a labelled array, in the words of the CF conventions."""
-        unit = ascii_unit(unit_name(self.dimension, units))
-        return {"long_name": self.meaning, "symbol": self.symbol, "units": unit}
+        return {"long_name": self.meaning, "symbol": self.symbol, "units": self.unit(units)}
 
 
 QUANTITIES: Mapping[str, Quantity] = types.MappingProxyType(
@@ -70,21 +78,39 @@ RESULTS = {
 }
 
 
+def quantity_row(name: str, quantity: Quantity, value: Any, units: System) -> "Row":
+    """A number, or an array, as a table row in a unit that reads well.
+
+    Args:
+        name: the first cell.
+        quantity: what the number is.
+        value: in the units of `units`.
+        units: the unit system.
+    """
+    from erosion.tables import Row, format_number, largest_of
+
+    scale = table_scale(quantity.dimension, units, largest_of(value))
+    digits = ANGLE_DIGITS if quantity.dimension == "angle" else DIGITS
+    return Row(name, quantity.symbol, format_number(value, digits, scale.size), scale.unit, quantity.meaning)
+
+
+def result_row(name: str, value: Any, units: System) -> "Row":
+    """One result as a table row."""
+    return quantity_row(name, RESULTS[name], value, units)
+
+
 def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System) -> "Row":
-    """The volume's derivative with respect to one or two parameters as a table row."""
+    """The volume's derivative with respect to one or two parameters as a table row; per degree, not per radian."""
     from erosion.tables import Row, format_number
 
     same = len(by) == 2 and by[0] == by[1]
     power = "²" if len(by) == 2 else ""
     below = f"∂{by[0].symbol}²" if same else "".join(f"∂{quantity.symbol}" for quantity in by)
     unit = derivative_unit(RESULTS["volume"].dimension, [quantity.dimension for quantity in by], units)
+    angles = sum(quantity.dimension == "angle" for quantity in by)
+    size = 1 / readable_scale("angle", units, 1.0).size ** angles
+    unit = re.sub(r"/rad(²?)(?=/|$)", r"/°\1", unit)
+    if units == "si":
+        size, unit = size * 1e-9, unit.replace("m³", "mm³", 1)
     meaning = "change of volume with " + " and ".join(dict.fromkeys(quantity.meaning for quantity in by))
-    return Row(name, f"∂{power}V/{below}", format_number(value), unit, meaning)
-
-
-def result_row(name: str, value: Any, units: System) -> "Row":
-    """One result as a table row."""
-    from erosion.tables import Row, format_number
-
-    quantity = RESULTS[name]
-    return Row(name, quantity.symbol, format_number(value), unit_name(quantity.dimension, units), quantity.meaning)
+    return Row(name, f"∂{power}V/{below}", format_number(value, DIGITS, size), unit, meaning)

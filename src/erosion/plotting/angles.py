@@ -14,22 +14,22 @@ from erosion.optimum.alpha_max import ASIDE, SHALLOWEST, Optimum
 from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.plotting.colors import DIM, ENDS, INK
 from erosion.plotting.curves import describe
 from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best, star
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes, typeset
 
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_", "unresolved": "v"}
 
 
 class Piece(NamedTuple):
-    """A stretch of a curve without a jump and with one kind of end.
+    """A part of a curve that has no jump, and on which all cuts end in the same way.
 
     Args:
         alpha: angles, shape (n,) [rad].
-        value: the objective there, shape (n,).
+        value: the objective at these angles, shape (n,).
         ended_by: how the cut ends.
     """
 
@@ -42,20 +42,22 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
     """The objective over the range of angles that was searched, for scalar parameters."""
     low, high = optimum.regimes[0].low, optimum.regimes[-1].high
     breaks = sorted({*(jump.alpha for jump in optimum.jumps), *(regime.low for regime in optimum.regimes[1:])})
-    ends = [max(low, SHALLOWEST), *breaks, high - 1e-9]
-    spans = [(a + 2 * ASIDE, b - 2 * ASIDE) for a, b in itertools.pairwise(ends) if b - a > 10 * ASIDE]
+    limits = [max(low, SHALLOWEST), *breaks, high - 1e-9]
+    spans = [(a + 2 * ASIDE, b - 2 * ASIDE) for a, b in itertools.pairwise(limits) if b - a > 10 * ASIDE]
     counts = [max(3, round(points * (b - a) / (high - low))) for a, b in spans]
     angles = [np.linspace(a, b, count) for (a, b), count in zip(spans, counts, strict=True)]
-    # To second order, as the optimum was computed: its points lie on the curve to the bit.
+    # With second derivatives, as the optimum was computed: so its points lie on the curve to the last bit.
     hits = impact(optimum.integrand, optimum.p.replace(alpha=np.concatenate(angles)), derivatives=2)
     cuts = np.cumsum(counts)[:-1]
-    values, how = np.split(hits.volume, cuts), np.split(hits.ended_by, cuts)
-    return [Piece(alpha, value, str(end[len(end) // 2])) for alpha, value, end in zip(angles, values, how, strict=True)]
+    values, ends = np.split(hits.volume, cuts), np.split(hits.ended_by, cuts)
+    return [
+        Piece(alpha, value, str(end[len(end) // 2])) for alpha, value, end in zip(angles, values, ends, strict=True)
+    ]
 
 
 @house_style()
 def plot_optimum(optimum: Optimum) -> Figure:
-    """The objective over the angle: how the cut ends, jumps, candidates and the answer.
+    """The objective over the angle, with the regimes, the jumps, the candidates and the optimum.
 
     Args:
         optimum: for scalar parameters.

@@ -1,4 +1,4 @@
-"""Measurements and the curves fitted to them, with bands -> matplotlib Axes."""
+"""Figures of fits: measurements, fitted curves with bands, and profiles."""
 
 from collections.abc import Sequence
 
@@ -10,8 +10,8 @@ from scipy import stats
 from erosion.calibration import Calibration
 from erosion.models import model_name
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.scales import readable_scale
 from erosion.plotting.colors import INK, PALETTE
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_figure
 
 _ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
@@ -22,9 +22,9 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     """The data, the fitted curves with the bands of their uncertainty, and the first fit's residuals.
 
     Args:
-        fits: to the same data, the best first; more than six are too many to tell apart, and
-            the first six are drawn.
-        level: of the bands.
+        fits: fits to the same data, the best first; only the first six are drawn, because a reader
+            cannot distinguish more.
+        level: the confidence level of the bands.
     """
     best = fits[0]
     data = best.data
@@ -34,13 +34,13 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     _draw_data(upper, best, data.erosion / scale.size, scale.size)
     degrees = np.rad2deg(_ANGLES)
     width = float(stats.norm.ppf((1 + level) / 2))
-    for rank, (one, color) in enumerate(zip(fits, PALETTE.values(), strict=False)):
-        erosion, error = (values / scale.size for values in one.curve(_ANGLES))
+    for rank, (fit, color) in enumerate(zip(fits, PALETTE.values(), strict=False)):
+        erosion, error = (values / scale.size for values in fit.curve(_ANGLES))
         dashes = "-" if rank == 0 else (0, (5, 1.5, *(1, 1.5) * (rank % 3)))
         upper.fill_between(degrees, erosion - width * error, erosion + width * error, color=color, linewidth=0,
                            alpha=0.12 if rank else 0.3, zorder=3)  # fmt: skip
         upper.plot(degrees, erosion, color=color, linestyle=dashes, linewidth=1.4 if rank else 2.0,
-                   zorder=4 - 0.1 * rank, label=model_name(one.model))  # fmt: skip
+                   zorder=4 - 0.1 * rank, label=model_name(fit.model))  # fmt: skip
     _draw_data(lower, best, best.residuals / scale.size, scale.size)
     lower.axhline(0, color=PALETTE["blue"], linewidth=1.4)
     lowest = data.erosion - (0.0 if data.uncertainty is None else data.uncertainty)

@@ -5,7 +5,7 @@ from typing import Any
 
 from erosion.models.base import NO_CUT
 
-# Okabe and Ito (2008), "Color universal design": told apart with any colour vision.
+# Okabe and Ito (2008), "Color universal design": readers with any colour vision can distinguish them.
 PALETTE: Mapping[str, str] = {
     "blue": "#0072b2", "vermillion": "#d55e00", "green": "#009e73",
     "purple": "#cc79a7", "sky": "#56b4e9", "orange": "#e69f00",
@@ -13,11 +13,11 @@ PALETTE: Mapping[str, str] = {
 STYLES: Sequence[tuple[str, Any]] = tuple(
     (color, line) for line in ("-", (0, (5, 2)), (0, (1.5, 1.5))) for color in PALETTE.values()
 )
-"""Colour and line of each of many curves."""
+"""Colour and line style of the first, second, … curve of a figure."""
 
 INK = "#24292f"
 FAINT = "#d0d7de"
 DIM = "#7d858e"
 
 ENDS: Mapping[str, str] = {"rebound": PALETTE["blue"], "stop": PALETTE["vermillion"], NO_CUT: DIM}
-"""The colour of each way a cut may end, the same in every figure."""
+"""The colour of each kind of end, the same in every figure."""

@@ -1,4 +1,4 @@
-"""The shapes of models' V(α) beside what engineers measured: each over its own greatest value."""
+"""V(α) of models and the angle functions of engineers in one figure, each divided by its own maximum."""
 
 from collections.abc import Sequence
 
@@ -28,9 +28,9 @@ def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) 
     """
     angles = np.append(0.0, QUARTER_DEGREES)
     for i, name in enumerate(correlations):
-        one = CORRELATIONS[name]
-        label = f"{one.title}: {np.rad2deg(one.alpha_max):.1f}°"
-        ax.plot(np.rad2deg(angles), np.asarray(one.normalised(angles)), color=DIM, linewidth=1.3,
+        correlation = CORRELATIONS[name]
+        label = f"{correlation.title}: {np.rad2deg(correlation.alpha_max):.1f}°"
+        ax.plot(np.rad2deg(angles), np.asarray(correlation.normalised(angles)), color=DIM, linewidth=1.3,
                 linestyle=_DASHES[i % len(_DASHES)], label=label)  # fmt: skip
     for i, curve in enumerate(curve for curve in curves if curve.best is not None):
         color, line = STYLES[i % len(STYLES)]
@@ -38,7 +38,7 @@ def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) 
         best = f"{np.rad2deg(alpha):.1f}°" if alpha else "as α → 0"
         ax.plot(np.rad2deg(curve.angles), curve.volume / greatest, color=color, linestyle=line, linewidth=2,
                 label=f"{curve.label}: {best}")  # fmt: skip
-    ax.set_ylabel("over the greatest of its own")
+    ax.set_ylabel("divided by its own maximum")
     ax.set_ylim(0, 1.05)
     angle_axis(ax)
     legend_below(ax, 2)
@@ -47,17 +47,17 @@ def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) 
 
 @house_style()
 def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str]) -> Figure:
-    """The models of `erosion.compare` beside engineering correlations, each over its own greatest value.
+    """The models of `erosion.compare` and engineering correlations, each divided by its own maximum.
 
     Args:
-        comparison: what `erosion.compare` returns.
+        comparison: the result of `erosion.compare`.
         correlations: names in `erosion.CORRELATIONS`.
     """
     curves = []
     for name in comparison.model.values:
-        one = comparison.sel(model=name)
-        angles, volume = broken(one.alpha.values, one.volume.values, one.dvolume.values)
-        best = (float(one.alpha_max), float(one.volume_max))
+        results = comparison.sel(model=name)
+        angles, volume = broken(results.alpha.values, results.volume.values, results.dvolume.values)
+        best = (float(results.alpha_max), float(results.volume_max))
         curves.append(Curve(str(name), angles, volume, best if np.isfinite(best).all() and best[1] > 0 else None))
     fig, ax = new_axes(6.6, 4.4 + 0.11 * (len(curves) + len(correlations)))
     plot_shapes(ax, curves, correlations)

@@ -1,4 +1,4 @@
-"""Curves that jump, and their best point: broken, told and marked the same in every figure."""
+"""Curves that jump, broken at their jumps, and the words for their best point; the same in every figure."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from erosion.plotting.labels import NOTHING
 
 
 class Best(NamedTuple):
-    """What a figure says of an optimum; the names are those of `Optimum`, which serves as well."""
+    """The fields of an optimum that a figure needs. Their names are those of `Optimum`, so a figure takes both."""
 
     alpha: float
     value: float
@@ -33,12 +33,12 @@ def describe(best: Best | Optimum) -> str:
 
 
 def with_gaps(before: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The arrays with NaN put in before each of these indices, so that no line is drawn there."""
+    """Insert NaN into the arrays before each of these indices, so that a curve has gaps there."""
     return tuple(np.insert(array, before, np.nan) for array in arrays)
 
 
 def broken_at(jumps: Sequence[Jump], angles: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The curve with both sides of each jump put in, and NaN between them."""
+    """Insert both sides of each jump into a curve, and NaN between them."""
     for jump in jumps:
         at = int(np.searchsorted(angles, jump.alpha))
         angles = np.insert(angles, at, [jump.alpha - ASIDE, np.nan, jump.alpha + ASIDE])
@@ -49,7 +49,7 @@ def broken_at(jumps: Sequence[Jump], angles: np.ndarray, volume: np.ndarray) -> 
 
 
 def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, ...]:
-    """A sampled curve with NaN put in where it must jump: where it changes by far more than its slopes say.
+    """Insert NaN into a sampled curve where it must jump: where it changes by much more than its slopes explain.
 
     Args:
         x: along the axis, shape (n,).

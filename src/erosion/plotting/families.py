@@ -8,17 +8,17 @@ from matplotlib.axes import Axes
 
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import ENDS, FAINT, INK, PALETTE
 from erosion.plotting.curves import with_gaps
 from erosion.plotting.labels import end_label
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import angle_axis, house_style, legend_below
 
 _COLORS = (*PALETTE.values(), INK)
 _MARKERS = ("o", "s", "^", "v", "D", "P")
-_APART = np.deg2rad(4)  # neighbouring maxima further apart than this are different ones: no line between
-_WIDE = 30  # times the least maximum: what is larger needs a logarithmic axis
+_APART = np.deg2rad(4)  # neighbouring maxima that differ by more are different maxima: no line joins them
+_WIDE = 30  # times the least maximum; with a larger maximum the axis is logarithmic
 
 _ROUNDING = 2.0**-52
 
@@ -27,11 +27,11 @@ class Curve(NamedTuple):
     """V(α) of one model and set of parameters.
 
     Args:
-        label: in the legend.
-        angles: α, ascending, shape (n,) [rad]; NaN where the curve is interrupted.
+        label: the text in the legend.
+        angles: α, ascending, shape (n,) [rad]; NaN where the curve has a gap.
         volume: V, shape (n,) [volume].
-        best: (α, V) of the maximum, α = 0 for a limit, or None where nothing is marked.
-        attained: whether the maximum is reached, or only approached.
+        best: (α, V) of the maximum, α = 0 for a limit; None draws no mark.
+        attained: whether V reaches the maximum or only approaches it.
     """
 
     label: str
@@ -45,11 +45,11 @@ class BestAngles(NamedTuple):
     """Angles of greatest removal over a parameter, ascending; arrays of shape (n,).
 
     Args:
-        label: in the legend.
-        x: the parameter.
+        label: the text in the legend.
+        x: the values of the parameter.
         alpha: α_max [rad], NaN where nothing is cut.
-        at_jump: whether the maximum is one side of a jump of V(α).
-        line: join them where they are close together; else only their markers are drawn.
+        at_jump: whether the maximum is at a jump of V(α).
+        line: whether to join maxima that are close together; without it only markers are drawn.
     """
 
     label: str
@@ -63,7 +63,7 @@ class BestAngles(NamedTuple):
 def plot_family(ax: Axes, curves: Sequence[Curve], *, units: System, joined: bool = False, columns: int = 3) -> Axes:
     """Removed volume over the angle of attack, several curves on one figure.
 
-    Where their sizes differ much the axis is logarithmic: then equal shapes are shifted copies.
+    If the maxima differ much, the axis is logarithmic: curves of one shape are then shifted copies.
 
     Args:
         ax: empty axes.
@@ -75,17 +75,17 @@ def plot_family(ax: Axes, curves: Sequence[Curve], *, units: System, joined: boo
     largest = [float(np.nanmax(curve.volume)) for curve in curves]
     scale = readable_scale("volume", units, max(largest))
     for i, curve in enumerate(curves):
-        again = i >= len(_COLORS)
+        colors_used_up = i >= len(_COLORS)
         ax.plot(np.rad2deg(curve.angles), curve.volume / scale.size, color=_COLORS[i % len(_COLORS)],
-                linestyle=(0, (4, 3)) if again else "-", linewidth=1.9, label=curve.label)  # fmt: skip
+                linestyle=(0, (4, 3)) if colors_used_up else "-", linewidth=1.9, label=curve.label)  # fmt: skip
     marked = [curve for curve in curves if curve.best is not None]
     tops = np.array([curve.best for curve in marked]).reshape(-1, 2)
     if joined:
         ax.plot(np.rad2deg(tops[:, 0]), tops[:, 1] / scale.size, linestyle=(0, (2, 2)), color=INK, linewidth=1.1)
     for attained, fill, label in ((True, PALETTE["orange"], "greatest"), (False, "none", "approached, not reached")):
-        some = np.array([curve.attained == attained for curve in marked], bool)
-        if some.any():
-            ax.plot(np.rad2deg(tops[some, 0]), tops[some, 1] / scale.size, "*" if attained else "o", color=fill,
+        drawn = np.array([curve.attained == attained for curve in marked], bool)
+        if drawn.any():
+            ax.plot(np.rad2deg(tops[drawn, 0]), tops[drawn, 1] / scale.size, "*" if attained else "o", color=fill,
                     markersize=12 if attained else 8, markeredgecolor=INK, markeredgewidth=0.8, linestyle="none",
                     zorder=5, clip_on=False, label=label)  # fmt: skip
     least = min(largest)
@@ -110,7 +110,7 @@ def plot_best_angles(
     exact: tuple[str, np.ndarray, np.ndarray] | None = None,
     columns: int = 2,
 ) -> Axes:
-    """The angle of greatest removal over a parameter, maxima at jumps marked.
+    """The angle of greatest removal over a parameter; hollow markers show maxima at jumps.
 
     Args:
         ax: empty axes.
@@ -164,10 +164,10 @@ def plot_differences(ax: Axes, angles: np.ndarray, differences: Mapping[str, np.
         differences: by label, not negative, shape (n,).
     """
     for color, (label, difference) in zip(_COLORS, differences.items(), strict=False):
-        # A difference of nothing has no place on the axis: it is drawn at the least that can be.
+        # A logarithmic axis has no zero: a difference of zero is drawn at the smallest value.
         ax.semilogy(np.rad2deg(angles), np.maximum(difference, _ROUNDING), ".", color=color, markersize=4, label=label)
     ax.axhline(_ROUNDING, color=INK, linestyle=(0, (4, 3)), linewidth=1, label="rounding of one number")
-    ax.set_ylim(1e-17, max(1e-8, 10 * max(float(np.nanmax(some)) for some in differences.values())))
+    ax.set_ylim(1e-17, max(1e-8, 10 * max(float(np.nanmax(difference)) for difference in differences.values())))
     ax.set_ylabel("difference over the volume scale V*")
     angle_axis(ax)
     legend_below(ax, 1)
@@ -176,7 +176,7 @@ def plot_differences(ax: Axes, angles: np.ndarray, differences: Mapping[str, np.
 
 @house_style()
 def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarray) -> Axes:
-    """How far the body turns during the cut, over the angle of attack, by how the cut ends.
+    """How far the body turns during the cut, over the angle of attack; colours show how the cut ends.
 
     Args:
         ax: empty axes.

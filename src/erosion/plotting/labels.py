@@ -1,4 +1,4 @@
-"""What figures and pages show of an impact, and what they call it."""
+"""Labels of figures and pages: the histories of an impact and its kinds of end."""
 
 from erosion.engine.outcomes import OTHER_ENDS
 from erosion.models.base import NO_CUT
@@ -17,5 +17,5 @@ EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
 
 
 def end_label(ended_by: str) -> str:
-    """How cuts end: "ends by stop", "nothing is cut"."""
+    """The label of a kind of end: "ends by stop", "nothing is cut"."""
     return NOTHING if ended_by == NO_CUT else f"ends by {ended_by}"

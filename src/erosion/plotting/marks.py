@@ -1,4 +1,4 @@
-"""How the best point of a curve is marked."""
+"""The mark of the best point of a curve."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from erosion.plotting.curves import Best
 
 
 def star(best: Best | Optimum, color: str = PALETTE["orange"]) -> dict[str, Any]:
-    """How its marker looks, in a figure and in a legend: hollow where it is only approached."""
+    """The style of the mark in a figure and in its legend; hollow if the curve only approaches the point."""
     return {
         "marker": "*",
         "markersize": 13,
@@ -23,5 +23,5 @@ def star(best: Best | Optimum, color: str = PALETTE["orange"]) -> dict[str, Any]
 
 
 def mark_best(ax: Axes, best: Best | Optimum, size: float, color: str = PALETTE["orange"]) -> None:
-    """A star where the optimum is; the axis shows its value over `size`."""
+    """Draw a star at the optimum, on an axis that shows values divided by `size`."""
     ax.plot([np.rad2deg(best.alpha)], [best.value / size], zorder=6, clip_on=False, **star(best, color))

@@ -1,4 +1,4 @@
-"""One impact -> matplotlib Axes: motion, path, end of the cut, removed volume."""
+"""Figures of one impact and of its end: motion, path, end times, rate of removal, removed volume."""
 
 import math
 from collections.abc import Mapping
@@ -13,10 +13,10 @@ from scipy.interpolate import CubicSpline
 from erosion.models import model_name
 from erosion.models.base import NO_CUT, ClosedForm, State
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import DIM, ENDS, INK, PALETTE
 from erosion.plotting.labels import EVENT_LABELS, HISTORIES, NOTHING, end_label
-from erosion.plotting.scales import Scale, readable_scale
 from erosion.plotting.style import angle_axis, house_style, legend_below, new_figure, typeset
 from erosion.trajectory.trajectory import Trajectory
 
@@ -26,7 +26,7 @@ MARKS = {
     "case": ("o", PALETTE["purple"], "this case, {}"),
     "best": ("*", PALETTE["orange"], "greatest at {}"),
 }
-"""Points over the angle that a figure may mark: marker, colour and label."""
+"""Marker, colour and label of the points over the angle that a figure can mark."""
 
 
 @house_style()
@@ -35,9 +35,9 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
 
     Args:
         fig: an empty figure.
-        trajectory: of any model. Where the centre of mass moves differently from the tip,
-            it is drawn dashed.
-        closed: the exact solution, drawn as a broad pale line below the numerical one.
+        trajectory: of any model. If the centre of mass moves differently from the tip, a dashed line
+            shows it.
+        closed: the exact solution, drawn as a broad pale line below the numerical solution.
 
     Returns:
         The panels, in the order x, y, ẋ, ẏ.
@@ -71,7 +71,7 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
 
 @house_style()
 def plot_path(ax: Axes, trajectory: Trajectory) -> Axes:
-    """The tip's path with the depth downward, the removed area filled (Laverty, Figure 8)."""
+    """The tip's path with the depth downward; the removed area is filled (Laverty, Figure 8)."""
     p, x, depth = trajectory.p, trajectory.x_tip, trajectory.depth
     along = readable_scale("length", p.units, _largest(x))
     down = readable_scale("length", p.units, max(_largest(depth), trajectory.max_depth))
@@ -93,7 +93,7 @@ def plot_path(ax: Axes, trajectory: Trajectory) -> Axes:
 
 @house_style()
 def plot_trajectory(trajectory: Trajectory) -> Figure:
-    """One impact of any model at a glance: the tip's path above its four histories."""
+    """One impact of any model: the tip's path, and below it the tip's four histories."""
     fig = new_figure(6.2, 7.6)
     halves: Any = fig.subfigures(2, 1, height_ratios=(0.4, 0.6))
     plot_path(halves[0].subplots(), trajectory)
@@ -117,15 +117,15 @@ def plot_end_times(
     real_part: np.ndarray | None = None,
     marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Axes:
-    """When each event would end the cut, over the angle, and when it does (Laverty, Figure 9).
+    """When each event alone would end the cut, and when the cut ends, over the angle (Laverty, Figure 9).
 
     Args:
         ax: empty axes.
         angles: α, shape (n,) [rad].
-        candidates: by event name, times of shape (n,) [s], NaN where it never happens.
+        candidates: by event name, times of shape (n,) [s]; NaN where the event never happens.
         t_c: the actual end, shape (n,) [s].
         units: the unit system, for labels.
-        real_part: of the complex root of ẋ = 0, NaN where it is real, shape (n,) [s].
+        real_part: the real part of the complex root of ẋ = 0, shape (n,) [s]; NaN where the root is real.
         marks: (α, t) of points, by their names in `MARKS`.
     """
     time = readable_scale("time", units, float(np.nanmax(t_c)))
@@ -148,7 +148,7 @@ def plot_end_times(
 
 @house_style()
 def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
-    """dV/dt over time, whose area is the volume, with the bars of the midpoint rule."""
+    """dV/dt over time, with the bars of the midpoint rule; the area below the curve is the volume."""
     p, t_c = trajectory.p, trajectory.t_c
     rate = trajectory.removal_rate
     time = readable_scale("time", p.units, t_c)
@@ -178,7 +178,7 @@ def plot_volume(
     units: System,
     marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Axes:
-    """Removed volume over the angle of attack, coloured by how the cut ends.
+    """Removed volume over the angle of attack; colours show how the cut ends.
 
     Args:
         ax: empty axes.

@@ -1,4 +1,4 @@
-"""Streams -> matplotlib Axes: how much each particle removes, and over the nozzle's angle."""
+"""Figures of streams: the volumes that single particles remove, and the mean volume over the nozzle's angle."""
 
 from typing import Any
 
@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.colors import DIM, INK, PALETTE
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_figure
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.result import Stream
@@ -18,7 +18,7 @@ from erosion.streams.result import Stream
 
 @house_style()
 def plot_stream(stream: Stream) -> Figure:
-    """The histogram of the volumes, and the curve over the nozzle's angle where it was computed."""
+    """The histogram of the volumes and, if it was computed, the curve over the nozzle's angle."""
     panels = 1 if stream.nozzle is None else 2
     fig = new_figure(5.8, 3.6 * panels)
     axes = np.ravel(fig.subplots(panels, 1))
@@ -30,7 +30,7 @@ def plot_stream(stream: Stream) -> Figure:
 
 @house_style()
 def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
-    """Share of the particles by the volume that they remove; those that remove nothing in words."""
+    """The share of the particles over the volume that they remove; the title says how many remove nothing."""
     edges, shares = stream.tally.histogram()
     units = stream.particles.p.units
     ax.stairs(shares, edges, fill=True, color=PALETTE["orange"], alpha=0.55)
@@ -52,7 +52,7 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
 
 @house_style()
 def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
-    """Mean volume over the nozzle's angle with its 95 % band, and a single particle's beside it."""
+    """Mean volume over the nozzle's angle with its 95 % band, and the volume that one typical particle removes."""
     scale = readable_scale("volume", units, float(max(nozzle.curve.max(), nozzle.single_curve.max())))
     degrees, mean = np.rad2deg(nozzle.angles), nozzle.curve / scale.size
     half = 1.96 * nozzle.curve_error / scale.size

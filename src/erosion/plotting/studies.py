@@ -11,19 +11,19 @@ from matplotlib.patches import Patch
 
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import ENDS, INK, STYLES
 from erosion.plotting.curves import Best, broken, describe
 from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes, new_figure, typeset
 from erosion.sweeps.grid import in_words
 
 
 @house_style()
 def plot_comparison(comparison: xr.Dataset) -> Figure:
-    """V(α) of several models, broken at jumps; a star is a model's greatest, hollow if only approached."""
+    """V(α) of several models, broken at jumps. A star marks each maximum; it is hollow if V only approaches it."""
     models = [str(name) for name in comparison.model.values]
     rows = -(-len(models) // 2)
     fig, ax = new_axes(6.6, 4.4 + 0.22 * rows)
@@ -32,10 +32,10 @@ def plot_comparison(comparison: xr.Dataset) -> Figure:
     handles = []
     for i, name in enumerate(models):
         color, line = STYLES[i % len(STYLES)]
-        one = comparison.isel(model=i)
-        x, y = broken(degrees, volume[i], np.deg2rad(1) * one.dvolume.values)
+        results = comparison.isel(model=i)
+        x, y = broken(degrees, volume[i], np.deg2rad(1) * results.dvolume.values)
         ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8)
-        best = _best(one)
+        best = _best(results)
         if np.isfinite(best.alpha):
             mark_best(ax, best, scale.size, color)
         label = f"{name}: {describe(best)}"
@@ -50,7 +50,7 @@ def plot_comparison(comparison: xr.Dataset) -> Figure:
 
 @house_style()
 def plot_regimes(regimes: xr.Dataset) -> Figure:
-    """How cuts end, and what they remove, over angle and spin, with the best angle of each spin."""
+    """How cuts end and how much they remove, over angle and spin, with the best angle of each spin."""
     units = _units(regimes)
     fig = new_figure(7.2, 4.6)
     left, right = fig.subplots(1, 2, sharey=True)
@@ -86,15 +86,15 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     handles.append(Line2D([], [], marker=".", linestyle="", color=INK, label="greatest for this spin"))
     if jumps.any():
         handles.append(Line2D([], [], marker="D", linestyle="", color="none", markeredgecolor=INK, markersize=5,
-                              label="the same, at a jump"))  # fmt: skip
+                              label="greatest for this spin, at a jump"))  # fmt: skip
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     return fig
 
 
-def _best(one: xr.Dataset) -> Best:
-    """A model's best angle in a comparison, which does not say on which side of a jump it lies."""
-    alpha, kind = float(one.alpha_max), str(in_words(one.alpha_max_kind))
-    return Best(alpha, float(one.volume_max), kind, attained=kind != "jump" and alpha != 0)
+def _best(results: xr.Dataset) -> Best:
+    """A model's best angle in a comparison; the comparison does not hold the side of a jump."""
+    alpha, kind = float(results.alpha_max), str(in_words(results.alpha_max_kind))
+    return Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
 
 
 def _angle_axis(axis: Any) -> None:

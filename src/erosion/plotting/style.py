@@ -1,8 +1,7 @@
-"""How every figure looks: colours, units that read well, files that are the same each time.
+"""The style of every figure, and files that are the same each time.
 
-Figures are made without pyplot, so nothing here has global state, and always in the same
-style whatever the user's matplotlibrc says. Saved files hold no dates and no random ids:
-the same results give the same bytes.
+Figures are made without pyplot, so this module has no global state. The user's matplotlibrc does not
+change their style. Saved files hold no dates and no random ids: the same results give the same bytes.
 """
 
 import contextlib
@@ -43,7 +42,7 @@ _STYLE: Mapping[Any, Any] = {
     "grid.linewidth": 0.6,
     "lines.linewidth": 1.6,
     "mathtext.fontset": "dejavusans",
-    # Text as outlines: every viewer shows it alike, whatever fonts it has.
+    # Text as outlines: every viewer shows the same text, with any fonts.
     "svg.fonttype": "path",
     "svg.hashsalt": "erosion",
     "savefig.dpi": 160,
@@ -52,7 +51,7 @@ _STYLE: Mapping[Any, Any] = {
 
 @contextlib.contextmanager
 def house_style() -> Iterator[None]:
-    """Everything drawn or saved within looks alike, whatever the user's settings are."""
+    """Draw and save in the same style, independent of the user's settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
@@ -60,7 +59,7 @@ def house_style() -> Iterator[None]:
 
 
 def new_figure(width: float = 5.4, height: float = 3.7) -> Figure:
-    """An empty figure [in]. At this width 10 pt text is still readable on a phone."""
+    """An empty figure; width and height in inches. At the default width a phone shows 10 pt text readably."""
     with house_style():
         return Figure(figsize=(width, height), layout="constrained")
 
@@ -73,7 +72,7 @@ def new_axes(width: float = 5.4, height: float = 3.7) -> tuple[Figure, Axes]:
 
 
 def render(fig: Figure, suffix: str, *, transparent: bool = False) -> bytes:
-    """The figure as the bytes of an "svg", "png" or "pdf" file, the same for the same figure."""
+    """The bytes of an "svg", "png" or "pdf" file; the same figure gives the same bytes."""
     buffer = io.BytesIO()
     with house_style():
         fig.savefig(buffer, format=suffix, transparent=transparent, metadata=dict(_NO_DATES[suffix]))
@@ -81,7 +80,7 @@ def render(fig: Figure, suffix: str, *, transparent: bool = False) -> bytes:
 
 
 def save_figure(fig: Figure, stem: Path) -> list[Path]:
-    """Write `stem`.svg and `stem`.png on a white ground; returns their paths."""
+    """Write `stem`.svg and `stem`.png on a white background; returns their paths."""
     return [save_plot(fig, stem.with_name(f"{stem.name}.{suffix}")) for suffix in ("svg", "png")]
 
 
@@ -98,7 +97,7 @@ def save_plot(fig: Figure, path: str | Path) -> Path:
 
 
 def require_plot_path(path: str | Path) -> None:
-    """Find out whether `save_plot` can write there, before computing for it; raises as it does."""
+    """Check that `save_plot` can write to the path, before anything is computed; errors as of `save_plot`."""
     _suffix(Path(path))
     require_writable(Path(path))
 
@@ -111,12 +110,12 @@ def _suffix(path: Path) -> str:
 
 
 def typeset(symbol: str) -> str:
-    """The symbol, such as t_c, as mathtext."""
+    """A symbol such as t_c as mathtext."""
     return re.sub(r"^(\w)_(\w+)$", r"$\1_{\2}$", symbol) if "_" in symbol else f"${symbol}$"
 
 
 def angle_axis(ax: Axes) -> None:
-    """α from 0° to 90° along x."""
+    """Make x the axis of α, from 0° to 90°."""
     quantity = QUANTITIES["alpha"]
     ax.set_xlim(0, 90)
     ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
@@ -124,6 +123,6 @@ def angle_axis(ax: Axes) -> None:
 
 
 def legend_below(ax: Axes, columns: int) -> None:
-    """The axes' legend, outside at the foot of the figure."""
+    """Put the axes' legend below the axes, at the bottom of the figure."""
     figure: Any = ax.figure
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)

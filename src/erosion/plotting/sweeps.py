@@ -1,4 +1,4 @@
-"""Sweeps -> matplotlib Axes: a family of curves, or a map over two axes."""
+"""Figures of sweeps: several curves, or a map over two axes."""
 
 from typing import Any
 
@@ -10,20 +10,20 @@ from matplotlib.figure import Figure
 
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import INK, PALETTE
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import house_style, new_axes
 
 _FEW = 6
-"""Curves that are told apart at a glance; more values of an axis make a map."""
+"""Curves that a reader distinguishes easily; an axis with more values makes a map."""
 
 
 def plot_sweep(sweep: xr.Dataset) -> Figure:
-    """The volume of a sweep: curves over one axis, or a map where a second has many values.
+    """The volume of a sweep: curves over one axis, or a map if both axes have many values.
 
     Args:
-        sweep: of one or two dimensions; of more, choose first: `sweep.isel(v0=0)`.
+        sweep: of one or two dimensions. If it has more, select from it: `sweep.isel(v0=0)`.
 
     Raises:
         ValueError: for a sweep of other dimensions.
@@ -46,12 +46,12 @@ def plot_sweep(sweep: xr.Dataset) -> Figure:
 
 @house_style()
 def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
-    """Removed volume along an axis, one curve for each value of the other dimension, if any."""
+    """Removed volume along an axis, with one curve for each value of the other dimension if there is one."""
     scale = readable_scale("volume", _units(sweep), float(np.nanmax(sweep.volume)))
     x, x_label = _axis(sweep, along)
-    others = [str(dim) for dim in sweep.dims if dim != along]
+    other_dims = [str(dim) for dim in sweep.dims if dim != along]
     curves = sweep.volume.transpose(..., along).values.reshape(-1, len(x)) / scale.size
-    labels = _labels(sweep, others[0]) if others else [sweep.attrs.get("model", "")]
+    labels = _labels(sweep, other_dims[0]) if other_dims else [sweep.attrs.get("model", "")]
     colors = list(PALETTE.values())
     if len(curves) > _FEW:
         colors = [mpl.colormaps["viridis"](fraction) for fraction in np.linspace(0, 0.92, len(curves))]
@@ -70,7 +70,7 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
 
 @house_style()
 def plot_volume_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
-    """Removed volume over two axes, with lines where the way the cut ends changes."""
+    """Removed volume over two axes, with lines where the kind of end changes."""
     scale = readable_scale("volume", _units(sweep), float(np.nanmax(sweep.volume)))
     (across, x_label), (up, y_label) = _axis(sweep, x), _axis(sweep, y)
     volume = sweep.volume.transpose(y, x).values / scale.size
@@ -95,12 +95,12 @@ def _units(sweep: xr.Dataset) -> System:
 
 
 def _axis(sweep: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
-    """Values as shown and the label of a parameter's axis; angles in degrees."""
+    """Values in readable units, and the label of a parameter's axis; angles are in degrees."""
     values = sweep[name].values
     if name not in QUANTITIES:
-        about = sweep[name].attrs
-        unit = "" if about["units"] == "1" else f"  [{about['units']}]"
-        return values, f"{about['symbol']}  {about['long_name']}{unit}"
+        labels = sweep[name].attrs
+        unit = "" if labels["units"] == "1" else f"  [{labels['units']}]"
+        return values, f"{labels['symbol']}  {labels['long_name']}{unit}"
     quantity = QUANTITIES[name]
     if quantity.dimension == "angle":
         return np.rad2deg(values), f"{quantity.symbol}  {quantity.meaning}  [°]"

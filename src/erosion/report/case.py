@@ -1,4 +1,4 @@
-"""What a question is given and what it answers with."""
+"""The case that a question is asked about, with shared results, and the form of an answer."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
@@ -22,9 +22,9 @@ from erosion.report.spins import Spins, over_spins
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
 
-_RTOL = 1e-12  # of impacts: what the numbers of the page are checked against
+_RTOL = 1e-12  # relative tolerance of the report's impacts, with which its other numbers are compared
 Need = tuple[str, str]
-"""What a question needs, and of which model: ("optimum", "rotating")."""
+"""A kind of result and the model that it is about: ("optimum", "rotating")."""
 
 _ASIDE = {"slips": "On the source", "models": "In closing"}
 
@@ -36,7 +36,7 @@ class Answer:
     Args:
         numbers: by name, for numbers.json and as fields of the text.
         figures: by the names of their files, without suffix.
-        fields: what else the text uses, by name.
+        fields: further values that the text uses, by name.
     """
 
     numbers: dict[str, Any]
@@ -45,7 +45,7 @@ class Answer:
 
 
 def question(key: str) -> str:
-    """What the scenario calls it: "q4" is Question 4, "a2" is Additional question 2; or what it is on."""
+    """The title of a part: "q4" is Question 4, "a2" is Additional question 2; other keys give their subject."""
     if key in _ASIDE:
         return _ASIDE[key]
     return f"{'Additional question' if key[0] == 'a' else 'Question'} {key[1:]}"
@@ -53,10 +53,10 @@ def question(key: str) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """One set of parameters, with what several questions need computed once.
+    """One set of parameters. Results that several questions need are computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
-    Where models are asked of by name, results come from the engine, whatever is known exactly.
+    Results about models that are given by name come from the engine, also if a closed form exists.
     """
 
     p: Parameters
@@ -69,7 +69,7 @@ class Case:
 
     @functools.cached_property
     def model(self) -> Linearized:
-        """The model that the questions are asked of."""
+        """The model of questions 1 to 8."""
         return Linearized()
 
     @functools.cached_property
@@ -96,12 +96,12 @@ class Case:
 
     @functools.cached_property
     def t_c(self) -> float:
-        """When the cut ends, exactly [s]."""
+        """The exact time of the end of the cut [s]."""
         return float(self.closed.t_c(self.p))
 
     @functools.cached_property
     def volume(self) -> float:
-        """The volume removed, exactly."""
+        """The exact removed volume [volume]."""
         return float(self.closed.volume(self.p))
 
     @functools.cached_property
@@ -110,24 +110,24 @@ class Case:
         return str(self.closed.ended_by(self.p))
 
     @functools.cached_property
-    def _known(self) -> dict[tuple[str, str], Future[Any]]:
-        """What was computed, or is being computed, by what it is and the model's name."""
+    def _results(self) -> dict[tuple[str, str], Future[Any]]:
+        """Results that are computed or being computed, by their kind and the model's name."""
         return {}
 
     def prepare(self, pool: Executor, needs: Iterable[Need]) -> None:
-        """Compute in the background what questions will need; what another need is made from comes before it.
+        """Compute in the background the results that questions need, in an order in which each uses only earlier ones.
 
-        Compiling and integrating leave the interpreter free, so that the other core has work.
+        Compiling and integrating release the interpreter, so that a second core has work.
         """
-        for what, model in dict.fromkeys(needs):
-            self._known[what, model] = pool.submit(_COMPUTE[what], self, model)
+        for kind, model in dict.fromkeys(needs):
+            self._results[kind, model] = pool.submit(_COMPUTE[kind], self, model)
 
-    def _once(self, what: str, model: str) -> Any:
-        if (what, model) not in self._known:
-            computed = _COMPUTE[what](self, model)
-            self._known[what, model] = Future()
-            self._known[what, model].set_result(computed)
-        return self._known[what, model].result()
+    def _once(self, kind: str, model: str) -> Any:
+        if (kind, model) not in self._results:
+            computed = _COMPUTE[kind](self, model)
+            self._results[kind, model] = Future()
+            self._results[kind, model].set_result(computed)
+        return self._results[kind, model].result()
 
     def optimum(self, model: str) -> Optimum:
         """A model's angle of greatest removal in this case."""
@@ -138,7 +138,7 @@ class Case:
         return self._once("hits", model)
 
     def curve(self, model: str, label: str | None = None) -> Curve:
-        """A model's V(α), interrupted at its jumps, with its maximum."""
+        """A model's V(α) with its maximum, and with gaps at its jumps."""
         optimum = self.optimum(model)
         angles, volume = broken_at(optimum.jumps, self.looks, self.hits(model).volume[:-1])
         best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
@@ -149,16 +149,16 @@ class Case:
         return self._once("spins", model)
 
     def families(self, model: str) -> Families:
-        """A model asked with other speeds, erodents, materials and modelling parameters."""
+        """A model with other speeds, erodents, materials and modelling parameters."""
         return self._once("families", model)
 
     def sensitivity(self, model: str, name: str) -> float:
-        """The change of α_max by a change of q of its own size, q dα_max/dq [rad]."""
+        """The change of α_max for a change of q by its own size: q dα_max/dq [rad]."""
         return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
 
     @functools.cached_property
     def looks(self) -> np.ndarray:
-        """α in (0, 90°] [rad] for curves of the engine: fewer than `angles`, for they are computed one by one."""
+        """α in (0, 90°] [rad] for curves of the engine; fewer than `angles`, because each angle is integrated."""
         near_zero, even = [0.02, 0.1, 0.25], np.linspace(0, 90, 181)[1:-1]
         return np.deg2rad([*near_zero, *even, 90 - 1e-7])
 
@@ -169,7 +169,7 @@ class Case:
 
     @functools.cached_property
     def angles(self) -> np.ndarray:
-        """α in (0, 90°] [rad], ascending, close together where curves bend at the cusp."""
+        """α in (0, 90°] [rad], ascending, closer together where curves bend at the cusp."""
         # The last is short of 90° by less than any curve shows, for at 90° itself nothing is cut.
         even = np.deg2rad(np.append(np.linspace(0, 90, 361)[1:-1], 90 - 1e-7))
         below = self.cusp * np.linspace(0, 1, 101)[1:]

@@ -1,4 +1,4 @@
-"""One parameter at several values, the others as they are: questions 5 to 8, of any model."""
+"""One parameter at several values, with all other parameters fixed: questions 5 to 8, for any model."""
 
 import types
 from collections.abc import Callable, Mapping
@@ -58,14 +58,14 @@ class Family:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """The answer for each value, as a table has it."""
+        """The row of a table for each value."""
         columns = ("label", "value", "alpha", "volume", "kind", "ended_by")
         answers = zip(self.labels, self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)
         return [dict(zip(columns, row, strict=True)) for row in answers]
 
     @property
     def named(self) -> bool:
-        """Whether the labels say more than the values."""
+        """Whether the labels are names, such as copper or 2R, instead of values."""
         return any("=" not in label for label in self.labels)
 
     @property
@@ -80,11 +80,11 @@ class Family:
 
     @property
     def spread(self) -> float:
-        """Between the greatest and the least α_max [rad]."""
+        """The greatest α_max minus the least [rad]."""
         return float(np.ptp(self.alpha))
 
     def departure(self, power: int) -> float:
-        """By how much V_max departs from V_max ∝ value^`power`, relative."""
+        """The relative range of V_max / value^`power`; 0 where V_max ∝ value^`power`."""
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
@@ -101,13 +101,13 @@ class Family:
 
 
 Families = Mapping[str, Family]
-"""By the name of the parameter that varies: v0, r, m, sigma, psi, k."""
+"""Each family by the name of the parameter that varies: v0, r, m, sigma, psi, k."""
 
 
 def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     """All families of a model about one case, in one batch."""
     varied = {name: values(p) for name, values in _VALUES.items()}
-    rows = [(name, value) for name, some in varied.items() for value in some]
+    rows = [(name, value) for name, values in varied.items() for value in values]
     columns = {q: np.full(len(rows), float(getattr(p, q))) for q in QUANTITIES}
     for i, (name, value) in enumerate(rows):
         columns[name][i] = value
@@ -118,7 +118,7 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     reach = np.asarray(cases.r * cases.rate / cases.v0)
     families, begin = {}, 0
     for name, values in varied.items():
-        those = slice(begin, begin + len(values))
+        rows_of_family = slice(begin, begin + len(values))
         begin += len(values)
         order = np.argsort(list(values))
         families[name] = Family(
@@ -127,19 +127,19 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
             labels=tuple(list(values.values())[i] for i in order),
             shown=_shown(name, p, np.array(list(values))[order]),
             angles=angles,
-            volumes=hits.volume[those][order],
-            alpha=best.alpha[those][order],
-            volume=best.volume[those][order],
-            kind=best.kind[those][order],
-            ended_by=best.ended_by[those][order],
-            jumps=tuple(best.jumps[those][i] for i in order),
-            reach=reach[those][order],
+            volumes=hits.volume[rows_of_family][order],
+            alpha=best.alpha[rows_of_family][order],
+            volume=best.volume[rows_of_family][order],
+            kind=best.kind[rows_of_family][order],
+            ended_by=best.ended_by[rows_of_family][order],
+            jumps=tuple(best.jumps[rows_of_family][i] for i in order),
+            reach=reach[rows_of_family][order],
         )
     return families
 
 
 def _shown(name: str, p: Parameters, values: np.ndarray) -> np.ndarray:
-    """All, but of the many force ratios only every third and the case's own."""
+    """A mask of the values that a figure shows: all values, but of the force ratios every third and the case's own."""
     return np.isin(values, [*_RATIOS[::3], float(p.k)]) if name == "k" else np.ones(values.size, bool)
 
 

@@ -15,23 +15,23 @@ THEMES: Mapping[str, Mapping[str, str]] = {
              "orange": "#f0b429", "ink": "#e4e7eb", "faint": "#39414a", "dim": "#98a2ad", "paper": "#1b2027",
              "page": "#12161b", "accent": "#7cc4f5"},
 }  # fmt: skip
-"""Colours of the page by CSS variable. Figures use the same, lighter on a dark page."""
+"""Colours of the page by CSS variable. Figures have the same colours; on a dark page they are lighter."""
 
 _VARIABLES = {THEMES["light"][name]: name for name in (*PALETTE, "ink", "faint", "dim")}
 
 
 def inline_svg(path: Path, description: str) -> Markup:
-    """A saved figure as `<svg>`: it fills its box, follows the page's colours, and keeps its ids to itself.
+    """A saved figure as `<svg>`: it fills its box, has the page's colours, and its ids are unique on the page.
 
     Args:
-        path: of the SVG file; ids begin with its name, unique on the page.
-        description: what it shows, for those who cannot see it.
+        path: the SVG file; ids begin with the file's name and so are unique on the page.
+        description: a description for readers who cannot see the figure.
     """
     name, text = path.stem, path.read_text(encoding="utf-8")
     text = text[text.index("<svg") :].strip().replace("fill: #ffffff", "fill: none")
     for color, variable in _VARIABLES.items():
         text = re.sub(color, f"var(--{variable})", text, flags=re.IGNORECASE)
     text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
-    start, rest = text.split(">", 1)
+    start, content = text.split(">", 1)
     start = re.sub(r'\s(?:width|height|version)="[^"]*"', "", start)
-    return Markup(start + f' role="img" aria-label="{escape(description)}">' + rest)
+    return Markup(start + f' role="img" aria-label="{escape(description)}">' + content)

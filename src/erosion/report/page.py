@@ -6,7 +6,7 @@ import io
 import math
 import types
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from erosion.arguments import Progress, no_progress
 from erosion.files import write_whole
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.units import System, unit_name
@@ -41,7 +42,7 @@ def write_report(
     *,
     case_name: str = "Table 1",
     only: Sequence[str] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> Path:
     """Answer the scenario's questions for a case as one self-contained page.
 
@@ -54,7 +55,7 @@ def write_report(
         out: a folder; it is made if need be.
         case_name: what to call the case on the page.
         only: keys of the questions to answer, by default all; the page keeps its own order.
-        progress: called before each part with a line of text, how many parts are done, and of how many.
+        progress: called before each part with its title, how many parts are done, and how many there are.
 
     Returns:
         The path of the page.
@@ -69,7 +70,7 @@ def write_report(
     out = Path(out)
     make_folders(out)
     with _naming(out):
-        return _write(Case(p, case_name), keys, out, progress or (lambda line, done, parts: None))
+        return _write(Case(p, case_name), keys, out, progress)
 
 
 def make_folders(out: Path) -> None:
@@ -89,7 +90,7 @@ def _naming(out: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _pool() -> Iterator[ThreadPoolExecutor]:
-    """Threads that begin nothing more once an error has ended the report."""
+    """Threads that start no new work after an error has ended the report."""
     pool = ThreadPoolExecutor(_THREADS)
     try:
         yield pool
@@ -97,7 +98,7 @@ def _pool() -> Iterator[ThreadPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, int, int], None]) -> Path:
+def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Path:
     numbers: dict[str, Any] = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
@@ -123,13 +124,13 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Callable[[str, 
 
 
 def chosen_questions(only: Sequence[str] | None) -> list[str]:
-    """Keys of the questions in the page's order, all without `only`; a `ValueError` for an unknown one."""
+    """Keys of the questions in the page's order; all questions without `only`. A `ValueError` for an unknown key."""
     if only is None:
         return list(QUESTIONS)
     unknown = [key for key in only if key not in QUESTIONS]
     if unknown or not only or isinstance(only, str):
-        asked = f"has {unknown[0]!r}" if unknown and not isinstance(only, str) else f"is {only!r}"
-        raise ValueError(f"Argument `only` must be a list of {', '.join(map(repr, QUESTIONS))}, but {asked}.")
+        problem = f"has {unknown[0]!r}" if unknown and not isinstance(only, str) else f"is {only!r}"
+        raise ValueError(f"Argument `only` must be a list of {', '.join(map(repr, QUESTIONS))}, but {problem}.")
     return [key for key in QUESTIONS if key in only]
 
 

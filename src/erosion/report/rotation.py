@@ -1,4 +1,4 @@
-"""Questions 5 to 8 asked again of a body that turns."""
+"""Questions 5 to 8 for a body that turns."""
 
 from typing import Any
 
@@ -75,7 +75,7 @@ def _over_k_figure(case: Case, ratios: Family) -> Figure:
 
 
 def ranges(case: Case) -> dict[str, dict[str, Any]]:
-    """Best angles where something is cut, how many are at a jump, and how many values there are, by parameter."""
+    """By parameter: the best angles where something is cut, how many are at a jump, and how many values there are."""
     return {
         name: {
             "angles": family.alpha[family.kind != "none"].tolist(),
@@ -87,10 +87,10 @@ def ranges(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def sensitivities(case: Case) -> dict[str, list[float | None]]:
-    """Of the best angle [rad] by parameter, without rotation and with it; None where there is no derivative."""
+    """Moves of the best angle [rad] by parameter, without rotation and with rotation; None without a derivative."""
     rates = {
         name: [case.sensitivity(model, name) for model in ("linearized", MODEL)]
         for name in QUANTITIES
         if name not in ("alpha", "phidot0")
     }
-    return {name: [rate if np.isfinite(rate) else None for rate in both] for name, both in rates.items()}
+    return {name: [rate if np.isfinite(rate) else None for rate in pair] for name, pair in rates.items()}

@@ -12,7 +12,7 @@ from erosion.sweeps.grid import in_words
 from erosion.sweeps.studies import regimes
 
 TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both components"}
-"""What the models of a body that turns are called, by their names."""
+"""The titles of the models of a body that turns, by name."""
 
 _SPINS = np.round(np.linspace(-0.9, 0.9, 37), 3)  # s = r φ̇₀/v₀, in steps of 0.05
 _TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)
@@ -20,7 +20,7 @@ _TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)
 
 @dataclass(frozen=True)
 class Spins:
-    """A model over angle and spin; arrays have shape (spins,).
+    """Results of a model over angle and spin; arrays have shape (spins,).
 
     Args:
         map: the dataset of `regimes`.
@@ -39,14 +39,14 @@ class Spins:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """The maxima at the spins that the page tells in a table."""
+        """The maxima at the spins that the page lists in a table."""
         columns = ("s", "alpha", "kind", "ended_by")
         maxima = zip(self.s, self.alpha, self.kind, self.ended_by, strict=True)
         return [dict(zip(columns, maximum, strict=True)) for maximum in maxima if maximum[0] in _TOLD]
 
     @property
     def jumps(self) -> int:
-        """How many of the maxima sit at a jump of V(α)."""
+        """How many of the maxima are at a jump of V(α)."""
         return int(np.sum(self.kind == "jump"))
 
     def best_angles(self, label: str) -> BestAngles:
@@ -65,7 +65,7 @@ class Spins:
 
 
 def over_spins(model: str, p: Parameters) -> Spins:
-    """The case with every spin of the sweep instead of its own."""
+    """The case with all spins of the sweep instead of its own spin."""
     dataset = regimes(model, p, phidot0=_SPINS * float(p.v0 / p.r))
     return Spins(
         map=dataset,

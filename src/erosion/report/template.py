@@ -1,4 +1,4 @@
-"""The text of a question: a Markdown file with fields, filled in with what was computed."""
+"""The text of a question: a Markdown file whose fields are filled with computed values."""
 
 import functools
 import math
@@ -13,8 +13,8 @@ import jinja2.ext
 from markupsafe import Markup
 
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
-from erosion.plotting.scales import Scale, readable_scale
 from erosion.report.case import Answer, Case
 from erosion.report.markdown import blocks, inline, to_html
 from erosion.report.text import degrees, degrees_tex, number, number_tex, quantity, quantity_tex
@@ -26,7 +26,7 @@ _TAG_AFTER_TEXT = re.compile(r"(?m)^(?!\s*\{%(?:(?!%\}).)*%\}$)(.*)%\}$")
 
 
 class TextError(RuntimeError):
-    """A question's text cannot be used as it is written."""
+    """A question's text has a mistake."""
 
 
 class Illustration(NamedTuple):
@@ -78,7 +78,7 @@ def write_text(path: Path, case: Case, answer: Answer) -> Text:
 
 
 def _place(path: Path, error: Exception) -> str:
-    """The text's file and, where the error has one, its line."""
+    """The text's file and, if the error gives one, its line."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.endswith(".md")]
     return f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else str(path)
 
@@ -127,7 +127,7 @@ def _filters(units: System) -> dict[str, Callable[..., Any]]:
 
 
 def _from_float(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Take any number first; `float` refuses a field that does not exist."""
+    """Read any number first; `float` raises an error for a field that does not exist."""
     return lambda value, *args, **options: function(float(value), *args, **options)
 
 

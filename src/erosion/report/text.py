@@ -6,8 +6,8 @@ import re
 from latex2mathml.converter import convert
 from markupsafe import Markup
 
+from erosion.parameters.scales import readable_scale, superscript
 from erosion.parameters.units import Dimension, System, unit_name
-from erosion.plotting.scales import readable_scale, superscript
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MINUS = "\N{MINUS SIGN}"
@@ -17,7 +17,7 @@ _AFTER_FUNCTION = re.compile(rf"({_FUNCTION})\s*(?!\s*(?:\(|\\left|\^))")
 
 
 def _parts(value: float, digits: int, strip: bool) -> tuple[str, int | None]:
-    """Mantissa and, for very large and small numbers, the power of ten."""
+    """The mantissa and, for very large and very small numbers, the power of ten."""
     if value == 0 or not maths.isfinite(value):
         return f"{value:g}".replace("-0", "0"), None
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
@@ -102,7 +102,7 @@ def degrees_tex(angle: float, digits: int = 5) -> str:
 
 
 def math(tex: str, *, display: bool = False) -> Markup:
-    """LaTeX as MathML, within a line of text or displayed."""
+    """LaTeX as MathML, inside a line of text or on a line of its own."""
     # MathML sets "A sin x" without gaps, for the converter does not mark functions as operators.
     tex = _AFTER_FUNCTION.sub(r"\1\\,", _BEFORE_FUNCTION.sub(r"\\,", tex))
     try:
@@ -115,7 +115,7 @@ def math(tex: str, *, display: bool = False) -> Markup:
 
 
 def formula(tex: str) -> Markup:
-    r"""A formula on its own line; where it is too wide it breaks at \qquad and before ⇒, then scrolls."""
+    r"""A formula on its own line. If it is too wide, it breaks at \qquad and before ⇒; then it scrolls."""
     pieces = re.split(r"\\qquad|\\quad(?=\\(?:Left)?[Rr]ightarrow)", tex)
     return Markup('<div class="math" tabindex="0">{}</div>').format(
         Markup("").join(math(piece, display=True) for piece in pieces)

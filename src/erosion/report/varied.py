@@ -1,4 +1,4 @@
-"""A family of impacts as figure and numbers: what questions 5 to 8 have in common."""
+"""A family of impacts as a figure and as numbers, for questions 5 to 8."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from erosion.report.families import Family
 
 
 def family_figure(case: Case, family: Family) -> Figure:
-    """V(α) of every value, the maxima joined."""
+    """V(α) for every value, with a line that joins the maxima."""
     fig, ax = new_axes(5.4, 4.2)
     plot_family(ax, family.curves(), units=case.units, joined=True)
     return fig

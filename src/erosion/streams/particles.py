@@ -40,10 +40,10 @@ class Particles:
     def __post_init__(self) -> None:
         if not self.laws:
             raise ValueError("Arguments must include a distribution, such as v0=Normal(4400, 400); there is none.")
-        known = quantities(self.model)
+        parameters = quantities(self.model)
         for name, law in self.laws.items():
-            if name not in known:
-                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(known)}.")
+            if name not in parameters:
+                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
             if not isinstance(law, Distribution):
                 raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
             if self._least_share(name) > 0.01:

@@ -15,12 +15,13 @@ from erosion.models.registry import impact_to_dict
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS, result_row
+from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate
 from erosion.streams.tally import Tally
-from erosion.tables import Result, Row, to_plain
+from erosion.tables import Result, Row, largest_of, to_plain, with_error
 from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -98,37 +99,47 @@ class Stream(Result):
         units = self.particles.p.units
         rows = [
             Row("n", "", f"{self.n:,}", "", "particles"),
-            *(
-                _with_error(result_row(name, 0.0, units), getattr(self, name))
-                for name in ("mean_volume", "erosion", "mean_mass")
-            ),
+            *(self._estimate_row(name) for name in ("mean_volume", "erosion", "mean_mass")),
         ]
         rows += [result_row(name, getattr(self, name), units) for name in ("deviation", "total_volume")]
         for share, volume in self.quantiles.items():
             row = result_row("volume", volume, units)
-            rows.append(row._replace(value=f"{volume:.4g}", meaning=f"{share:.0%} of the particles remove no more"))
+            rows.append(row._replace(meaning=f"{share:.0%} of the particles remove no more"))
         for end, share in self.shares.items():
             rows.append(_with_error(Row(f"share {end}", "", "", "%"), share, 100.0))
-        known = quantities(self.model)
+        parameters = quantities(self.model)
         for name, (first, total) in (self.sensitivities or {}).items():
-            symbol = known[name].symbol
+            symbol = parameters[name].symbol
             rows.append(_with_error(Row("sensitivity", f"S({symbol})", "", "", "of the variance, alone"), first))
             rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), total))
         if self.nozzle is not None:
             at_edge = " (the edge of what was looked at)" if self.nozzle.at_edge else ""
             best, degree = self.nozzle.alpha, 180 / math.pi
-            row = Row("alpha_max", "α_max", "", "°", f"of the nozzle, for the stream{at_edge}")
+            row = Row("alpha_max", "α_max", "", "°", f"of the nozzle, for the stream{at_edge}; ± by sampling")
             rows.append(_with_error(row, best, degree))
-            interval = f"{best.low * degree:.4f} … {best.high * degree:.4f}"
-            rows.append(Row("", "", interval, "°", "its 95 % interval"))
+            ends = (with_error(end, best.error, 1 / degree).partition(" ")[0] for end in (best.low, best.high))
+            rows.append(Row("", "", " … ".join(ends), "°", "its 95 % interval"))
             alone = f"of a single, typical particle ({self.nozzle.single_kind})"
-            rows.append(Row("", "", f"{self.nozzle.single_alpha * degree:.6g}", "°", alone))
+            rows.append(Row("", "", f"{self.nozzle.single_alpha * degree:.5g}", "°", alone))
         return rows
+
+    def _estimate_row(self, name: str) -> Row:
+        """A mean with its standard error."""
+        estimate: Estimate = getattr(self, name)
+        units = self.particles.p.units
+        size = table_scale(RESULTS[name].dimension, units, largest_of(estimate.value)).size
+        return _with_error(result_row(name, estimate.value, units), estimate, 1 / size)
 
     @property
     def title(self) -> str:
         """Model and distributions in one line."""
-        return f"stream of {model_name(self.model)}, {self._laws(', ')}"
+        laws = (f"{name} {words}" for name, words in self.laws_in_words().items())
+        return f"{model_name(self.model)}: a stream, {', '.join(laws)}"
+
+    def laws_in_words(self) -> dict[str, str]:
+        """By parameter, its distribution as a person reads it: "normal(20°, 3°)"."""
+        units, known = self.particles.p.units, quantities(self.model)
+        return {name: law.in_words(known[name].dimension, units) for name, law in self.particles.laws.items()}
 
     def to_dict(self) -> dict[str, Any]:
         """The results with their standard errors and units, and the case."""
@@ -209,5 +220,4 @@ def _add_nozzle(dataset: xr.Dataset, nozzle: NozzleAngle, units: System) -> None
 
 def _with_error(row: Row, estimate: Estimate, unit: float = 1.0) -> Row:
     """A row whose value shows its standard error."""
-    value = f"{estimate.value * unit:.6g} ± {estimate.error * unit:.2g}"
-    return row._replace(value=value)
+    return row._replace(value=with_error(estimate.value, estimate.error, 1 / unit))

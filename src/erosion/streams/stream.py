@@ -57,7 +57,7 @@ def stream(
     sensitivities: bool = True,
     rtol: float = 1e-9,
     store: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
     **distributions: Any,
 ) -> Stream:
     """The erosion of a stream of particles whose parameters vary.
@@ -142,10 +142,10 @@ def prepare_stream(
         return StreamJob(particles, options, {}, None)
     laws_in_words = ", ".join(f"{name} {law!r}" for name, law in laws.items())
     points = f"{options.points} {options.seed}, {options.rtol}"
-    known = identity({"stream": model}, p, distributions=laws_in_words, points=points)
-    begun = Tally.from_dataset(read_netcdf(path, known)) if path.exists() else None
+    described = identity({"stream": model}, p, distributions=laws_in_words, points=points)
+    begun = Tally.from_dataset(read_netcdf(path, described)) if path.exists() else None
     require_writable(path)
-    return StreamJob(particles, options, known, begun)
+    return StreamJob(particles, options, described, begun)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -164,13 +164,12 @@ class StreamJob:
     identity: Mapping[str, str]
     begun: Tally | None
 
-    def run(self, progress: Progress | None = None) -> Stream:
+    def run(self, progress: Progress = no_progress) -> Stream:
         """Compute the stream; progress and errors as of `stream`."""
-        progress = progress or no_progress
         tally, ends = self.begun, (MISS, *end_names(self.particles.model))
         try:
             for tally in self._tallies(ends):
-                progress("stream", tally.drawn * REPLICATES, self._whole)
+                progress("stream", tally.drawn * REPLICATES, self._total)
             result = self._evaluated(tally, ends, progress)
         except KeyboardInterrupt:
             raise self._interrupted(tally, ends) from None
@@ -178,18 +177,18 @@ class StreamJob:
         return result
 
     @property
-    def _whole(self) -> int:
+    def _total(self) -> int:
         """All particles of the stream: n, rounded up to a multiple of the replicates."""
         return -(-self.options.n // REPLICATES) * REPLICATES
 
     def _tallies(self, ends: tuple[str, ...]) -> Iterator[Tally]:
         """The tally of all particles so far, after each block."""
         options, tally = self.options, self.begun
-        drawn, whole = 0 if tally is None else tally.drawn, self._whole // REPLICATES
+        drawn, wanted = 0 if tally is None else tally.drawn, self._total // REPLICATES
         points = Points(options.points, len(self.particles.laws), options.seed, REPLICATES, skip=drawn)
-        while drawn < whole:
+        while drawn < wanted:
             # Sobol points come in powers of 2; the last block may have too many.
-            block = points.take(_BLOCK)[:, : whole - drawn]
+            block = points.take(_BLOCK)[:, : wanted - drawn]
             part = _tally(self.particles, block, ends, options.rtol)
             tally = part if tally is None else tally + part
             drawn = tally.drawn
@@ -211,13 +210,13 @@ class StreamJob:
     def _interrupted(self, tally: Tally | None, ends: tuple[str, ...]) -> StreamInterrupted:
         """Save the particles computed so far, and say how to go on."""
         if tally is None:
-            return StreamInterrupted(f"interrupted before any of {self._whole:,} particles was computed", None)
+            return StreamInterrupted(f"interrupted before any of {self._total:,} particles was computed", None)
         partial = Stream(self.particles, tally, ends)
         self._save(partial)
         hint = "give a store to go on from there another time"
         if self.options.path is not None:
             hint = f"{self.options.path} holds them; the same command goes on from there"
-        return StreamInterrupted(f"interrupted after {partial.n:,} of {self._whole:,} particles; {hint}", partial)
+        return StreamInterrupted(f"interrupted after {partial.n:,} of {self._total:,} particles; {hint}", partial)
 
     def _save(self, result: Stream) -> None:
         if self.options.path is not None:

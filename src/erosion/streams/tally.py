@@ -14,7 +14,7 @@ _LOWEST = -24  # decades of the volume over V*; smaller volumes are in the first
 _HIGHEST = 6
 _PER_DECADE = 1000
 BIN_RATIO = 10 ** (1 / _PER_DECADE)
-"""Upper over lower edge of a histogram bin: a quantile is known to half of that, 0.12 %."""
+"""Upper over lower edge of a histogram bin: half of a bin, 0.12 %, is the accuracy of a quantile."""
 
 
 _DIMENSIONS = {
@@ -57,19 +57,19 @@ class Tally:
         cls, volume: np.ndarray, mass: np.ndarray, ended_by: np.ndarray, ends: Sequence[str], scale: float
     ) -> "Tally":
         """The tally of particles; volumes [volume], masses [mass] and outcomes have the shape (replicates, n)."""
-        known = np.isfinite(volume)
-        counted = known.sum(axis=1)
-        volume = np.where(known, volume, 0.0)
+        computed = np.isfinite(volume)
+        counted = computed.sum(axis=1)
+        volume = np.where(computed, volume, 0.0)
         mean = volume.sum(axis=1) / np.maximum(counted, 1)
         return cls(
             scale=scale,
             drawn=volume.shape[1],
             counted=counted,
             mean=mean,
-            squares=np.where(known, (volume - mean[:, None]) ** 2, 0.0).sum(axis=1),
-            mass=np.where(known, mass, 0.0).sum(axis=1),
+            squares=np.where(computed, (volume - mean[:, None]) ** 2, 0.0).sum(axis=1),
+            mass=np.where(computed, mass, 0.0).sum(axis=1),
             ends=np.stack([(ended_by == end).sum(axis=1) for end in ends], axis=1),
-            bins=_count(volume[known] / scale),
+            bins=_count(volume[computed] / scale),
         )
 
     def __add__(self, other: "Tally") -> "Tally":

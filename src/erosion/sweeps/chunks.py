@@ -24,23 +24,23 @@ def block_shape(
             that are too small.
     """
     # Each model compiles to a program of its own, so a block has one model.
-    whole = {dim: 1 if dim == "model" else n for dim, n in lengths.items()}
+    longest = {dim: 1 if dim == "model" else n for dim, n in lengths.items()}
     if chunks is None:
         room, block = usual, {}
-        for dim in reversed(list(whole)):
-            pieces = math.ceil(whole[dim] / max(room, 1))
-            block[dim] = math.ceil(whole[dim] / pieces)
+        for dim in reversed(list(longest)):
+            pieces = math.ceil(longest[dim] / max(room, 1))
+            block[dim] = math.ceil(longest[dim] / pieces)
             room //= block[dim]
-        return tuple(block[dim] for dim in whole)
+        return tuple(block[dim] for dim in longest)
     if not isinstance(chunks, Mapping):
         raise TypeError(f"Argument `chunks` must give lengths by dimension, but is {chunks!r}.")
     for dim, length in chunks.items():
-        if dim not in whole:
-            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(whole)}), but has {dim!r}.")
+        if dim not in longest:
+            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(longest)}), but has {dim!r}.")
         if not isinstance(length, int) or isinstance(length, bool) or length < 1:
             raise ValueError(f"Argument `chunks` must give positive whole numbers, but has {dim}={length!r}.")
-    shape = tuple(min(chunks.get(dim, whole[dim]), whole[dim]) for dim in whole)
-    if math.prod(shape) < min(least, math.prod(whole.values())):
+    shape = tuple(min(chunks.get(dim, longest[dim]), longest[dim]) for dim in longest)
+    if math.prod(shape) < min(least, math.prod(longest.values())):
         raise ValueError(
             f"Argument `chunks` must make blocks of at least {least:,} impacts, but makes blocks of "
             f"{math.prod(shape):,}."

@@ -267,12 +267,12 @@ def make_grid(
     models = _labelled_models(model if compared else [model])
     for source in models.values():
         require_one_impact(_loaded(source), p, "; give it as an axis")
-    known = _common(models, (*axes, outputs.wrt))
-    arrays = {name: _axis(name, values, known) for name, values in axes.items()}
+    parameters = _common(models, (*axes, outputs.wrt))
+    arrays = {name: _axis(name, values, parameters) for name, values in axes.items()}
     if not arrays and not compared:
         raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
-    if not isinstance(outputs.wrt, str) or outputs.wrt not in known:
-        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(known)}), but is {outputs.wrt!r}.")
+    if not isinstance(outputs.wrt, str) or outputs.wrt not in parameters:
+        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(parameters)}), but is {outputs.wrt!r}.")
     events = [name for source in models.values() for name in end_names(_loaded(source))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
     grid = Grid(models, compared, p, arrays, _pairs(paired, arrays), ends, outputs, own or {})
@@ -333,9 +333,9 @@ def _load_once(model: str | Path, content: bytes) -> CuttingModel:
     return load_model(model)
 
 
-def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
-    if name not in known:
-        raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(known)}.")
+def _axis(name: str, values: Any, parameters: Sequence[str]) -> np.ndarray:
+    if name not in parameters:
+        raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
     try:
         array = np.asarray(values)
     except ValueError:  # lists of several lengths

@@ -40,7 +40,7 @@ def sweep(
     paired: Sequence[str] = (),
     chunks: Mapping[str, int] | None = None,
     store: str | Path | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress = no_progress,
     **axes: Any,
 ) -> xr.Dataset:
     """Compute impacts over a grid: the product of the axes, or some of them going together.
@@ -64,7 +64,7 @@ def sweep(
             is one; the result is lazy. The same call goes on with an interrupted sweep and
             returns a finished one; the bits do not depend on where and how often it was
             interrupted.
-        progress: called with the number of impacts that are done, and of all.
+        progress: called with "sweep", the number of impacts that are done, and the number of all.
         **axes: parameter name, of the case or every model's own, to one-dimensional values, in the
             units of `p`.
 
@@ -81,8 +81,7 @@ def sweep(
     if chunks is not None and (store is None or check_path("store", store).suffix != ".zarr"):
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum), paired=paired)
-    job = prepare_sweep(grid, chunks=chunks, store=store)
-    return job.run() if progress is None else job.run(lambda work, done, total: progress(done, total))
+    return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
 
 
 def prepare_sweep(
@@ -106,13 +105,13 @@ class SweepJob:
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Compute the blocks that the store lacks; errors as of `sweep`."""
         missing = self.store.missing()
-        whole = math.prod(self.grid.shape)
-        count = whole - sum(_size(region) for region in missing)
+        total = math.prod(self.grid.shape)
+        count = total - sum(_size(region) for region in missing)
 
         def advance(impacts: int) -> None:
             nonlocal count
             count += impacts
-            progress("sweep", count, whole)
+            progress("sweep", count, total)
 
         advance(0)
         try:
@@ -122,7 +121,7 @@ class SweepJob:
                 raise
             self.store.save()
             raise SweepInterrupted(
-                f"interrupted: {self.path} holds {count:,} of {whole:,} impacts; the same command goes on from there"
+                f"interrupted: {self.path} holds {count:,} of {total:,} impacts; the same command goes on from there"
             ) from None
         if missing:
             self.store.save()

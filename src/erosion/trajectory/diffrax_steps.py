@@ -34,7 +34,7 @@ def state_of(structure: Any, y: Any) -> Any:
 def begin(model: CuttingModel, p: Parameters) -> Any:
     """Whether it cuts; y at contact; how large everything gets, by a look ahead; the time scale."""
     time, state = model.scales(p).time, model.initial_state(p)
-    start = _vector(state, 0.0)
+    start = _vector(state, model.removed_at_contact(p))
     now = time * _rate(model, p, jax.tree.structure(state), start)
     ahead = time * _rate(model, p, jax.tree.structure(state), start + now)
     largest = jnp.max(jnp.abs(jnp.stack([start, now, ahead])), axis=0)

@@ -10,9 +10,10 @@ import numpy as np
 
 from erosion.models import model_name
 from erosion.models.base import CuttingModel, State
+from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import result_row
-from erosion.tables import Row, abbreviate, to_html, to_text
+from erosion.parameters.quantities import RESULTS, result_row
+from erosion.tables import Result, Row, abbreviate, to_plain
 
 
 class SimulationError(RuntimeError):
@@ -24,7 +25,7 @@ class TurnWarning(UserWarning):
 
 
 @dataclasses.dataclass(frozen=True)
-class Trajectory:
+class Trajectory(Result):
     """One cut from contact to its end.
 
     Arrays have shape (points,) and run over times `t` from 0 to `t_c`, in the units of `p`.
@@ -147,6 +148,7 @@ class Trajectory:
             result_row("t_c", self.t_c, self.p.units),
             Row("ended_by", "", self.ended_by, "", "how the cut ends"),
             result_row("volume", self.volume, self.p.units),
+            *([] if self.dvolume is None else [result_row("dvolume", self.dvolume, self.p.units)]),
             result_row("max_depth", self.max_depth, self.p.units),
             result_row("turn", self.turn, self.p.units),
         ]
@@ -157,15 +159,23 @@ class Trajectory:
             f"ended_by={self.ended_by!r}, volume={abbreviate(self.volume)}, p={self.p!r})"
         )
 
-    def __str__(self) -> str:
-        lines = [to_text(self._title(), self.rows()), *(f"warning: {line}" for line in self.warnings)]
-        return "\n".join(lines)
+    @property
+    def title(self) -> str:
+        """The model and the angle of attack."""
+        return f"{model_name(self.model)}: one impact at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
 
-    def _repr_html_(self) -> str:
-        return to_html(self._title(), self.rows())
+    @property
+    def statements(self) -> list[str]:
+        """The warnings, as the table shows them."""
+        return [f"warning: {line}" for line in self.warnings]
 
-    def _title(self) -> str:
-        return f"{model_name(self.model)} at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
+    def to_dict(self) -> dict[str, Any]:
+        """Model and case, how the cut ends and what it removes, and the units; without the histories."""
+        names = ("t_c", "volume", "dvolume", "max_depth", "turn")
+        numbers = {name: getattr(self, name) for name in names}
+        units = {name: RESULTS[name].unit(self.p.units) for name in names}
+        content = {**numbers, "ended_by": self.ended_by, "units": units, "warnings": self.warnings}
+        return impact_to_dict(self.model, self.p) | to_plain(content)
 
     def _body(self) -> State:
         if not isinstance(self.states, State):

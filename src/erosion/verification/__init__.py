@@ -1,4 +1,4 @@
-"""Does it compute what it says, here and now? Every model against independent solutions."""
+"""Check on this machine that every model agrees with independent solutions."""
 
 from erosion.verification.result import Check as Check
 from erosion.verification.result import Verification as Verification

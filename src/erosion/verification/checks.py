@@ -200,7 +200,7 @@ def _identities(cut: Trajectory) -> list[Any]:
     errors = [*_tip_moves(model, cut)]
     if not isinstance(model, RigidErodent) or len(cut.t) < 2:
         return errors
-    ratio = _constant_ratio(model, p)
+    ratio, cut_away = _constant_ratio(model, p), cut.volume - cut.removed[0]
     if isinstance(model.torque, HorizontalTorque):
         # φ̇ - φ̇₀ = (ẋ - ẋ(0))/(β r).
         change = (cut.vx[-1] - cut.vx[0]) / (p.inertia * p.r)
@@ -211,12 +211,12 @@ def _identities(cut: Trajectory) -> list[Any]:
     errors.append((cut.vy[-1] - cut.vy[0] - ratio * (cut.vx[-1] - cut.vx[0])) / p.v0)
     if isinstance(model.kinematics, CentreOfMassTip):
         # V = (m/2σψ)(ẋ(0)² - ẋ(t_c)²).
-        errors.append(p.m / (2 * p.sigma * p.psi) * (cut.vx[0] ** 2 - cut.vx[-1] ** 2) / cut.volume - 1)
+        errors.append(p.m / (2 * p.sigma * p.psi) * (cut.vx[0] ** 2 - cut.vx[-1] ** 2) / cut_away - 1)
     if isinstance(model.torque, FullTorque):
         # V = (KE(0) - KE(t_c))/(σψ) - (K b/2) depth(t_c)².
         energy = p.m / 2 * (cut.vx**2 + cut.vy**2) + p.moment_of_inertia / 2 * cut.omega**2
         lost = (energy[0] - energy[-1]) / (p.sigma * p.psi) - ratio * p.b / 2 * cut.depth[-1] ** 2
-        errors.append(lost / cut.volume - 1)
+        errors.append(lost / cut_away - 1)
     return errors
 
 

@@ -33,11 +33,15 @@ class ReferenceSolution(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Names of a model's parts: the position of the tip, the force ratio K, the moment that turns the body."""
+    """Names of a model's parts: the position of the tip, the force ratio K, the moment that turns the body.
+
+    Normal motion removes its energy over `energy_ratio` σψ as well.
+    """
 
     tip: str
     ratio: str
     torque: str
+    energy_ratio: float = math.inf
 
 
 # K = ẏ/ẋ is 0/0 at the end of the cut, but d(ẏ/ẋ)/dt = 0: it is tan α throughout.
@@ -53,6 +57,9 @@ EQUATIONS_OF: Mapping[str, _Motion] = {
     "rotating-tan-alpha-full-torque": _Motion("circle", "tan α", "full"),
     "rotating-velocity-aligned-full-torque": _Motion("circle", "tan α", "full"),
     "as-printed": _Motion("printed", "k", "printed"),
+    "linearized-deformation": _Motion("centre", "k", "none", energy_ratio=1.6),
+    "finnie-deformation": _Motion("first order", "k", "horizontal", energy_ratio=4.8),
+    "rotating-deformation": _Motion("circle", "k", "horizontal", energy_ratio=4.8),
 }
 
 
@@ -103,14 +110,14 @@ def scipy_solution(name: str, p: Parameters) -> ReferenceSolution:
     """A registered model's cut by scipy."""
     equations = Equations(EQUATIONS_OF[name], *_numbers(name, p))
     time, state, event = _by_scipy(equations.rates, equations.events, _start(p))
-    return _in_units(p, time, state[-1], event)
+    return _in_units(name, p, time, state[-1], event)
 
 
 def scipy_solution_of_model(model: CuttingModel, p: Parameters) -> ReferenceSolution:
     """Any model's cut by scipy, from the model's own methods, the only equations that a plug-in has."""
     cuts, start, sizes, time = flow.begin(model, p)
     if not cuts:
-        return ReferenceSolution(0.0, 0.0, NO_CUT)
+        return ReferenceSolution(float(start[-1]), 0.0, NO_CUT)
     structure = flow.layout(model, p)
     names = list(model.events(flow.state_of(structure, start), p))
 
@@ -180,7 +187,7 @@ def heyoka_solutions(name: str, cases: Sequence[Parameters]) -> list[ReferenceSo
         integrator.reset_cooldowns()
         outcome = integrator.propagate_until(_LATEST)[0]
         # heyoka numbers terminal events from -1 downwards.
-        return _in_units(p, integrator.time, integrator.state[-1], -int(outcome) - 1)
+        return _in_units(name, p, integrator.time, integrator.state[-1], -int(outcome) - 1)
 
     return [cut(p) for p in cases]
 
@@ -201,9 +208,12 @@ def _start(p: Parameters) -> list[float]:
     return [_FIRST_DEPTH, 0.0, math.cos(alpha), math.sin(alpha), float(p.phidot0) / _rate(p), 0.0]
 
 
-def _in_units(p: Parameters, time: float, volume: float, event: int) -> ReferenceSolution:
+def _in_units(name: str, p: Parameters, time: float, volume: float, event: int) -> ReferenceSolution:
     length = float(p.v0) / _rate(p)
-    return ReferenceSolution(float(p.b) * length**2 * volume, time / _rate(p), ("rebound", "stop")[event])
+    normal_energy = float(p.m) * (float(p.v0) * math.sin(float(p.alpha))) ** 2 / 2
+    deformed = normal_energy / (EQUATIONS_OF[name].energy_ratio * float(p.sigma) * float(p.psi))
+    removed = float(p.b) * length**2 * volume + deformed
+    return ReferenceSolution(removed, time / _rate(p), ("rebound", "stop")[event])
 
 
 def _rate(p: Parameters) -> float:

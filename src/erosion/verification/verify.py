@@ -20,9 +20,9 @@ _THREADS = 2  # more would wait for Python's lock, which compiling seldom releas
 def verify(
     models: Sequence[CuttingModel | str | Path] | CuttingModel | str | Path | None = None,
     *,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Verification:
-    """Check models against closed forms, identities, and independent solutions, here and now.
+    """Check models on this machine against closed forms, identities, and independent solutions.
 
     Registered models are also compared with their equations typed a second time, solved by scipy
     and, where it is installed, by heyoka; other models with their own equations, solved by scipy.
@@ -40,13 +40,13 @@ def verify(
     require_float64()
     checks: list[Check] = []
     if models is None:
-        known = available_models()
-        models = [name for name, info in known.items() if info.error is None]
-        checks += [Check(name, "engines", float("inf"), info.error) for name, info in known.items() if info.error]
+        available = available_models()
+        models = [name for name, info in available.items() if info.error is None]
+        checks += [Check(name, "engines", float("inf"), info.error) for name, info in available.items() if info.error]
     elif isinstance(models, (CuttingModel, str, Path)):
         models = [models]
     subjects = [_subject(model) for model in models]
-    progress, done = progress or no_progress, 0
+    done = 0
 
     def examined(subject: Subject) -> list[Check]:
         nonlocal done

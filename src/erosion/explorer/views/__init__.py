@@ -1,4 +1,4 @@
-"""Computed answers as options of ECharts, contents of the cut, and HTML."""
+"""The views: computed answers as options of ECharts, as data of the cut, and as HTML."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
@@ -12,4 +12,4 @@ from erosion.explorer.views.spins import sensitivities, spins
 VIEWS: Mapping[str, Callable[[Computed, Collection[str]], Any]] = {
     view.__name__: view for view in (cut, volumes, histories, numbers, end_times, spins, sensitivities)
 }
-"""By name, a view's function: computed answers and the names of all models to what its element draws."""
+"""A view's function by its name: from computed answers and the names of all models to the data of its element."""

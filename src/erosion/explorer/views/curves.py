@@ -20,17 +20,17 @@ from erosion.explorer.views.look import (
 )
 from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.plotting.colors import DIM, ENDS
 from erosion.plotting.curves import describe, with_gaps
 from erosion.plotting.labels import EVENT_LABELS
-from erosion.plotting.scales import readable_scale
 
 _SHALLOW = 5.0  # degrees
-_APART = 0.05  # of the longest cut; neighbouring times further apart are of different crossings
+_APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
 
 
 def volumes(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
-    """V(α) of the checked models, the angle's handle, and the same in words."""
+    """V(α) of the checked models, the angle's handle, and a description in words."""
     largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in computed.curves.values()]
     scale = readable_scale("volume", computed.state.case.units, max(largest, default=0.0))
     series = []
@@ -42,15 +42,15 @@ def volumes(computed: Computed, models: Collection[str]) -> tuple[Option, list[O
         series.append(line(model, degrees, volume, color, dashes, **marks))
     quantity = RESULTS["volume"]
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
-    said = [f"{model} removes most {describe(best)}" for model, best in computed.in_order(computed.best)]
-    label = "; ".join([f"{quantity.meaning} over the angle of attack", *said])
+    maxima = [f"{model} removes most {describe(best)}" for model, best in computed.in_order(computed.best)]
+    label = "; ".join([f"{quantity.meaning} over the angle of attack", *maxima])
     return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
 
 
 def end_times(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
-    """t_c(α) of the checked models, with both candidates of the one shown."""
+    """t_c(α) of the checked models, and both candidates of the model shown."""
     curves = computed.curves
-    # Near 0° some models' cuts last ever longer, and would flatten the rest.
+    # Near 0° the cuts of some models last longer and longer; their times would flatten all other curves.
     longest = [float(np.nanmax(curve.t_c[DEGREES > _SHALLOW], initial=0.0)) for curve in curves.values()]
     largest = max(longest, default=0.0)
     scale = readable_scale("time", computed.state.case.units, largest)
@@ -63,21 +63,20 @@ def end_times(computed: Computed, models: Collection[str]) -> tuple[Option, list
         color = ENDS.get(event, DIM)
         label = EVENT_LABELS.get(event, event)
         thin = {"color": color, "type": [4, 4], "width": 1.8}
-        # Where a candidate jumps there is no line.
+        # No line is drawn across the jump of a candidate.
         before = np.flatnonzero(np.abs(np.diff(times)) > _APART * largest) + 1
         degrees, times = with_gaps(before, DEGREES, times / scale.size)
         series.append(line(label, degrees, times, color, lineStyle=thin, z=1))
     quantity = RESULTS["t_c"]
     top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **top)
-    label = (
-        f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end {computed.state.shown}"
-    )
+    shown = computed.state.shown
+    label = f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end the cut of {shown}"
     return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
 
 
 def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[str, Any]:
-    """A star at the maximum, hollow where it is only approached; jumps; regimes of the model shown."""
+    """A star at the maximum, hollow if the maximum is only approached; the jumps; the regimes of the model shown."""
     jumps = [
         [{"coord": [float(np.rad2deg(jump.alpha)), end / size]} for end in (jump.below, jump.above)]
         for jump in best.jumps

@@ -7,10 +7,10 @@ import numpy as np
 from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import LEGEND, Option, axis, line
 from erosion.models.base import State as Body
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.colors import PALETTE
 from erosion.plotting.labels import HISTORIES, NOTHING
-from erosion.plotting.scales import Scale, readable_scale
 from erosion.trajectory.trajectory import Trajectory
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
@@ -18,7 +18,7 @@ _NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "labe
 
 
 def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
-    """What the cut's element draws, in lengths that read well."""
+    """The data that the cut's element draws, in lengths that read well."""
     motion = computed.cut
     if motion is None:
         return (_NOTHING,)
@@ -42,7 +42,7 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
 
 
 def histories(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
-    """x, y, ẋ and ẏ of the tip over time in four panels, and where the cut's time stands."""
+    """x, y, ẋ and ẏ of the tip over time in four panels, each with a handle at the time that is shown."""
     motion = computed.cut
     if motion is None:
         return {"series": []}, [], "not computed yet"
@@ -79,7 +79,7 @@ def _sentence(cut: Trajectory) -> str:
 
 
 def _length(number: float, scale: Scale, units: System) -> str:
-    """A length in its unit, or in the base unit instead of a power of ten of it."""
+    """A length in its unit; in the base unit if the unit is a power of ten of the base unit."""
     base = unit_name("length", units)
     return f"{number * scale.size:.6g} {base}" if scale.unit.startswith("10") else f"{number:g} {scale.unit}"
 

@@ -1,4 +1,4 @@
-"""What the plots have in common: axes, lines, handles."""
+"""The parts that all plots share: axes, lines, handles."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -16,12 +16,12 @@ from erosion.plotting.curves import broken
 Option = dict[str, Any]
 
 STAR = "path://M0,-10L2.9,-3.1L10,-3.1L4.3,1.5L6.2,8.6L0,4.4L-6.2,8.6L-4.3,1.5L-10,-3.1L-2.9,-3.1Z"
-LEGEND = {"top": 0, "type": "scroll", "selectedMode": False}  # what is drawn is the state's to say
+LEGEND = {"top": 0, "type": "scroll", "selectedMode": False}  # only the state decides what is drawn
 DEGREES = np.rad2deg(ANGLES)
 
 
 def styles(models: Collection[str]) -> Mapping[str, tuple[str, Any]]:
-    """Colour and dashes of every model there is, the same whichever are checked."""
+    """Colour and dashes of every model; they do not depend on which models are checked."""
     return {
         model: (color, "solid" if dashes == "-" else [3 * length for length in dashes[1]])
         for model, (color, dashes) in zip(models, (STYLES[i % len(STYLES)] for i in range(len(models))), strict=True)
@@ -42,14 +42,14 @@ def angle_axis() -> Option:
 
 
 def line(name: str, x: np.ndarray, y: np.ndarray, color: str, dashes: Any = "solid", **more: Any) -> Option:
-    """A curve, interrupted where a number is not one."""
+    """A curve with a gap at every NaN."""
     style = {"color": color, "type": dashes, "width": 2.4}
     look = {"lineStyle": style, "itemStyle": {"color": color}, "symbol": "none", "animation": False}
     return {"type": "line", "name": name, "data": points(x, y)} | look | more
 
 
 def points(x: np.ndarray, y: np.ndarray) -> list[list[float | None]]:
-    """Pairs of numbers with as many digits as a plot shows, and None for what is not a number."""
+    """Pairs of numbers, rounded to the digits that a plot shows; None stands for NaN and infinity."""
     pairs = np.column_stack([x, y]).astype(float).round(5)
     drawn = pairs.astype(object)
     drawn[~np.isfinite(pairs)] = None
@@ -70,14 +70,14 @@ def frame(x_axis: Any, y_axis: Any, series: list[Option], **more: Any) -> Option
 
 
 def gaps(curve: Impact) -> np.ndarray:
-    """Before which of `ANGLES` the curve jumps."""
+    """The indices in `ANGLES` just before which the curve jumps."""
     degrees, _ = broken(DEGREES, curve.volume, np.deg2rad(1) * curve.dvolume)
     at = np.flatnonzero(np.isnan(degrees))
     return at - np.arange(at.size)
 
 
 def angle_handle(state: State) -> Option:
-    """The state's angle, to be dragged."""
+    """The handle at the state's angle, which the reader can drag."""
     quantity, degrees = QUANTITIES["alpha"], float(np.rad2deg(state.case.numbers()["alpha"]))
     return {
         "x": degrees,

@@ -9,28 +9,28 @@ from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import styles
 from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.curves import describe
-from erosion.plotting.scales import readable_scale
 
 _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 
 
 def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
-    """t_c, how it ended, V, dV/dα, α_max and its kind of each checked model."""
+    """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
     units = computed.state.case.units
     heads = "".join(f"<th scope='col' title='{html.escape(_meaning(name))}'>{_symbol(name)}</th>" for name in _HEADINGS)
     rows = []
     for model in computed.state.models:
         point, best = computed.points.get(model), computed.best.get(model)
-        now = ["…"] * 4 if point is None else [
+        at_angle = ["…"] * 4 if point is None else [
             _read("time", float(point.t_c), units), str(point.ended_by), _read("volume", float(point.volume), units),
             _read("volume per angle", float(point.dvolume), units),
         ]  # fmt: skip
-        top = ["…"] * 2 if best is None else [_where(best), _read("volume", float(best.volume), units)]
+        at_best = ["…"] * 2 if best is None else [_where(best), _read("volume", float(best.volume), units)]
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
-        cells = "".join(f"<td>{cell}</td>" for cell in (*now, *top))
+        cells = "".join(f"<td>{cell}</td>" for cell in (*at_angle, *at_best))
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
     table = f"<thead><tr><th scope='col'>model</th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
     caption = "<caption>Numbers of the checked models</caption>"

@@ -1,4 +1,4 @@
-"""The angle of greatest removal over the spin, and its sensitivities."""
+"""The angle of greatest removal over the spin, and how far it moves with each parameter."""
 
 from collections.abc import Collection
 
@@ -13,11 +13,11 @@ from erosion.parameters.quantities import RESULTS
 from erosion.plotting.colors import PALETTE
 from erosion.plotting.curves import with_gaps
 
-_APART = 4.0  # degrees; neighbouring maxima further apart are different ones: no line between
+_APART = 4.0  # degrees; neighbouring maxima that differ by more are different maxima: no line joins them
 
 
 def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
-    """α_max over s = r φ̇₀/v₀ of the checked models; hollow where it sits at a jump of V(α)."""
+    """α_max over s = r φ̇₀/v₀ of the checked models; hollow markers where α_max is at a jump of V(α)."""
     series = []
     for model, best in computed.in_order(computed.spins):
         color, dashes = styles(models)[model]
@@ -44,16 +44,16 @@ def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Opt
 
 
 def sensitivities(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
-    """How far α_max moves when each parameter grows by 1 % of its size (the spin: s by 0.01), in degrees."""
+    """How far α_max moves [°] when a parameter grows by 1 % of its size, or the spin s by 0.01."""
     if computed.sensitivities is None:
         return {"series": []}, [], "not computed yet"
     model, case = computed.state.shown, computed.state.case
-    own = {one.name: one for one in case.own if one.model == model}
+    own = {number.name: number for number in case.own if number.model == model}
     numbers = case.numbers()
     sizes = numbers | {"phidot0": numbers["v0"] / numbers["r"]}
-    sizes |= {name: abs(one.value) or 1.0 for name, one in own.items()}
+    sizes |= {name: abs(number.value) or 1.0 for name, number in own.items()}
     symbols = {name: quantity.symbol for name, quantity in QUANTITIES.items() if name != "alpha"}
-    symbols |= {name: one.quantity.symbol for name, one in own.items()}
+    symbols |= {name: number.quantity.symbol for name, number in own.items()}
     names = list(reversed(symbols))
     moves = [float(np.rad2deg(0.01 * sizes[name] * computed.sensitivities[name])) for name in names]
     bars = [round(move, 6) if np.isfinite(move) else None for move in moves]
@@ -65,6 +65,6 @@ def sensitivities(computed: Computed, models: Collection[str]) -> tuple[Option, 
     series = [{"type": "bar", "name": "α_max", "data": bars, "itemStyle": {"color": PALETTE["green"]},
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
     grid = {"left": 40, "right": 24, "top": 16, "bottom": 46}
-    said = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
+    moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
     option = frame(x_axis, y_axis, series, grid=grid, legend={"show": False})
-    return option, [], f"move of the angle of greatest removal for one per cent more: {said or 'none'}"
+    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or 'none'}"

@@ -1,9 +1,9 @@
-// The cut as it happens, drawn to scale: target, removed area, path of the tip, and the erodent turning.
-// An angular grain; corners as (angle from the tip, distance from the centre of mass over r).
+// The cut in motion, drawn to scale: target, removed area, path of the tip, and the turning erodent.
+// An angular grain: each corner is (angle from the tip, distance from the centre of mass divided by r).
 const GRAIN = [[0, 1], [52, 0.78], [108, 0.95], [163, 0.8], [221, 0.97], [300, 0.8]];
 const GHOSTS = [0, 0.25, 0.5, 0.75, 1];
-const SECONDS = 5; // of a whole cut, played
-const REST = 200; // ms; after so long the instant shown is part of the link
+const SECONDS = 5; // duration of the animation of a whole cut
+const REST = 200; // ms; after this time without a change, the link holds the instant shown
 
 export default {
   template: `<div class="cut">
@@ -54,7 +54,7 @@ export default {
     },
     frame() {
       if (!this.x.length) return;
-      // Room for the grain at both ends, and for the shape of the picture on the page.
+      // Leave room for the grain at both ends, and fit the picture's shape on the page.
       let left = Math.min(...this.x) - 1.3 * this.size, right = Math.max(...this.x) + 1.5 * this.size;
       let top = -2.15 * this.size, foot = Math.max(...this.depth) + 0.75 * this.size;
       const { width, height } = this.$refs.svg.getBoundingClientRect();
@@ -78,7 +78,7 @@ export default {
       const { x, y, phi } = this.at(fraction), r = this.size;
       const middle = [x + r * Math.cos(phi), y - r * Math.sin(phi)];
       return GRAIN.map(([angle, distance]) => {
-        // From the tip, which lies from the centre of mass in the direction φ + π.
+        // The tip lies in the direction φ + π from the centre of mass.
         const way = phi + Math.PI + (angle * Math.PI) / 180;
         return `${middle[0] + distance * r * Math.cos(way)},${middle[1] - distance * r * Math.sin(way)}`;
       }).join(" ");

@@ -1,4 +1,4 @@
-// One parameter: an entry for its number and a slider, both native, so that keyboards and screen readers know them.
+// One parameter: an entry for its number and a slider. Both are native, so keyboards and screen readers can use them.
 export default {
   template: `<div class="field" :class="{wrong: why}">
     <label class="field-name" :for="id + '-entry'"><b>{{ symbol }}</b> {{ meaning }}</label>
@@ -17,7 +17,7 @@ export default {
       this.unit = unit;
       this.why = "";
       if (!this.typing) this.text = text;
-      // What is being dragged is ahead of what the server says.
+      // While the reader drags the slider, its position is newer than the server's.
       if (document.activeElement !== this.$refs.slider || !this.sliding) this.at = at;
     },
     complain(why) { this.why = why; },

@@ -1,4 +1,4 @@
-// A plot (ECharts as NiceGUI bundles it) with upright handles that a hand or the keyboard can move.
+// A plot (by the ECharts that NiceGUI brings) with vertical handles, which mouse, finger or keyboard can move.
 import { echarts } from "nicegui-echart";
 
 const variable = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
@@ -16,7 +16,7 @@ function theme() {
   };
   return {
     backgroundColor: "transparent",
-    // A canvas knows no "inherit".
+    // A canvas does not know the colour "inherit".
     textStyle: { color: ink, fontFamily: getComputedStyle(document.body).fontFamily },
     valueAxis: axis,
     categoryAxis: axis,
@@ -47,7 +47,7 @@ export default {
       if (this.dark === isDark()) return;
       this.dark = isDark();
       this.chart.setTheme(theme());
-      // A new theme takes ECharts back to the first option that it was ever given.
+      // With a new theme ECharts shows the first option again that it was ever given.
       if (this.option) this.chart.setOption(this.option, true);
       this.layout++;
     });
@@ -71,7 +71,7 @@ export default {
         this.option = option;
       }
       this.handles = handles.map((h, index) => {
-        // A handle in the hand stays there, and one that follows the cut where the cut is.
+        // A handle that is being dragged stays; a handle that follows the cut stays at the time of the cut.
         if (this.held === index) return { ...h, index, x: this.handles[index].x };
         return { ...h, index, x: h.movable || this.now === undefined ? h.x : this.now / h.unit };
       });
@@ -86,7 +86,7 @@ export default {
       return this.chart.getModel().getComponent("grid", h.grid || 0).coordinateSystem.getRect();
     },
     place(h) {
-      this.layout; // read, so that a new layout places handles again
+      this.layout; // read here, so that Vue places the handles again after a new layout
       if (!this.option) return {};
       const x = this.chart.convertToPixel({ gridIndex: h.grid || 0 }, [h.x, 0])[0], box = this.grid(h);
       const shown = Number.isFinite(x) && x > box.x - 1 && x < box.x + box.width + 1;

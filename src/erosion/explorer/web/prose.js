@@ -1,4 +1,4 @@
-// HTML as the server writes it. An element of NiceGUI's own would have the whole page laid out again at each change.
+// HTML from the server. NiceGUI's own element would lay out the whole page again at each change.
 export default {
   template: "<div></div>",
   methods: {

@@ -16,7 +16,7 @@ from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import SimulationError
 
 NEEDS = (
-    *((what, model) for model in TORQUES for what in ("optimum", "hits", "spins")),
+    *((kind, model) for model in TORQUES for kind in ("optimum", "hits", "spins")),
     ("families", MODEL),
     ("optimum", "linearized"),
     ("hits", "linearized"),

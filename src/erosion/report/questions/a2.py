@@ -11,7 +11,7 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 
 _MODEL, _TURNING = "tan-alpha", "rotating-tan-alpha"
-NEEDS = tuple((what, model) for model in (_MODEL, _TURNING, "linearized") for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for model in (_MODEL, _TURNING, "linearized") for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:

@@ -14,9 +14,9 @@ _PAIRS = {
     "torque r Fₓ": ("rotating-tan-alpha", "rotating-velocity-aligned"),
     "torque of both components": ("rotating-tan-alpha-full-torque", "rotating-velocity-aligned-full-torque"),
 }
-"""Models of additional question 2 and of this one that differ in nothing else."""
+"""Pairs of models that differ only in the force: of additional question 2 and of this question."""
 
-NEEDS = tuple((what, model) for pair in _PAIRS.values() for model in pair for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for pair in _PAIRS.values() for model in pair for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:
@@ -30,22 +30,22 @@ def answer(case: Case) -> Answer:
 
 
 def _differences(case: Case, pair: tuple[str, str]) -> np.ndarray:
-    one, other = (case.hits(model).volume[:-1] for model in pair)
-    return np.abs(one - other) / float(case.p.volume_scale)
+    fixed, aligned = (case.hits(model).volume[:-1] for model in pair)
+    return np.abs(fixed - aligned) / float(case.p.volume_scale)
 
 
 def _pairs(case: Case) -> dict[str, dict[str, Any]]:
     pairs = {}
     for label, pair in _PAIRS.items():
-        one, other = (case.optimum(model) for model in pair)
+        fixed, aligned = (case.optimum(model) for model in pair)
         pairs[label] = {
             "largest_difference": float(np.nanmax(_differences(case, pair))),
-            "kind": str(other.kind),
-            "alpha_max": float(other.alpha),
-            "alpha_max_of_tan_alpha": float(one.alpha),
-            "volume_max": float(other.volume),
-            "volume_max_of_tan_alpha": float(one.volume),
-            "ended_by": str(other.ended_by),
+            "kind": str(aligned.kind),
+            "alpha_max": float(aligned.alpha),
+            "alpha_max_of_tan_alpha": float(fixed.alpha),
+            "volume_max": float(aligned.volume),
+            "volume_max_of_tan_alpha": float(fixed.volume),
+            "ended_by": str(aligned.ended_by),
         }
     return pairs
 

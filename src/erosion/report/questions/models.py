@@ -1,4 +1,4 @@
-"""In closing: all models beside each other."""
+"""The closing part: a comparison of all models."""
 
 from typing import Any
 
@@ -12,11 +12,11 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 
 _BESIDE = ("linearized", "finnie", "rotating")
-NEEDS = tuple((what, model) for model in BUILT_IN for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for model in BUILT_IN for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:
-    """V at the case's angle, α_max, V_max, what kind it is and how the cut ends there, of every model."""
+    """For every model: V at the case's angle, α_max, V_max, the kind of the maximum, and how its cut ends."""
     numbers = {model: _numbers(case, model) for model in BUILT_IN}
     fields = {
         "models": BUILT_IN,

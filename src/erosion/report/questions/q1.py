@@ -59,7 +59,7 @@ def _numbers(case: Case) -> dict[str, Any]:
 
 
 def _turn_if_free(case: Case) -> float | None:
-    """How far the body would turn if the force were allowed to turn it [rad]."""
+    """How far the body would turn [rad] if the force could turn it."""
     try:
         return path(load_model("rotating"), case.p).turn
     except SimulationError:

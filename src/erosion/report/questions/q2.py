@@ -9,7 +9,7 @@ from erosion.report.case import Answer, Case
 
 
 def answer(case: Case) -> Answer:
-    """t_c as the lesser of two candidates; Figure 9."""
+    """t_c as the smaller of two candidates; Figure 9."""
     times = {name: float(time) for name, time in case.closed.end_times(case.p).items()}
     numbers = {
         "t_c": case.t_c,

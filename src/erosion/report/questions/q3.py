@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import conversion_factor
 from erosion.plotting.motion import plot_removal_rate
-from erosion.plotting.scales import readable_scale
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 

@@ -8,7 +8,7 @@ NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))
 
 
 def answer(case: Case) -> Answer:
-    """All of Table 2 and the case's own σ; V ∝ 1/σ."""
+    """All metals of Table 2 and the case's own σ; V ∝ 1/σ."""
     family = case.families(_MODEL)["sigma"]
     numbers = family_numbers(case, family, _MODEL) | {"departure_from_inverse": family.departure(-1)}
     return Answer(numbers, {"materials": family_figure(case, family)}, {"family": family})

@@ -10,7 +10,7 @@ from erosion.report.questions import a1, a2, a3, models, q1, q2, q3, q4, q5, q6,
 
 
 class Question(NamedTuple):
-    """How a question is answered, and what it needs that can be computed before."""
+    """The function that answers a question, and the results that it needs, which can be computed before."""
 
     answer: Callable[[Case], Answer]
     needs: tuple[Need, ...] = ()

@@ -1,4 +1,4 @@
-"""Where the source slips, and what its equations say when they are taken to the letter."""
+"""The slips of the source, and the results of its equations exactly as printed."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
-NEEDS = tuple((what, model) for model in _MODELS for what in ("optimum", "hits"))
+NEEDS = tuple((kind, model) for model in _MODELS for kind in ("optimum", "hits"))
 
 
 def answer(case: Case) -> Answer:
-    """The slips, and the literal reading beside the corrected one."""
+    """The slips; the printed equations compared with the corrected ones."""
     readings = {model: _reading(case, model) for model in _MODELS}
     fields = {
         "readings": {label: readings[model] for model, label in _MODELS.items()},

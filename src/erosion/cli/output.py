@@ -1,0 +1,148 @@
+"""What a verb says: tables, one JSON document of the same form for all verbs, and warnings."""
+
+import os
+import sys
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from erosion.parameters.quantities import QUANTITIES
+from erosion.version import __version__
+
+if TYPE_CHECKING:
+    from erosion.models.base import CuttingModel
+    from erosion.parameters.parameters import Parameters
+
+
+class Output:
+    """The text or the JSON of one run of a verb.
+
+    `docs/json.md` describes the document, `document.schema.json` in this folder checks it.
+
+    Args:
+        verb: its name.
+        p: the case; None for a verb without one.
+        case: the case's file; None for Table 1.
+        json: whether to print JSON and nothing else.
+        seed: of the random numbers, where there are any.
+    """
+
+    def __init__(
+        self,
+        verb: str,
+        p: "Parameters | None" = None,
+        case: Path | None = None,
+        *,
+        json: bool,
+        seed: int | None = None,
+    ) -> None:
+        self.verb, self.p, self.case, self.json, self.seed = verb, p, case, json, seed
+        self.warnings: list[str] = []
+
+    def warn(self, message: str) -> None:
+        """A warning: on stderr at once, and in the document."""
+        self.warnings.append(message)
+        warn(message)
+
+    def document(
+        self,
+        result: Mapping[str, Any],
+        models: "Mapping[str, CuttingModel] | None" = None,
+        units: Mapping[str, str] | None = None,
+        varied: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Print the document.
+
+        Args:
+            result: numbers by name, of any depth.
+            models: by name, what was computed.
+            units: unit by name of the numbers in `result` that have one.
+            varied: in words, the distributions or axes of what is not a single number.
+        """
+        from erosion.tables import to_json
+
+        described = [_model(name, model, self.p, varied or {}) for name, model in (models or {}).items()]
+        document = {
+            "verb": self.verb,
+            "version": __version__,
+            "case": None if self.p is None else _case(self.p, self.case, varied or {}),
+            "units": None if self.p is None else self.p.units,
+            "model": described[0] if len(described) == 1 else described or None,
+            "seed": self.seed,
+            "result": _with_units(result, units or {}),
+            "warnings": self.warnings,
+        }
+        print(to_json(document))
+
+
+def _case(p: "Parameters", file: Path | None, varied: Mapping[str, Any]) -> dict[str, Any]:
+    numbers = {
+        name: {"value": float(getattr(p, name)), "unit": quantity.unit(p.units)}
+        for name, quantity in QUANTITIES.items()
+        if name not in varied
+    }
+    words = {name: str(words) for name, words in varied.items()}
+    return {"name": "Table 1" if file is None else file.stem, "file": file and str(file),
+            "parameters": numbers, "varied": words}  # fmt: skip
+
+
+def _model(name: str, model: "CuttingModel", p: "Parameters | None", varied: Mapping[str, Any]) -> dict[str, Any]:
+    from erosion.models.own_parameters import own_parameters
+
+    units = "si" if p is None else p.units
+    own = {
+        key: {"value": parameter.value, "unit": parameter.quantity.unit(units)}
+        for key, parameter in own_parameters(model).items()
+        if key not in varied
+    }
+    return {"name": name, "own_parameters": own}
+
+
+def _with_units(value: Any, units: Mapping[str, str]) -> Any:
+    """The same, with each number or group of numbers that `units` names beside its unit."""
+    if isinstance(value, Mapping):
+        return {
+            key: {"value": item, "unit": units[key]} if key in units else _with_units(item, units)
+            for key, item in value.items()
+        }
+    if isinstance(value, (list, tuple)):
+        return [_with_units(item, units) for item in value]
+    return value
+
+
+def print_table(
+    title: str,
+    rows: "Sequence[Sequence[Any]]",
+    headings: "Sequence[str] | None" = None,
+    numbers: "Collection[int]" = (2,),
+    statements: Sequence[str] = (),
+) -> None:
+    """A table on stdout, in colour where it is a terminal, and sentences below it.
+
+    Args:
+        title: above the table.
+        rows: cells, as text or rich text.
+        headings: of the columns.
+        numbers: the columns that are flush right.
+        statements: each wrapped between words.
+    """
+    from rich.console import Console
+
+    from erosion.tables import HEADINGS, WIDTH, to_lines
+
+    console = Console(highlight=False)
+    # Where no one says how wide it is, nothing need be shortened.
+    width = console.width if console.is_terminal or "COLUMNS" in os.environ else WIDTH
+    # rich would end the process, with status 1, where the reader of a pipe has gone.
+    with console.capture() as captured:
+        for line in to_lines(title, rows, headings or HEADINGS, numbers, width):
+            console.print(line, soft_wrap=True)
+        for statement in statements:
+            console.print(statement, markup=False, width=width)
+    print(captured.get(), end="")
+
+
+def warn(message: str) -> None:
+    """A warning on stderr, where there is one."""
+    if sys.stderr is not None:
+        print(f"warning: {message}", file=sys.stderr)

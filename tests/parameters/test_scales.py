@@ -1,0 +1,59 @@
+"""Units in which numbers read well."""
+
+import numpy as np
+import pytest
+
+from erosion.parameters.quantities import QUANTITIES, derivative_row, quantity_row, result_row
+from erosion.parameters.scales import readable_scale, table_scale
+
+
+@pytest.mark.parametrize(
+    ("dimension", "units", "largest", "size", "unit"),
+    [
+        ("time", "inch-pound", 6.6e-5, 1e-6, "µs"),
+        ("time", "si", 0.0, 1.0, "s"),
+        ("length", "inch-pound", 0.032, 1e-3, "10⁻³ in"),
+        ("length", "si", 8e-4, 1e-3, "mm"),
+        ("length", "si", 2e-12, 1e-12, "10⁻¹² m"),
+        ("speed", "inch-pound", 4400.0, 1.0, "in/s"),
+        ("volume", "inch-pound", 2.1e-4, 1e-4, "10⁻⁴ in³"),
+        ("volume", "inch-pound", 1e-4, 1e-4, "10⁻⁴ in³"),
+        ("volume", "si", 3e-9, 1e-9, "mm³"),
+        ("volume", "si", 7e-11, 1e-9, "mm³"),
+        ("mass", "si", 5e-8, 1e-9, "µg"),
+        ("mass", "inch-pound", 1 / 386.0885826771654, 1 / 386.0885826771654, "lb"),
+        ("stress", "si", 1.4e9, 1e9, "GPa"),
+        ("angle", "si", 0.35, np.pi / 180, "°"),
+        ("angle", "si", 0.0, np.pi / 180, "°"),
+        ("volume per mass", "si", 2e-8, 1e-9, "mm³/kg"),
+        ("mass per mass", "si", 5e-5, 1e-6, "mg/kg"),
+        ("volume per angle", "si", 1e-9 * 180 / np.pi, 1e-9 * 180 / np.pi, "mm³/°"),
+    ],
+)
+def test_units_make_numbers_readable(dimension, units, largest, size, unit) -> None:
+    scale = readable_scale(dimension, units, largest)
+    assert scale.unit == unit
+    assert scale.size == pytest.approx(size, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "units", "largest", "unit"),
+    [
+        ("length", "inch-pound", 0.032, "in"),  # a figure's axis has 10⁻³ in
+        ("stress", "inch-pound", 2e5, "lbf/in²"),
+        ("volume", "si", 2e-11, "mm³"),
+        ("volume", "inch-pound", 1e-4, "10⁻⁴ in³"),
+        ("1", "si", 1e-9, ""),
+    ],
+)
+def test_tables_need_fewer_powers_of_ten(dimension, units, largest, unit) -> None:
+    assert table_scale(dimension, units, largest).unit == unit
+
+
+def test_rows_are_in_units_that_people_read() -> None:
+    assert quantity_row("alpha", QUANTITIES["alpha"], np.deg2rad(31.7174744), "si")[2:4] == ("31.717", "°")
+    assert result_row("volume", 1.66178821e-9, "si")[2:4] == ("1.66179", "mm³")
+    assert result_row("volume", np.nan, "si")[2:4] == ("nan", "m³")
+    assert result_row("t_c", np.array([1e-6, np.nan, 5e-5]), "si")[2:4] == ("[3] 1 … 50", "µs")
+    mixed = derivative_row("d2volume", 2e-9, [QUANTITIES["alpha"], QUANTITIES["phidot0"]], "si")
+    assert mixed[2:4] == (f"{2 * np.pi / 180:.6g}", "mm³/°/(rad/s)")
