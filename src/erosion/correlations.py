@@ -9,7 +9,6 @@ import functools
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -38,18 +37,18 @@ class Correlation:
 
     name: str
     title: str
-    function: Callable[[Any], Any]
+    function: Callable[[Angle], Array]
     units: str
     valid: tuple[float, float]
     valid_for: str
     source: str
 
-    def __call__(self, alpha: Any) -> Any:
+    def __call__(self, alpha: Angle) -> Array:
         """F at the angle(s) α [rad]."""
         return self._compiled(alpha)
 
     @functools.cached_property
-    def _compiled(self) -> Callable[[Any], Any]:
+    def _compiled(self) -> Callable[[Angle], Array]:
         return jax.jit(self.function)
 
     @functools.cached_property
@@ -67,12 +66,12 @@ class Correlation:
         """F at `alpha_max`."""
         return float(self(self.alpha_max))
 
-    def normalised(self, alpha: Any) -> Any:
+    def normalised(self, alpha: Angle) -> Array:
         """F(α)/F(α_max), to lay curves of any scale over each other."""
         return self(alpha) / self.peak
 
 
-def finnie(alpha: Angle, force_ratio: float = 2.0) -> Any:
+def finnie(alpha: Angle, force_ratio: float = 2.0) -> Array:
     """Finnie's closed form as CFD codes have it, per V²/(ψ K p) and unit mass of erodent.
 
     F = sin 2α - (6/K) sin²α for tan α < K/6, (K/6) cos²α above. It is the model `finnie` with
@@ -91,7 +90,7 @@ def finnie(alpha: Angle, force_ratio: float = 2.0) -> Any:
 
 
 def finnie_volume(alpha: Angle, speed: Angle, mass: Angle, flow_stress: Angle, psi: Angle = 2.0,
-                  force_ratio: float = 2.0) -> Any:  # fmt: skip
+                  force_ratio: float = 2.0) -> Angle:  # fmt: skip
     """The removed volume as OpenFOAM's `ParticleErosion` has it: m V²/(p ψ K) · F(α).
 
     Args:
@@ -108,7 +107,7 @@ def finnie_volume(alpha: Angle, speed: Angle, mass: Angle, flow_stress: Angle, p
     return mass * speed**2 / (flow_stress * psi * force_ratio) * finnie(alpha, force_ratio)
 
 
-def dnv_2015(alpha: Angle) -> Any:
+def dnv_2015(alpha: Angle) -> Array:
     """F = 0.6 [sin α + 7.2 (sin α - sin²α)]^0.6 (1 - e^(-20α)), of DNV RP-O501 since 2015."""
     sine = jnp.sin(alpha)
     return 0.6 * (sine + 7.2 * (sine - sine**2)) ** 0.6 * -jnp.expm1(-20 * alpha)
@@ -119,7 +118,7 @@ _DNV_POLYNOMIAL = (9.370, 42.295, 110.864, 175.804, 170.137, 98.398, 31.211, 4.1
 _ECRC = (5.40, 10.11, 10.93, 6.33, 1.42)
 
 
-def dnv_polynomial(alpha: Angle, coefficients: Sequence[float] = _DNV_POLYNOMIAL) -> Any:
+def dnv_polynomial(alpha: Angle, coefficients: Sequence[float] = _DNV_POLYNOMIAL) -> Array:
     """F = Σ (-1)^(i+1) A_i α^i, i = 1 … 8, of DNV RP-O501 before 2015.
 
     Args:
@@ -129,18 +128,18 @@ def dnv_polynomial(alpha: Angle, coefficients: Sequence[float] = _DNV_POLYNOMIAL
     return _alternating(coefficients, alpha)
 
 
-def ecrc(alpha: Angle) -> Any:
+def ecrc(alpha: Angle) -> Array:
     """F = 5.40α - 10.11α² + 10.93α³ - 6.33α⁴ + 1.42α⁵, of the E/CRC in Tulsa (Zhang 2007)."""
     return _alternating(_ECRC, alpha)
 
 
-def _alternating(coefficients: Sequence[float], alpha: Any) -> Any:
+def _alternating(coefficients: Sequence[float], alpha: Angle) -> Array:
     """The sum A₁α - A₂α² + A₃α³ - … of a published table."""
     signed = [a * (-1) ** i for i, a in enumerate(coefficients)]
     return jnp.polyval(jnp.array([*reversed(signed), 0.0]), jnp.asarray(alpha))
 
 
-def oka(alpha: Angle, hardness: float = 1.8) -> Any:
+def oka(alpha: Angle, hardness: float = 1.8) -> Array:
     """Oka's (sin α)^n₁ [1 + Hv (1 - sin α)]^n₂ for sand (SiO₂), which is 1 at 90°.
 
     n₁ = 0.71 Hv^0.14 and n₂ = 2.4 Hv^-0.94: shallow angles gain on hard targets less.
@@ -156,7 +155,7 @@ def oka(alpha: Angle, hardness: float = 1.8) -> Any:
     return sine ** (0.71 * hardness**0.14) * (1 + hardness * (1 - sine)) ** (2.4 * hardness**-0.94)
 
 
-def arabnejad_cutting(alpha: Angle, force_ratio: float = 0.4) -> Any:
+def arabnejad_cutting(alpha: Angle, force_ratio: float = 0.4) -> Array:
     """The cutting term: sin α (2K cos α - sin α)/(2K²) for tan α < K, cos²α/2 above.
 
     Args:

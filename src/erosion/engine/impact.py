@@ -5,11 +5,11 @@ import functools
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from erosion.arguments import check_tolerance
+from erosion.array_types import PerImpact
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
 from erosion.engine.outcomes import NO_DERIVATIVES, end_names, has_no_result
@@ -21,7 +21,7 @@ from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import RESULTS, derivative_row, result_row
-from erosion.tables import Result, Row, abbreviate, format_number, to_plain
+from erosion.tables import Record, Result, Row, abbreviate, format_number, to_plain
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 
@@ -44,15 +44,15 @@ class Impact(Result):
 
     model: CuttingModel
     p: Parameters
-    volume: Any
-    t_c: Any
-    outcome: Any
-    dvolume: Any
-    d2volume: Any
+    volume: PerImpact
+    t_c: PerImpact
+    outcome: PerImpact
+    dvolume: PerImpact
+    d2volume: PerImpact
     wrt: str | tuple[str, ...]
 
     @functools.cached_property
-    def ended_by(self) -> Any:
+    def ended_by(self) -> PerImpact:
         """How the cut ended, "rebound", "stop", "no-cut" (or a plug-in's event), "failed" or "unfinished".
 
         Words take five times the memory of the numbers, so they are made when asked for.
@@ -60,7 +60,7 @@ class Impact(Result):
         return np.array(end_names(self.model))[self.outcome]
 
     @functools.cached_property
-    def no_derivatives(self) -> Any:
+    def no_derivatives(self) -> np.ndarray | np.bool_:
         """Whether derivatives that were asked for are not known although the volume is; bool.
 
         They do not exist, or cannot be computed, where the force jumps within the cut or where its rate is
@@ -105,7 +105,7 @@ class Impact(Result):
         count = np.size(self.volume)
         return f"{model_name(self.model)}: {count:,} impact{'s' * (count != 1)}"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """Model and case, times, volumes, derivatives and outcomes, and the units of times and volumes."""
         names = ("t_c", "volume", "dvolume", "d2volume", "ended_by", "wrt")
         numbers = {name: value for name in names if (value := getattr(self, name)) is not None}
@@ -186,7 +186,7 @@ class PairDerivatives:
 
     volume: Derivatives
     t_c: Derivatives
-    ended_by: Any
+    ended_by: PerImpact
 
 
 def pair_derivatives(

@@ -5,17 +5,17 @@ Plain JAX for one impact's numbers. `erosion.lanes` compiles it for many at a ti
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from erosion.array_types import Flag, Number, Scalar
+from erosion.array_types import Flag, ModelState, Number, Scalar
 from erosion.engine import cut_end, step_control
 from erosion.engine.crossings import Ends
-from erosion.engine.kinks import corrected, is_broken
+from erosion.engine.kinks import Rows, corrected, is_broken
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import AFTER_ARRIVED, AFTER_FAILED, AFTER_NO_CUT, AFTER_UNFINISHED
 from erosion.engine.reduction import WholeMotion, reduced
@@ -39,9 +39,6 @@ _SOON = 1e-3  # of the time scale: what a row changes within it counts as its si
 _MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at contact is taken this much later
 _INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
-
-Rows = list[Scalar]
-"""The state with its derivatives, as plain numbers, one member after the other."""
 
 
 class Lane(NamedTuple):
@@ -68,7 +65,7 @@ class Solution(NamedTuple):
     tolerance: Scalar
     time: Derivatives
     volume: Derivatives
-    state: Any
+    state: ModelState
     trials: Scalar
 
 

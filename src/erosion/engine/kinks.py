@@ -11,8 +11,8 @@ across the kink:
 - [f] = 0: ḟ and G jump together, [G_a] = -τ_a [ḟ] with τ the time of the kink. Then s_ab jumps by [G_a] [G_b] / [ḟ].
 """
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -20,15 +20,30 @@ from jax import lax
 
 from erosion.array_types import Flag, Scalar
 
-if TYPE_CHECKING:
-    from erosion.engine.integrator import Problem, Rows
-
 _SHORT = 1e-2  # of the time scale: longer steps cross no kink that matters
 _TWO_VALUED = 0.1  # of the change of a rate: so near one of both its ends are its values at the stages
 _ABRUPT = 100.0  # times what a rate that changes within the time scale would: it jumps
 
+Rows = list[Scalar]
+"""The state with its derivatives, as plain numbers, one member after the other."""
 
-def is_broken(problem: "Problem", before: "Rows", stages: "list[Rows]", h: Scalar, scale: Scalar) -> Flag:
+
+@runtime_checkable
+class Equations(Protocol):
+    """What is needed of the integrated equations.
+
+    Args:
+        width: number of rows of the motion itself, and of each derivative.
+        rate: of all rows.
+        motion_rate: of the rows of the motion itself.
+    """
+
+    width: int
+    rate: Callable[[Rows], Rows]
+    motion_rate: Callable[[Rows], Rows]
+
+
+def is_broken(problem: Equations, before: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Flag:
     """Whether a rate of the motion itself jumps within a step.
 
     Args:
@@ -47,13 +62,13 @@ def is_broken(problem: "Problem", before: "Rows", stages: "list[Rows]", h: Scala
 
 
 def corrected(
-    problem: "Problem",
-    before: "tuple[Rows, Rows]",
-    after: "tuple[Rows, Rows]",
-    stages: "list[Rows]",
+    problem: Equations,
+    before: tuple[Rows, Rows],
+    after: tuple[Rows, Rows],
+    stages: list[Rows],
     h: Scalar,
     scale: Scalar,
-) -> "tuple[Rows, Rows]":
+) -> tuple[Rows, Rows]:
     """State and slope after a step, the second derivatives corrected if it crosses a kink.
 
     Args:
@@ -68,7 +83,7 @@ def corrected(
     jumps = [_jump(row) for row in stages[width:-width]]  # of the rates of first derivatives
     crosses = (h < _SHORT * scale) & (sum(map(jnp.abs, jumps)) > 0)
 
-    def at_kink() -> "tuple[Rows, Rows]":
+    def at_kink() -> tuple[Rows, Rows]:
         bends = [new - old for new, old in zip(_bend(problem, *after), _bend(problem, *before), strict=True)]
         sizes = [jnp.maximum(jnp.abs(u), scale * jnp.abs(k)) for u, k in zip(state[:width], slope, strict=False)]
         weights = [bend / (size * size + 1e-200) for bend, size in zip(bends, sizes, strict=True)]
@@ -96,7 +111,7 @@ def _jump(slopes: Sequence[Scalar]) -> Scalar:
     return jnp.where(near <= _TWO_VALUED * jnp.abs(change), change, 0.0)
 
 
-def _bend(problem: "Problem", state: "Rows", slope: "Rows") -> "Rows":
+def _bend(problem: Equations, state: Rows, slope: Rows) -> Rows:
     """The second time derivative of the motion itself."""
     width = problem.width
     return jax.jvp(problem.motion_rate, (state[:width],), (slope[:width],))[1]

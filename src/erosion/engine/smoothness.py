@@ -31,7 +31,7 @@ def may_have_kinks(layout: Layout) -> bool:
     start = jax.eval_shape(lambda numbers: WholeMotion(*layout.joined(numbers)).start, layout.structs())
 
     def rate(leaves: list[Any], numbers: list[Any]) -> Any:
-        return WholeMotion(*layout.joined(numbers)).rate(Cut(tuple(leaves), None))
+        return WholeMotion(*layout.joined(numbers)).rate(Cut(tuple(leaves), 0.0))
 
     jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
     return _is_rough(jaxpr, [i < len(start) for i in range(len(jaxpr.invars))])

@@ -33,7 +33,7 @@ def read(key: str) -> bytes | None:
         return None
     try:
         handle = os.open(folder / key, os.O_RDONLY | os.O_NOFOLLOW)
-        with open(handle, "rb") as file:
+        with os.fdopen(handle, "rb") as file:
             content = file.read()
         os.utime(folder / key)  # the longest unused goes first
     except OSError:
@@ -50,11 +50,11 @@ def write(key: str, code: bytes) -> None:
     with contextlib.suppress(OSError):
         handle, draft = tempfile.mkstemp(dir=folder, prefix=".")
         try:
-            with open(handle, "wb") as file:
+            with os.fdopen(handle, "wb") as file:
                 file.write(_seal(key, code) + code)
-            os.replace(draft, folder / key)
+            Path(draft).replace(folder / key)
         except OSError:
-            os.unlink(draft)
+            Path(draft).unlink()
             raise
         _forget_old(folder)
 

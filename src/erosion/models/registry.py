@@ -9,7 +9,6 @@ import types
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 
@@ -25,7 +24,7 @@ from erosion.models.own_parameters import own_parameters
 from erosion.models.rotating import Rotating
 from erosion.models.torques import FullTorque
 from erosion.parameters.parameters import Parameters
-from erosion.tables import to_plain
+from erosion.tables import Record, to_plain
 
 ENTRY_POINT_GROUP = "erosion.models"
 """A package offers a model as an entry point here: its name, and a model or a class of one."""
@@ -159,7 +158,7 @@ def model_name(model: CuttingModel) -> str:
     return type(model).__name__ + (f"({', '.join(parts)})" if parts else "")
 
 
-def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> dict[str, Any]:
+def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> Record:
     """A model's name and its own parameters (`but` some), and the parameters of the case, for `to_dict` of results."""
     own = {name: parameter.value for name, parameter in own_parameters(model).items() if name not in but}
     return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})

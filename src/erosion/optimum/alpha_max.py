@@ -10,15 +10,15 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from erosion.array_types import PerImpact
 from erosion.engine.batch import threads
-from erosion.engine.impact import impact, lanes_of, pair_derivatives
+from erosion.engine.impact import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
@@ -31,7 +31,7 @@ from erosion.parameters.parameters import Parameters, require_parameters, valida
 from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, quantity_row, result_row
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.scales import table_scale
-from erosion.tables import Result, Row, format_number, largest_of, to_plain
+from erosion.tables import Record, Result, Row, format_number, largest_of, to_plain
 
 NOT_CERTIFIED = "impacts failed or have no derivatives: a better angle may have been missed"
 
@@ -75,24 +75,24 @@ class Optimum(Result):
     p: Parameters
     objective: str
     least: bool
-    alpha: Any
-    value: Any
-    volume: Any
-    kind: Any
-    ended_by: Any
-    side: Any
-    attained: Any
-    dvolume: Any
-    d2volume: Any
-    candidates: Any
-    jumps: Any
-    regimes: Any
-    iterations: Any
-    certified: Any
+    alpha: PerImpact
+    value: PerImpact
+    volume: PerImpact
+    kind: PerImpact
+    ended_by: PerImpact
+    side: PerImpact
+    attained: PerImpact
+    dvolume: PerImpact
+    d2volume: PerImpact
+    candidates: PerImpact
+    jumps: PerImpact
+    regimes: PerImpact
+    iterations: PerImpact
+    certified: PerImpact
     integrand: CuttingModel = dataclasses.field(repr=False)
 
     @functools.cached_property
-    def sensitivities(self) -> Mapping[str, Any]:
+    def sensitivities(self) -> Mapping[str, PerImpact]:
         """dα_max/dq for every parameter q but α, the model's own too [rad per unit of q]; computed when first read.
 
         Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α of the end time t
@@ -124,7 +124,7 @@ class Optimum(Result):
             rows.append(Row("certified", "", share, "", NOT_CERTIFIED))
         return rows
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """Model, parameters and every field, without the sensitivities, which take longer."""
         described = ("model", "p", "integrand")
         names = [field.name for field in dataclasses.fields(self) if field.name not in described]
@@ -143,7 +143,7 @@ class Optimum(Result):
             **dict.fromkeys(("d2volume", "d2value"), f"{value}/{angle}^2"),
         }
 
-    def value_row(self, value: Any) -> Row:
+    def value_row(self, value: PerImpact) -> Row:
         """A value of the objective as a table row, in the unit of the greatest one."""
         if self.objective not in MEASURES:
             return Row("value", "", format_number(value, DIGITS), "", self.objective)
@@ -262,7 +262,7 @@ def _searched(
         return list(itertools.chain.from_iterable(pool.map(search, range(0, count, _TOGETHER)))), shape
 
 
-def _columns(optima: list[Maxima], shape: tuple[int, ...]) -> dict[str, Any]:
+def _columns(optima: list[Maxima], shape: tuple[int, ...]) -> Record:
     """The fields of an `Optimum` that are arrays of the shape of the cases."""
     best = [of_case.candidates[0] for of_case in optima]
     fields = {
@@ -298,19 +298,24 @@ def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
     return low, min(high, STEEPEST)
 
 
-def _in_degrees(angles: Any) -> str:
+def _in_degrees(angles: tuple[float, float]) -> str:
     try:
         return ", ".join(f"{math.degrees(angle):g}°" for angle in angles)
     except TypeError:
         return repr(angles)
 
 
-def _volume_at(model: CuttingModel, p: Parameters, alpha: Any, ended_by: Any) -> tuple[Any, Any]:
+def _volume_at(
+    model: CuttingModel, p: Parameters, alpha: PerImpact, ended_by: PerImpact
+) -> tuple[PerImpact, PerImpact]:
     """Volume [volume] and outcome in words at the optimum of another objective."""
     inside = np.asarray(alpha) > 0
     hits = impact(model, p.replace(alpha=np.where(inside, alpha, SHALLOWEST)), rtol=TIGHT)
     # As α → 0 the cut becomes infinitely shallow: no impact gives its volume.
     return np.where(inside, hits.volume, np.nan)[()], np.where(inside, hits.ended_by, ended_by)[()]
+
+
+_AlongAngle = Callable[[np.ndarray, np.ndarray], PairDerivatives]  # of the numbers of cases, and angles for them
 
 
 def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
@@ -326,7 +331,7 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     rates = np.zeros((len(names), kind.size))
     rates[:, kind.ravel() == "none"] = np.nan
 
-    def along_angle(cases: np.ndarray, angles: np.ndarray) -> Any:
+    def along_angle(cases: np.ndarray, angles: np.ndarray) -> PairDerivatives:
         varied, at_angles = with_values(model, p, {q: leaf[cases] for q, leaf in flat.items()} | {"alpha": angles})
         return pair_derivatives(varied, at_angles, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
 
@@ -341,7 +346,7 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     return rates.reshape(len(names), *np.shape(optimum.kind))
 
 
-def _along_jump(along_angle: Any, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
     """dα/dq of the jumps of some cases, shape (names, cases).
 
     On the side that grazes, the event function g(t, α, q) is tangent at the jump: ġ → 0 there,

@@ -1,7 +1,7 @@
 """Every local maximum of a function of the angle, its jumps and its regimes, for many cases at once."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -192,7 +192,7 @@ class Search:
             return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
         return tuple(sorted(cutting, key=lambda candidate: -candidate.value))
 
-    def _candidate(self, nodes: Nodes, i: Any, **fields: Any) -> Candidate:
+    def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: str | bool | int) -> Candidate:
         defaults = {"side": "", "attained": True, "steps": 0}
         return Candidate(
             alpha=float(nodes.alpha[i]),
@@ -301,13 +301,13 @@ class Search:
         near = near[np.abs(near - i) <= 1]
         low, high = float(nodes.alpha[near[0]]), float(nodes.alpha[near[-1]])
         evaluate = self.objective(_LOOSE)
-        best, steps = nodes.take([i]), 0
+        best, steps = nodes.take(np.array([i])), 0
         while high - low > _BESIDE:
             angles = np.linspace(low, high, 17)
             new = evaluate(np.full(angles.size, nodes.case[i]), angles)
             steps += 1
             j = int(np.argmax(np.nan_to_num(new.value, nan=-np.inf)))
-            best = max(best, new.take([j]), key=lambda node: node.value[0])
+            best = max(best, new.take(np.array([j])), key=lambda node: node.value[0])
             low, high = angles[max(j - 1, 0)], angles[min(j + 1, 16)]
         return self._candidate(best, 0, kind="unresolved", steps=steps)
 

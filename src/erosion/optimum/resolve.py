@@ -8,7 +8,7 @@ rounding allows. Each narrow cell holds a jump, or a change of the cut's outcome
 Many functions (cases) are resolved at once, so that each round is one large batch.
 """
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Nodes(NamedTuple):
     time: np.ndarray
     outcome: np.ndarray
 
-    def take(self, index: Any) -> "Nodes":
+    def take(self, index: np.ndarray | slice) -> "Nodes":
         """The nodes of an index or a mask."""
         return Nodes._make(column[index] for column in self)
 
@@ -74,7 +74,7 @@ class Cells(NamedTuple):
         """Whether the cut ends differently at both nodes; shape (cells,)."""
         return self.low.outcome != self.high.outcome
 
-    def take(self, index: Any) -> "Cells":
+    def take(self, index: np.ndarray | slice) -> "Cells":
         """The cells of an index or a mask."""
         return Cells(self.low.take(index), self.high.take(index))
 
@@ -260,7 +260,7 @@ def quintic(cells: Cells) -> np.ndarray:
     )
 
 
-def _slope_of(coefficients: np.ndarray, t: Any) -> np.ndarray:
+def _slope_of(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.polynomial.polynomial.polyval(t, [n * c for n, c in enumerate(coefficients)][1:], tensor=False)
 
 

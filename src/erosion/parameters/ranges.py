@@ -5,8 +5,6 @@
 "20deg, 30deg, 45deg"         these values
 """
 
-from typing import Any
-
 import numpy as np
 
 from erosion.parameters.units import Dimension, System, UnitError, read_quantity
@@ -16,7 +14,7 @@ QUARTER_DEGREES = np.linspace(0, STEEPEST, 361)[1:]
 """Every quarter of a degree up to 90°, shape (360,) [rad]."""
 
 
-def read_axis(value: Any, dimension: Dimension, system: System) -> np.ndarray:
+def read_axis(value: object, dimension: Dimension, system: System) -> np.ndarray:
     """The values of an axis, shape (n,), or of a single quantity, shape ().
 
     Args:

@@ -1,7 +1,5 @@
 """Question 1: the solutions x(t) and y(t)."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -10,6 +8,7 @@ from erosion.parameters.units import Dimension
 from erosion.plotting.motion import plot_histories, plot_path
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import SimulationError
 
@@ -32,7 +31,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, figures, {"warnings": case.trajectory.warnings, "checks": checks})
 
 
-def _numbers(case: Case) -> dict[str, Any]:
+def _numbers(case: Case) -> Record:
     p, motion = case.p, case.trajectory
     along, down = float(p.v0 * np.cos(p.alpha)), float(p.v0 * np.sin(p.alpha))
     exact = case.closed.state(motion.t, p)
