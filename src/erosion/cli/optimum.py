@@ -78,7 +78,7 @@ def optimum(
         rates = best.sensitivities if sensitivities else {}
     output = Output("optimum", p, options.case, json=json)
     if not best.certified:
-        output.warn("some impacts could not be computed: a greater value may have been missed")
+        output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if json:
         described = ("model", "own_parameters", "parameters", "units")
         result = {name: value for name, value in best.to_dict().items() if name not in described}

@@ -16,6 +16,7 @@ import numpy as np
 from erosion.array_types import Broadcast, Flag, ModelState
 from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
+from erosion.tables import abbreviate
 
 Events = Mapping[str, Broadcast]
 """A number for each event, by its name."""
@@ -40,6 +41,15 @@ class State(eqx.Module):
     vx: Broadcast
     vy: Broadcast
     omega: Broadcast
+
+    def __repr__(self) -> str:
+        parts = {name: getattr(self, name) for name in ("x", "y", "phi", "vx", "vy", "omega")}
+        return f"State({', '.join(f'{name}={_shown(part)}' for name, part in parts.items())})"
+
+
+def _shown(part: object) -> str:
+    """A number or an array by its values; JAX also puts other things in a state's place."""
+    return abbreviate(part) if isinstance(part, (float, int, np.ndarray, np.generic, jax.Array)) else repr(part)
 
 
 class Tip(NamedTuple):

@@ -34,7 +34,7 @@ PAIR = "pair"
 """The dimension of paired axes."""
 
 _ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
-KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none")
+KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none", "unresolved")
 """Meanings of the codes 0, 1, … in `alpha_max_kind`; see `Optimum.kind`."""
 
 
