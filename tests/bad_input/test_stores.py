@@ -76,6 +76,7 @@ def test_a_chunk_that_is_lost_or_damaged_is_computed_again(tmp_path: Path, damag
     assert_same_bits(again.compute(), WHOLE)
 
 
+@pytest.mark.slow
 def test_every_byte_of_a_chunk_is_watched(tmp_path: Path) -> None:
     path = tmp_path / "out.zarr"
     zarr(path)
@@ -175,6 +176,7 @@ def test_half_of_the_grid_under_the_right_identity_is_refused(tmp_path: Path) ->
             netcdf(path)
 
 
+@pytest.mark.slow
 def test_no_flipped_byte_of_a_netcdf_file_is_a_wrong_number(tmp_path: Path) -> None:
     path = tmp_path / "out.nc"
     netcdf(path)

@@ -217,7 +217,7 @@ def test_plain_gradient_descent_under_jit_learns_a_force():
 
     random = np.random.default_rng(0)
     layers = (jnp.array(2 * random.normal(size=4)), jnp.array(random.normal(size=4)), jnp.zeros(4))
-    before = float(descend(layers)[0])
+    value = before = float(descend(layers)[0])
     for _ in range(300):
         value, layers = descend(layers)
     assert before > 0.25**2

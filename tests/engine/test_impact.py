@@ -205,7 +205,7 @@ def test_an_end_that_is_not_a_number_is_a_failure():
         assert list(np.isnan(getattr(hit, field))) == [False, True, True, False]
     # The last one has a volume, whose derivative is not a number.
     assert list(np.isnan(hit.dvolume)) == [False, True, True, True]
-    assert list(hit.no_derivatives) == [False, False, False, True]
+    assert list(np.atleast_1d(hit.no_derivatives)) == [False, False, False, True]
 
 
 def test_an_empty_batch_is_empty():

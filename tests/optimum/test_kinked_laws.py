@@ -16,6 +16,7 @@ def _brute_force(model, p) -> tuple[float, float]:
     return angles[np.argmax(volumes)], np.max(volumes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [Table, Where, Power], ids=lambda law: law.__name__)
 @pytest.mark.parametrize("k", [1.0, 2.0])
 def test_a_continuous_law_is_certified(law, k):
