@@ -8,8 +8,8 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import (
+    AllAngles,
     CaseFile,
-    CaseOptions,
     InputError,
     JsonOption,
     WholeOption,
@@ -34,7 +34,7 @@ def calibrate(
     file: CaseFile = None,
     /,
     *,
-    case: CaseOptions | None = None,
+    case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
     free: Annotated[list[str] | None, LISTED, Parameter(help='Parameters to fit; "k,psi" without it.')] = None,
@@ -62,6 +62,7 @@ def calibrate(
     Without --model, the model is linearized.
     """
     options = with_file(case, file)
+    options.refuse_angle("the angles are those of the data")
     p = options.parameters()
     if not 0 < level < 1:
         raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")

@@ -55,8 +55,7 @@ def optimum(
     Jumps of the volume and the ends of the range are compared too.
     """
     options = with_file(case, file)
-    if "alpha" in options.given():
-        raise InputError("Option `--alpha` has no meaning here: all angles are searched, or those of --alpha-range.")
+    options.refuse_angle("all angles are searched, or those of --alpha-range")
     with working("searching all angles"):
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)

@@ -89,6 +89,11 @@ class CaseOptions:
             validate(p)
         return p
 
+    def refuse_angle(self, reason: str) -> None:
+        """An `InputError` where --alpha is given to a verb that takes no angle."""
+        if "alpha" in self.given():
+            raise InputError(f"Option `--alpha` has no meaning here: {reason}.")
+
     def without_changes(self) -> "CaseOptions":
         """The case file and what holds for all of it."""
         return CaseOptions(case=self.case, units=self.units, material=self.material)
