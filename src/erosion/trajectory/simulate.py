@@ -21,7 +21,7 @@ import erosion.trajectory.diffrax_steps as flow
 from erosion.arguments import check_tolerance, check_whole
 from erosion.engine.step_control import LONGEST_CUT
 from erosion.models import load_model, model_name
-from erosion.models.base import NO_CUT, CuttingModel, Tip
+from erosion.models.base import NO_CUT, CuttingModel, Tip, units_within
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
@@ -90,7 +90,7 @@ def _follow(
     rtol: float,
     points: int,
 ) -> Trajectory:
-    given, p = p, dataclasses.replace(p, units="inch-pound")  # one program serves all unit systems
+    given, p = p, dataclasses.replace(p, units=units_within(model, p))
     structure = flow.layout(model, p)
     begins, start, sizes, time = flow.begin(model, p)
     if not begins:
@@ -176,7 +176,7 @@ def _trajectory(
     name: str,
     dense: Callable[[np.ndarray], np.ndarray],
 ) -> Trajectory:
-    _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units="inch-pound"), ys)
+    _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units=units_within(model, p)), ys)
     tip = Tip(*tip)
     return Trajectory(
         model=model,
