@@ -4,11 +4,11 @@ A part of a pipe has an angle at which the sand hits, an area that it hits, and 
 particles that are small enough to follow the flow.
 """
 
-import dataclasses
+import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from erosion.correlations.dnv import DNV_MATERIALS, DNV_RANGES, DNVMaterial, dnv_2015, dnv_brittle
@@ -21,14 +21,13 @@ _YEAR = 365.25 * 24 * 3600.0  # s
 SAND_DENSITY = 2650.0  # kg/m³, quartz; RP-O501
 
 # Model factors C₁ of RP-O501.
-_BEND, _GALLERY = 2.5, 1.25
+_BEND_FACTOR, _GALLERY_FACTOR = 2.5, 1.25
 _LARGEST_CRITICAL = 0.1  # greatest critical diameter of a particle, over the pipe's; RP-O501 (4.30)
 
 _RANGES: Mapping[str, Range] = {name: DNV_RANGES[name] for name in ("v0", "diameter")}
 
 
-@dataclass(frozen=True)
-class Flow:
+class Flow(NamedTuple):
     """What flows in a pipe; all numbers broadcast.
 
     Args:
@@ -78,14 +77,18 @@ def bend(
     References:
         DNVGL-RP-O501 (2015), (4.23)-(4.34).
     """
-    target = _target(material, flow)
+    return _bend(flow, pipe, radius, _target(material, flow)) * geometry_factor
+
+
+@functools.partial(jax.jit, static_argnames="target")
+def _bend(flow: Flow, pipe: Any, radius: Any, target: DNVMaterial) -> Any:
     angle = jnp.arctan(1 / jnp.sqrt(2 * jnp.asarray(radius, float)))
     group = flow.reynolds(pipe) * jnp.tan(angle) / flow.density_ratio
     critical = 1 / (flow.density_ratio * (1.88 * jnp.log(group) - 6.04))
     critical = jnp.where((critical <= 0) | (critical > _LARGEST_CRITICAL), _LARGEST_CRITICAL, critical)
     small = jnp.minimum(flow.diameter / pipe / critical, 1.0)
     shape = dnv_brittle(angle) if target.brittle else dnv_2015(angle)
-    return _normal_loss(flow, pipe, target) * shape * jnp.sin(angle) * small * _BEND * geometry_factor
+    return _normal_loss(flow, pipe, target) * shape * jnp.sin(angle) * small * _BEND_FACTOR
 
 
 def blinded_tee(
@@ -105,7 +108,12 @@ def blinded_tee(
     References:
         DNVGL-RP-O501 (2015), (4.37)-(4.45).
     """
-    target, ratio, reynolds = _target(material, flow), flow.density_ratio, flow.reynolds(pipe)
+    return _blinded_tee(flow, pipe, _target(material, flow)) * geometry_factor
+
+
+@functools.partial(jax.jit, static_argnames="target")
+def _blinded_tee(flow: Flow, pipe: Any, target: DNVMaterial) -> Any:
+    ratio, reynolds = flow.density_ratio, flow.reynolds(pipe)
     light = ratio < 40  # particles in a liquid
     slope = (jnp.log(reynolds / 1e4 + 1) + 1) ** -0.6 - 1.2
     critical = jnp.where(light, 0.14 / ratio, 0.0035 * (ratio / 40) ** slope)
@@ -113,7 +121,7 @@ def blinded_tee(
     of_large = jnp.where(light, 0.0, -0.3 * (1 - 1.01 ** (40 - ratio)))
     exponent = jnp.where(size < 1, 19 / jnp.log(reynolds), of_large)
     shape = jnp.where(light, 3 / ratio**0.3, 1.0)
-    return _normal_loss(flow, pipe, target) * size**exponent * shape * geometry_factor
+    return _normal_loss(flow, pipe, target) * size**exponent * shape
 
 
 def straight_pipe(v0: Values, *, pipe: Values) -> Any:
@@ -160,9 +168,9 @@ def choke_gallery(
     References:
         DNVGL-RP-O501 (2015), table 4-5.
     """
-    in_gallery = dataclasses.replace(flow, v0=0.75 * flow.v0 * _section(pipe) / (2 * height * gap))
+    in_gallery = flow._replace(v0=0.75 * flow.v0 * _section(pipe) / (2 * height * gap))
     as_bend = bend(in_gallery, pipe=gap, radius=radius / gap, material=material, geometry_factor=geometry_factor)
-    return as_bend * _GALLERY / _BEND
+    return as_bend * _GALLERY_FACTOR / _BEND_FACTOR
 
 
 def _target(material: str | DNVMaterial, flow: Flow) -> DNVMaterial:
