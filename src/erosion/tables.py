@@ -19,6 +19,10 @@ HEADINGS = ("quantity", "", "value", "unit", "meaning")
 WIDTH = 120  # characters of a line of text
 
 
+Record = dict[str, Any]
+"""Results by name: numbers, texts, lists and dictionaries of them."""
+
+
 class Row(NamedTuple):
     """One line of a table; all cells are text already."""
 
@@ -29,7 +33,7 @@ class Row(NamedTuple):
     meaning: str = ""
 
 
-def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
+def format_number(value: object, digits: int = 10, size: float = 1.0) -> str:
     """A number as read by a person; an array as its shape and range.
 
     Args:
@@ -53,7 +57,7 @@ def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
     return f"{list(array.shape)} {np.nanmin(array):.{digits}g} … {np.nanmax(array):.{digits}g}"
 
 
-def largest_of(value: Any) -> float:
+def largest_of(value: object) -> float:
     """The greatest magnitude of a number or an array; 0 where there is none."""
     if isinstance(value, Tracer):
         return 0.0
@@ -72,9 +76,9 @@ def with_error(value: float, error: float, size: float = 1.0) -> str:
     return f"{round(value, places):.{max(places, 0)}f} ± {round(error, places):.{max(places, 0)}f}"
 
 
-def abbreviate(value: Any) -> str:
+def abbreviate(value: object) -> str:
     """A number so that Python reads the same one back, text in quotes, an array as its shape and range."""
-    if isinstance(value, Tracer) or np.ndim(value):
+    if isinstance(value, Tracer) or np.asarray(value).ndim:
         return f"<{format_number(value, 6)}>"
     number = np.asarray(value)
     if number.dtype.kind in "US":
@@ -89,7 +93,7 @@ def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] =
 
 def to_lines(
     title: str,
-    rows: Sequence[Sequence[Any]],
+    rows: "Sequence[Sequence[str | Text]]",
     headings: Sequence[str] = HEADINGS,
     numbers: Collection[int] = (2,),
     width: int = WIDTH,
@@ -121,7 +125,7 @@ _LAYOUTS = ((3, 24), (2, 24), (2, 16))
 """Characters between two columns and those to which the last column shrinks, the roomiest layout first."""
 
 
-def _cell(cell: Any, style: str = "") -> "Text":
+def _cell(cell: "str | Text", style: str = "") -> "Text":
     from rich.text import Text
 
     return cell if isinstance(cell, Text) else Text(cell, style)
@@ -247,7 +251,7 @@ class Result(abc.ABC):
         """Sentences below the table."""
         return ()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The numbers by name, in Python's own types; NaN and infinity stay what they are."""
         return to_plain(self)
 

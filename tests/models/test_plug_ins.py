@@ -235,7 +235,7 @@ def test_a_model_that_fails_leaves_the_others_as_they_are(tmp_path):
 
 def test_a_model_object_is_refused_as_well():
     class Wrong(Rotating):
-        def tip(self, state, p):
+        def tip(self, state, p):  # pyright: ignore[reportIncompatibleMethodOverride]
             return state.x
 
     with pytest.raises(erosion.ModelError, match="Model Wrong: `tip` must give a Tip, but gives"):

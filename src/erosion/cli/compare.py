@@ -59,7 +59,7 @@ def compare(
     options = with_file(case, file)
     with working("comparing"):
         p = options.parameters()
-        require_outputs(output, plot=plot, inputs=(options.case,))
+        require_outputs(output, plot=plot, inputs=(options.case, *(model or ())))
         if output is not None and output.exists():
             _require_comparison(output)
         overlay = _correlations(correlations, plot)

@@ -4,15 +4,14 @@ import functools
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.correlations.ecrc import sharpness_factor
-from erosion.correlations.ranges import ALL_ANGLES, Range, warn_outside
+from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
 from erosion.correlations.units import Values, in_units, of_table
-from erosion.parameters.precision import require_float64
 
 SPEED_EXPONENT = 2.41  # of the cutting term [-]
 
@@ -57,7 +56,7 @@ ARABNEJAD_RANGES: Mapping[str, Range] = types.MappingProxyType(
 )
 
 
-def arabnejad_cutting(alpha: Values, force_ratio: Values = 0.4) -> Any:
+def arabnejad_cutting(alpha: Values, force_ratio: Values = 0.4) -> Array:
     """The cutting term: sin α (2K cos α - sin α)/(2K²) for tan α < K, cos²α/2 above.
 
     Args:
@@ -80,7 +79,7 @@ def arabnejad(
     sharpness: str | Values = "sharp",
     units: str = "kg/kg",
     mass: Values | None = None,
-) -> Any:
+) -> Array:
     """The erosion by sand after Arabnejad et al. (2015), cutting and deformation.
 
     E = F_s [C₁ v₀^2.41 f(α) + C₂ (v₀ sin α - U_tsh)₊²/2], with f of `arabnejad_cutting`. Its shape over α
@@ -104,14 +103,14 @@ def arabnejad(
         H. Arabnejad, A. Mansouri, S. A. Shirazi, B. S. McLaury, Wear 332-333 (2015) 1044-1050. Its tests were made with
         sand of 150 µm. Their speeds were not at hand, so that only the angle is checked.
     """
-    require_float64()
+    require_jax(alpha, v0)
     target, factor = of_table(ARABNEJAD_MATERIALS, material, ArabnejadMaterial), sharpness_factor(sharpness)
     warn_outside("Arabnejad", ARABNEJAD_RANGES, alpha=alpha)
     return in_units(_ratio(alpha, v0, factor, target), units, target.density, mass)
 
 
 @functools.partial(jax.jit, static_argnames="target")
-def _ratio(alpha: Any, v0: Any, sharpness: Any, target: ArabnejadMaterial) -> Any:
+def _ratio(alpha: Values, v0: Values, sharpness: Values, target: ArabnejadMaterial) -> Array:
     speed = jnp.asarray(v0, float)
     cutting = target.cutting * speed**SPEED_EXPONENT * arabnejad_cutting(alpha, target.force_ratio)
     excess = jnp.maximum(speed * jnp.sin(alpha) - target.threshold, 0.0)

@@ -4,14 +4,14 @@ import functools
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
-from erosion.correlations.ranges import ALL_ANGLES, Range, warn_outside
+from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
 from erosion.correlations.units import Values, in_units, of_table
-from erosion.parameters.precision import require_float64
 
 
 @dataclass(frozen=True)
@@ -67,18 +67,18 @@ DNV_RANGES: Mapping[str, Range] = types.MappingProxyType(
 _POLYNOMIAL = (9.370, 42.295, 110.864, 175.804, 170.137, 98.398, 31.211, 4.170)
 
 
-def dnv_2015(alpha: Values) -> Any:
+def dnv_2015(alpha: Values) -> Array:
     """F = 0.6 [sin α + 7.2 (sin α - sin²α)]^0.6 (1 - e^(-20α)) for ductile targets, of DNV RP-O501 since 2015."""
     sine = jnp.sin(alpha)
     return 0.6 * (sine + 7.2 * (sine - sine**2)) ** 0.6 * -jnp.expm1(-20 * alpha)
 
 
-def dnv_brittle(alpha: Values) -> Any:
+def dnv_brittle(alpha: Values) -> Array:
     """F = 2α/π for brittle targets, of DNV RP-O501."""
     return 2 * jnp.asarray(alpha) / jnp.pi
 
 
-def dnv_polynomial(alpha: Values, coefficients: Sequence[float] = _POLYNOMIAL) -> Any:
+def dnv_polynomial(alpha: Values, coefficients: Sequence[float] = _POLYNOMIAL) -> Array:
     """F = Σ (-1)^(i+1) A_i α^i, i = 1 … 8, for ductile targets, of DNV RP-O501 before 2015.
 
     Args:
@@ -88,9 +88,10 @@ def dnv_polynomial(alpha: Values, coefficients: Sequence[float] = _POLYNOMIAL) -
     return alternating(coefficients, alpha)
 
 
-def alternating(coefficients: Sequence[float], alpha: Any) -> Any:
+def alternating(coefficients: Sequence[float], alpha: Values) -> Array:
     """The sum A₁α - A₂α² + A₃α³ - … of a published table."""
-    value = 0.0
+    alpha = jnp.asarray(alpha)
+    value = jnp.zeros_like(alpha)
     for i in reversed(range(len(coefficients))):
         value = (value + coefficients[i] * (-1) ** i) * alpha
     return value
@@ -104,11 +105,10 @@ def dnv(
     edition: Literal[2007, 2015] = 2015,
     units: str = "kg/kg",
     mass: Values | None = None,
-) -> Any:
+) -> Array:
     """The erosion by sand after DNV RP-O501: E = K v₀ⁿ F(α).
 
-        >>> float(erosion.correlations.dnv(np.deg2rad(30), 30.0, "duplex"))  # doctest: +SKIP
-        1.377e-05
+        erosion.correlations.dnv(np.deg2rad(30), 30.0, "duplex")  # 1.37e-5 kg/kg
 
     Args:
         alpha: α [rad]; broadcasts with `v0`.
@@ -127,7 +127,7 @@ def dnv(
     References:
         DNVGL-RP-O501, Managing sand production and erosion, August 2015, (3.1)-(3.3) and table 3-1.
     """
-    require_float64()
+    require_jax(alpha, v0)
     target = of_table(DNV_MATERIALS, material, DNVMaterial)
     if edition not in (2007, 2015):
         raise ValueError(f"Argument `edition` must be 2007 or 2015, but is {edition!r}.")
@@ -136,7 +136,7 @@ def dnv(
 
 
 @functools.partial(jax.jit, static_argnames=("target", "edition"))
-def _ratio(alpha: Any, v0: Any, target: DNVMaterial, edition: int) -> Any:
+def _ratio(alpha: Values, v0: Values, target: DNVMaterial, edition: int) -> Array:
     ductile = dnv_2015 if edition == 2015 else dnv_polynomial
     angle = dnv_brittle(alpha) if target.brittle else ductile(alpha)
     return target.coefficient * jnp.asarray(v0, float) ** target.exponent * angle

@@ -2,15 +2,14 @@
 
 import types
 from collections.abc import Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.correlations.dnv import alternating
-from erosion.correlations.ranges import ALL_ANGLES, Range, warn_outside
+from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
 from erosion.correlations.units import Values, in_units
-from erosion.parameters.precision import require_float64
 
 COEFFICIENT = 2.17e-7  # C [(m/s)⁻ⁿ], for Brinell hardness; COMSOL 6.2, Particle Tracing Module, node Erosion
 HARDNESS_EXPONENT = -0.59  # of the Brinell hardness [-], Zhang 2007
@@ -26,12 +25,12 @@ STEEL_DENSITY = 7800.0  # kg/m³, DNVGL-RP-O501 (2015), table 3-1, carbon steel
 ECRC_RANGES: Mapping[str, Range] = types.MappingProxyType({"alpha": ALL_ANGLES})
 
 
-def ecrc_angle(alpha: Values) -> Any:
+def ecrc_angle(alpha: Values) -> Array:
     """F = 5.40α - 10.11α² + 10.93α³ - 6.33α⁴ + 1.42α⁵, of the E/CRC in Tulsa (Zhang 2007)."""
     return alternating(_ANGLES, alpha)
 
 
-def sharpness_factor(sharpness: Any) -> Any:
+def sharpness_factor(sharpness: str | Values) -> Values:
     """F_s by name, or a number as it is; a ValueError for another name."""
     if isinstance(sharpness, str):
         if sharpness not in SHARPNESS:
@@ -50,7 +49,7 @@ def ecrc(
     density: Values = STEEL_DENSITY,
     units: str = "kg/kg",
     mass: Values | None = None,
-) -> Any:
+) -> Array:
     """The erosion by sand after Zhang et al. (2007): E = C BH^-0.59 F_s v₀^2.41 F(α).
 
     Args:
@@ -73,13 +72,13 @@ def ecrc(
         C, n and the exponent of BH also in the COMSOL documentation, Particle Tracing Module, node Erosion.
         The speeds and sizes of its tests were not at hand, so that only the angle is checked.
     """
-    require_float64()
+    require_jax(alpha, v0)
     factor = sharpness_factor(sharpness)
     warn_outside("E/CRC", ECRC_RANGES, alpha=alpha)
     return in_units(_ratio(alpha, v0, brinell, factor), units, density, mass)
 
 
 @jax.jit
-def _ratio(alpha: Any, v0: Any, brinell: Any, sharpness: Any) -> Any:
+def _ratio(alpha: Values, v0: Values, brinell: Values, sharpness: Values) -> Array:
     hardness, speed = (jnp.asarray(value, float) for value in (brinell, v0))
     return COEFFICIENT * hardness**HARDNESS_EXPONENT * sharpness * speed**SPEED_EXPONENT * ecrc_angle(alpha)

@@ -4,14 +4,13 @@ import functools
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
-from erosion.correlations.ranges import ALL_ANGLES, Range, warn_outside
+from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
 from erosion.correlations.units import Values, in_units, of_table
-from erosion.parameters.precision import require_float64
 
 FORCE_RATIO = 2.0  # K [-]; the default of COMSOL and of OpenFOAM
 CONTACT_RATIO = 2.0  # ψ [-]; OpenFOAM's default
@@ -40,7 +39,7 @@ FINNIE_MATERIALS: Mapping[str, FinnieMaterial] = types.MappingProxyType(
 FINNIE_RANGES: Mapping[str, Range] = types.MappingProxyType({"alpha": ALL_ANGLES})
 
 
-def finnie_angle(alpha: Values, force_ratio: Values = FORCE_RATIO) -> Any:
+def finnie_angle(alpha: Values, force_ratio: Values = FORCE_RATIO) -> Array:
     """Finnie's closed form as CFD codes have it, per V²/(ψ K p) and unit mass of erodent.
 
     F = sin 2α - (6/K) sin²α for tan α < K/6, (K/6) cos²α above. It is the model `finnie` with
@@ -59,7 +58,7 @@ def finnie_angle(alpha: Values, force_ratio: Values = FORCE_RATIO) -> Any:
 
 
 def finnie_volume(alpha: Values, speed: Values, mass: Values, flow_stress: Values, psi: Values = CONTACT_RATIO,
-                  force_ratio: Values = FORCE_RATIO) -> Any:  # fmt: skip
+                  force_ratio: Values = FORCE_RATIO) -> Array:  # fmt: skip
     """The removed volume as OpenFOAM's `ParticleErosion` has it: m V²/(p ψ K) · F(α).
 
     Args:
@@ -84,7 +83,7 @@ def finnie(
     force_ratio: Values = FORCE_RATIO,
     units: str = "kg/kg",
     mass: Values | None = None,
-) -> Any:
+) -> Array:
     """The erosion after Finnie as CFD codes have it: E = c ρ v₀²/(p ψ K) F(α), with ψ = 2.
 
     Args:
@@ -105,13 +104,13 @@ def finnie(
         I. Finnie, Wear 3 (1960) 87-103; OpenFOAM, `ParticleErosion`, which has c = 1; COMSOL, Particle Tracing Module,
         node Erosion, for the target. COMSOL takes a sphere (β = 2/5) where this form has β = ½.
     """
-    require_float64()
+    require_jax(alpha, v0)
     target = of_table(FINNIE_MATERIALS, material, FinnieMaterial)
     warn_outside("Finnie", FINNIE_RANGES, alpha=alpha)
     return in_units(_ratio(alpha, v0, force_ratio, target), units, target.density, mass)
 
 
 @functools.partial(jax.jit, static_argnames="target")
-def _ratio(alpha: Any, v0: Any, force_ratio: Any, target: FinnieMaterial) -> Any:
+def _ratio(alpha: Values, v0: Values, force_ratio: Values, target: FinnieMaterial) -> Array:
     volume = finnie_volume(alpha, v0, 1.0, target.flow_stress, CONTACT_RATIO, force_ratio)
     return target.fraction * target.density * volume

@@ -3,15 +3,14 @@
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.correlations.ecrc import BRINELL_CARBON_STEEL, HARDNESS_EXPONENT, STEEL_DENSITY, sharpness_factor
-from erosion.correlations.ranges import ALL_ANGLES, Range, warn_outside
+from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
 from erosion.correlations.units import Values, in_units
-from erosion.parameters.precision import require_float64
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ SPEED_EXPONENT = 1.73  # n [-], Edwards et al. 2000; Autodesk CFD 2023
 MCLAURY_RANGES: Mapping[str, Range] = types.MappingProxyType({"alpha": ALL_ANGLES})
 
 
-def mclaury_angle(alpha: Values, constants: AngleConstants = CARBON_STEEL) -> Any:
+def mclaury_angle(alpha: Values, constants: AngleConstants = CARBON_STEEL) -> Array:
     """F of `AngleConstants`, by default of sand on carbon steel.
 
     Args:
@@ -67,7 +66,7 @@ def mclaury(
     density: Values = STEEL_DENSITY,
     units: str = "kg/kg",
     mass: Values | None = None,
-) -> Any:
+) -> Array:
     """The erosion of carbon steel by sand after Edwards, McLaury and Shirazi (2000): E = A BH^-0.59 F_s v₀^1.73 F(α).
 
     Args:
@@ -90,13 +89,13 @@ def mclaury(
         F, n, F_s and BH are those of Autodesk CFD's help, A is as the Fluent 12 Theory Guide quotes it.
         The speeds and sizes of its tests were not at hand, so that only the angle is checked.
     """
-    require_float64()
+    require_jax(alpha, v0)
     factor = sharpness_factor(sharpness)
     warn_outside("McLaury", MCLAURY_RANGES, alpha=alpha)
     return in_units(_ratio(alpha, v0, brinell, factor), units, density, mass)
 
 
 @jax.jit
-def _ratio(alpha: Any, v0: Any, brinell: Any, sharpness: Any) -> Any:
+def _ratio(alpha: Values, v0: Values, brinell: Values, sharpness: Values) -> Array:
     hardness, speed = (jnp.asarray(value, float) for value in (brinell, v0))
     return COEFFICIENT * hardness**HARDNESS_EXPONENT * sharpness * speed**SPEED_EXPONENT * mclaury_angle(alpha)

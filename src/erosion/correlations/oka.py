@@ -4,14 +4,13 @@ import functools
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
-from erosion.correlations.ranges import ALL_ANGLES, Range, warn_outside
+from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
 from erosion.correlations.units import Values, in_units, of_table
-from erosion.parameters.precision import require_float64
 
 # For sand (SiO₂): Oka et al. 2005 as quoted by the Altair EDEM documentation, The Oka Wear Model, table 1.
 REFERENCE_SPEED = 104.0  # v' [m/s]
@@ -53,7 +52,7 @@ OKA_MATERIALS: Mapping[str, OkaMaterial] = types.MappingProxyType(
 OKA_RANGES: Mapping[str, Range] = types.MappingProxyType({"alpha": ALL_ANGLES})
 
 
-def oka_angle(alpha: Values, hardness: Values = 1.8) -> Any:
+def oka_angle(alpha: Values, hardness: Values = 1.8) -> Array:
     """Oka's (sin α)^n₁ [1 + Hv (1 - sin α)]^n₂ for sand (SiO₂), which is 1 at 90°.
 
     n₁ = 0.71 Hv^0.14 and n₂ = 2.4 Hv^-0.94: shallow angles gain on hard targets less.
@@ -69,7 +68,7 @@ def oka_angle(alpha: Values, hardness: Values = 1.8) -> Any:
     return sine ** (0.71 * hardness**0.14) * (1 + hardness * (1 - sine)) ** (2.4 * hardness**-0.94)
 
 
-def oka_speed_exponent(hardness: Values) -> Any:
+def oka_speed_exponent(hardness: Values) -> Values:
     """k₂ = 2.3 Hv^0.038 [-] for sand, Hv in GPa."""
     return 2.3 * hardness**0.038
 
@@ -82,7 +81,7 @@ def oka(
     material: str | OkaMaterial = "steel",
     units: str = "kg/kg",
     mass: Values | None = None,
-) -> Any:
+) -> Array:
     """The erosion by sand after Oka et al. (2005): E = E₉₀ (v₀/v')^k₂ (D/D')^k₃ g(α).
 
     Args:
@@ -104,14 +103,14 @@ def oka(
         Constants as the documentation of Ansys Fluent and Altair EDEM quotes them. The speeds and sizes of its tests
         were not at hand, so that only the angle is checked.
     """
-    require_float64()
+    require_jax(alpha, v0)
     target = of_table(OKA_MATERIALS, material, OkaMaterial)
     warn_outside("Oka", OKA_RANGES, alpha=alpha)
     return in_units(_ratio(alpha, v0, diameter, target), units, target.density, mass)
 
 
 @functools.partial(jax.jit, static_argnames="target")
-def _ratio(alpha: Any, v0: Any, diameter: Any, target: OkaMaterial) -> Any:
+def _ratio(alpha: Values, v0: Values, diameter: Values, target: OkaMaterial) -> Array:
     speed = (v0 / REFERENCE_SPEED) ** oka_speed_exponent(target.hardness)
     size = (diameter / REFERENCE_DIAMETER) ** DIAMETER_EXPONENT
     return target.normal_erosion * target.density * speed * size * oka_angle(alpha, target.hardness)

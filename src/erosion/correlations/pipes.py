@@ -6,15 +6,15 @@ particles that are small enough to follow the flow.
 
 import functools
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.correlations.dnv import DNV_MATERIALS, DNV_RANGES, DNVMaterial, dnv_2015, dnv_brittle
-from erosion.correlations.ranges import Range, warn_outside
+from erosion.correlations.ranges import Range, require_jax, warn_outside
 from erosion.correlations.units import Values, of_table
-from erosion.parameters.precision import require_float64
 
 _MM_PER_TONNE = 1e6  # 1 m/kg in mm/t
 _YEAR = 365.25 * 24 * 3600.0  # s
@@ -45,11 +45,11 @@ class Flow(NamedTuple):
     sand_density: Values = SAND_DENSITY
 
     @property
-    def density_ratio(self) -> Any:
+    def density_ratio(self) -> Array:
         """Particles over mixture [-]."""
         return jnp.asarray(self.sand_density / self.density, float)
 
-    def reynolds(self, pipe: Values) -> Any:
+    def reynolds(self, pipe: Values) -> Array:
         """The Reynolds number in a pipe of inner diameter `pipe` [m]."""
         return self.v0 * pipe * self.density / self.viscosity
 
@@ -61,7 +61,7 @@ def bend(
     radius: Values,
     material: str | DNVMaterial = "duplex",
     geometry_factor: Values = 1.0,
-) -> Any:
+) -> Array:
     """The greatest loss of wall in a bend.
 
     Args:
@@ -81,7 +81,7 @@ def bend(
 
 
 @functools.partial(jax.jit, static_argnames="target")
-def _bend(flow: Flow, pipe: Any, radius: Any, target: DNVMaterial) -> Any:
+def _bend(flow: Flow, pipe: Values, radius: Values, target: DNVMaterial) -> Array:
     angle = jnp.arctan(1 / jnp.sqrt(2 * jnp.asarray(radius, float)))
     group = flow.reynolds(pipe) * jnp.tan(angle) / flow.density_ratio
     critical = 1 / (flow.density_ratio * (1.88 * jnp.log(group) - 6.04))
@@ -93,7 +93,7 @@ def _bend(flow: Flow, pipe: Any, radius: Any, target: DNVMaterial) -> Any:
 
 def blinded_tee(
     flow: Flow, *, pipe: Values, material: str | DNVMaterial = "duplex", geometry_factor: Values = 1.0
-) -> Any:
+) -> Array:
     """The greatest loss of wall in a blinded tee.
 
     Args:
@@ -112,7 +112,7 @@ def blinded_tee(
 
 
 @functools.partial(jax.jit, static_argnames="target")
-def _blinded_tee(flow: Flow, pipe: Any, target: DNVMaterial) -> Any:
+def _blinded_tee(flow: Flow, pipe: Values, target: DNVMaterial) -> Array:
     ratio, reynolds = flow.density_ratio, flow.reynolds(pipe)
     light = ratio < 40  # particles in a liquid
     slope = (jnp.log(reynolds / 1e4 + 1) + 1) ** -0.6 - 1.2
@@ -124,7 +124,7 @@ def _blinded_tee(flow: Flow, pipe: Any, target: DNVMaterial) -> Any:
     return _normal_loss(flow, pipe, target) * size**exponent * shape
 
 
-def straight_pipe(v0: Values, *, pipe: Values) -> Any:
+def straight_pipe(v0: Values, *, pipe: Values) -> Array:
     """The loss of wall in a smooth straight pipe of steel.
 
     Args:
@@ -150,7 +150,7 @@ def choke_gallery(
     height: Values,
     material: str | DNVMaterial = "cr-37-tungsten",
     geometry_factor: Values = 1.0,
-) -> Any:
+) -> Array:
     """The greatest loss of wall in the gallery of an angle choke, computed as a bend of the gap's width.
 
     Args:
@@ -174,17 +174,17 @@ def choke_gallery(
 
 
 def _target(material: str | DNVMaterial, flow: Flow) -> DNVMaterial:
-    require_float64()
+    require_jax(flow.v0)
     warn_outside("DNV RP-O501", _RANGES, v0=flow.v0, diameter=flow.diameter)
     return of_table(DNV_MATERIALS, material, DNVMaterial)
 
 
-def _section(pipe: Any) -> Any:
+def _section(pipe: Values) -> Array:
     """The area of a pipe's section [m²]."""
     return jnp.pi / 4 * jnp.asarray(pipe, float) ** 2
 
 
-def _normal_loss(flow: Flow, pipe: Any, target: DNVMaterial) -> Any:
+def _normal_loss(flow: Flow, pipe: Values, target: DNVMaterial) -> Array:
     """Depth that a mass of sand removes of the pipe's section at F = 1 [mm/t]."""
     removed = target.coefficient * jnp.asarray(flow.v0, float) ** target.exponent / target.density
     return removed / _section(pipe) * _MM_PER_TONNE

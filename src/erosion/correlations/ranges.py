@@ -4,10 +4,12 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jax.core import Tracer
+
+from erosion.correlations.units import Values
+from erosion.parameters.precision import require_float64, require_xla
 
 
 class OutOfRangeWarning(UserWarning):
@@ -39,7 +41,19 @@ _MEANINGS = {"alpha": "angles", "v0": "speeds", "diameter": "diameters"}
 _ROUNDING = 1e-12
 
 
-def warn_outside(title: str, ranges: Mapping[str, Range], **values: Any) -> None:
+def require_jax(*values: object) -> None:
+    """Raise where JAX cannot compute with these values; those that it traces wait for no device.
+
+    Raises:
+        PrecisionError, RuntimeError: see `require_xla`.
+    """
+    if any(isinstance(value, Tracer) for value in values):
+        require_float64()
+    else:
+        require_xla()
+
+
+def warn_outside(title: str, ranges: Mapping[str, Range], **values: Values) -> None:
     """Warn where values are outside of their range, and say by how much; values that JAX traces are not known.
 
     Args:

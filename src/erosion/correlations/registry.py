@@ -4,19 +4,26 @@ import functools
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
-from erosion.correlations.arabnejad import ARABNEJAD_MATERIALS, ARABNEJAD_RANGES, arabnejad, arabnejad_cutting
-from erosion.correlations.dnv import DNV_MATERIALS, DNV_RANGES, dnv, dnv_2015, dnv_polynomial
+from erosion.correlations.arabnejad import (
+    ARABNEJAD_MATERIALS,
+    ARABNEJAD_RANGES,
+    ArabnejadMaterial,
+    arabnejad,
+    arabnejad_cutting,
+)
+from erosion.correlations.dnv import DNV_MATERIALS, DNV_RANGES, DNVMaterial, dnv, dnv_2015, dnv_polynomial
 from erosion.correlations.ecrc import ECRC_RANGES, STEEL_DENSITY, ecrc, ecrc_angle
-from erosion.correlations.finnie import FINNIE_MATERIALS, FINNIE_RANGES, finnie, finnie_angle
+from erosion.correlations.finnie import FINNIE_MATERIALS, FINNIE_RANGES, FinnieMaterial, finnie, finnie_angle
 from erosion.correlations.mclaury import MCLAURY_RANGES, mclaury, mclaury_angle
-from erosion.correlations.oka import OKA_MATERIALS, OKA_RANGES, oka, oka_angle
+from erosion.correlations.oka import OKA_MATERIALS, OKA_RANGES, OkaMaterial, oka, oka_angle
 from erosion.correlations.ranges import Range
-from erosion.parameters.precision import require_float64
+from erosion.correlations.units import Values
+from erosion.parameters.precision import require_xla
 
 
 @dataclass(frozen=True)
@@ -37,20 +44,23 @@ class Correlation:
 
     name: str
     title: str
-    function: Callable[[Any], Any]
-    erosion: Callable[..., Any]
+    function: Callable[[Values], Array]
+    erosion: Callable[..., Array]
     density: float
     ranges: Mapping[str, Range]
     valid_for: str
     source: str
-    materials: Mapping[str, Any] = field(default_factory=dict)
+    materials: Mapping[str, DNVMaterial | FinnieMaterial | OkaMaterial | ArabnejadMaterial] = field(
+        default_factory=dict
+    )
 
-    def __call__(self, alpha: Any) -> Any:
+    def __call__(self, alpha: Values) -> Array:
         """F at the angle(s) α [rad]."""
+        require_xla()
         return self._compiled(alpha)
 
     @functools.cached_property
-    def _compiled(self) -> Callable[[Any], Any]:
+    def _compiled(self) -> Callable[[Values], Array]:
         return jax.jit(self.function)
 
     @functools.cached_property
@@ -58,7 +68,6 @@ class Correlation:
         """The angle of greatest erosion [rad]."""
         from scipy.optimize import root_scalar  # the explorer, which knows the names, starts without scipy
 
-        require_float64()
         # Every F here rises to one maximum and then falls.
         coarse = np.deg2rad(np.arange(1.0, 90.0))
         near = coarse[np.argmax(np.asarray(self(coarse)))]
@@ -70,7 +79,7 @@ class Correlation:
         """F at `alpha_max`."""
         return float(self(self.alpha_max))
 
-    def normalised(self, alpha: Any) -> Any:
+    def normalised(self, alpha: Values) -> Array:
         """F(α)/F(α_max), to lay curves of any scale over each other."""
         return self(alpha) / self.peak
 

@@ -1,6 +1,7 @@
 """The units in which a correlation gives the erosion, and the types of its arguments."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -8,13 +9,15 @@ from jaxtyping import Array, Float, Int
 Values = Float[Array | np.ndarray, "..."] | Int[Array | np.ndarray, "..."] | float | int
 """A number or an array; several broadcast."""
 
+_Material = TypeVar("_Material")
+
 UNITS = ("kg/kg", "mm3/kg", "mm3/impact")
 """Target lost per erodent: mass per mass, volume per mass, volume per particle."""
 
 _MM3 = 1e9  # mm³ in a m³
 
 
-def in_units(ratio: Any, units: str, density: Any, mass: Any = None) -> Any:
+def in_units(ratio: Array, units: str, density: Values, mass: Values | None = None) -> Array:
     """The erosion in other units.
 
     Args:
@@ -40,7 +43,7 @@ def in_units(ratio: Any, units: str, density: Any, mass: Any = None) -> Any:
     return volume if mass is None else volume * mass
 
 
-def of_table(table: Any, material: Any, kind: type) -> Any:
+def of_table(table: Mapping[str, _Material], material: str | _Material, kind: type[_Material]) -> _Material:
     """A material by name, or the user's own.
 
     Raises:

@@ -5,14 +5,14 @@ import functools
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from erosion.arguments import check_tolerance
+from erosion.array_types import PerImpact
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
-from erosion.engine.outcomes import end_names, has_no_result
+from erosion.engine.outcomes import NO_DERIVATIVES, end_names, has_no_result
 from erosion.engine.variational import Derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
@@ -21,7 +21,7 @@ from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import RESULTS, derivative_row, result_row
-from erosion.tables import Result, Row, abbreviate, format_number, to_plain
+from erosion.tables import Record, Result, Row, abbreviate, format_number, to_plain
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 
@@ -32,11 +32,11 @@ class Impact(Result):
 
     Args:
         model, p: what was computed.
-        volume: removed volume [volume]; NaN where `ended_by` is "failed" or "unfinished".
+        volume: removed volume [volume]; NaN only where `ended_by` is "failed" or "unfinished".
         t_c: end of the cut [s]; 0 where nothing is cut.
         outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
-        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None. With several names there
-            is a last axis over them.
+        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None; NaN where it does not exist, see
+            `no_derivatives`. With several names there is a last axis over them.
         d2volume: ∂²V/∂q² [volume per unit of q, squared], or None; with several names there are two
             last axes, the matrix ∂²V/∂q_i∂q_j.
         wrt: the parameter(s) of the derivatives.
@@ -44,25 +44,41 @@ class Impact(Result):
 
     model: CuttingModel
     p: Parameters
-    volume: Any
-    t_c: Any
-    outcome: Any
-    dvolume: Any
-    d2volume: Any
+    volume: PerImpact
+    t_c: PerImpact
+    outcome: PerImpact
+    dvolume: PerImpact
+    d2volume: PerImpact
     wrt: str | tuple[str, ...]
 
     @functools.cached_property
-    def ended_by(self) -> Any:
+    def ended_by(self) -> PerImpact:
         """How the cut ended, "rebound", "stop", "no-cut" (or a plug-in's event), "failed" or "unfinished".
 
         Words take five times the memory of the numbers, so they are made when asked for.
         """
         return np.array(end_names(self.model))[self.outcome]
 
+    @functools.cached_property
+    def no_derivatives(self) -> np.ndarray | np.bool_:
+        """Whether derivatives that were asked for are not known although the volume is; bool.
+
+        They do not exist, or cannot be computed, where the force jumps within the cut or where its rate is
+        infinite. Across a kink they are computed.
+        """
+        missing = np.zeros(np.shape(self.volume), bool)
+        for part in (self.dvolume, self.d2volume):
+            if part is not None:
+                missing |= np.isnan(part).any(axis=tuple(range(np.ndim(self.volume), np.ndim(part))))
+        return (missing & np.isfinite(self.volume))[()]
+
     def rows(self) -> list[Row]:
         """The results as rows of a table."""
         rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
         rows.append(result_row("volume", self.volume, self.p.units))
+        if np.any(self.no_derivatives):
+            share = f"{np.sum(self.no_derivatives):,} of {np.size(self.no_derivatives):,}"
+            rows.append(Row("no_derivatives", "", share, "", NO_DERIVATIVES))
         if self.wrt == "alpha":
             derivatives = {"dvolume": self.dvolume, "d2volume": self.d2volume}
             return rows + [
@@ -89,7 +105,7 @@ class Impact(Result):
         count = np.size(self.volume)
         return f"{model_name(self.model)}: {count:,} impact{'s' * (count != 1)}"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """Model and case, times, volumes, derivatives and outcomes, and the units of times and volumes."""
         names = ("t_c", "volume", "dvolume", "d2volume", "ended_by", "wrt")
         numbers = {name: value for name in names if (value := getattr(self, name)) is not None}
@@ -170,7 +186,7 @@ class PairDerivatives:
 
     volume: Derivatives
     t_c: Derivatives
-    ended_by: Any
+    ended_by: PerImpact
 
 
 def pair_derivatives(

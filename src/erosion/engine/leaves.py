@@ -7,14 +7,14 @@ numbers or arrays. Everything else in a model (functions, strings) is part of th
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TypeGuard
 
 import jax
 import numpy as np
 from jax import Array
 from jax.core import Tracer
 
-from erosion.array_types import Indices, Number, PerLane
+from erosion.array_types import Indices, Number, PerImpact, PerLane, Structure
 from erosion.models.base import CuttingModel, units_within
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters
@@ -23,7 +23,7 @@ from erosion.parameters.units import System
 _NAMES = tuple(QUANTITIES)
 
 
-def is_number(leaf: Any) -> bool:
+def is_number(leaf: object) -> TypeGuard[Number]:
     """Whether a leaf is a number or an array of numbers."""
     if isinstance(leaf, (float, int)):
         return True
@@ -48,8 +48,8 @@ class Layout:
 
     def __init__(
         self,
-        structure: Any,
-        leaves: tuple[Any, ...],
+        structure: Structure,
+        leaves: tuple[object, ...],
         shapes: tuple[tuple[int, ...], ...],
         dtypes: tuple[str, ...],
         units: System,
@@ -64,7 +64,7 @@ class Layout:
         return hash((self.shapes, self.dtypes))
 
     @property
-    def _key(self) -> Any:
+    def _key(self) -> tuple[object, ...]:
         return self.structure, self.leaves, self.shapes, self.dtypes, self.units
 
     @functools.cached_property
@@ -96,7 +96,7 @@ def _array(leaf: Number) -> Array | np.ndarray:
     return leaf if isinstance(leaf, Tracer) else np.asarray(leaf)
 
 
-def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[Any]]:
+def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[PerImpact]]:
     """Layout and numbers of many impacts.
 
     The parameters of the case and the model's own may be arrays, with one number for each impact.
@@ -106,7 +106,7 @@ def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[Any]]:
     own = {parameter.leaf for parameter in own_parameters(model).values()} if leaves else ()
     fields = vars(p)
     numbers = [_array(fields[name]) for name in _NAMES]
-    rest: list[Any] = []
+    rest: list[object] = []
     shapes: list[tuple[int, ...]] = [()] * len(_NAMES)
     dtypes = ["float64"] * len(_NAMES)
     for i, leaf in enumerate(leaves):

@@ -6,14 +6,14 @@ are the others, in the order of `OTHER_ENDS`, and then "arrived": at the time as
 
 import functools
 from collections.abc import Mapping
-from typing import Any
 
 import jax
 import numpy as np
 
+from erosion.array_types import Number
 from erosion.engine.leaves import Layout, split
 from erosion.engine.step_control import LONGEST_CUT
-from erosion.models.base import NO_CUT, CuttingModel
+from erosion.models.base import NO_CUT, CuttingModel, Events
 from erosion.parameters.parameters import TABLE_1
 
 AFTER_NO_CUT, AFTER_FAILED, AFTER_UNFINISHED, AFTER_ARRIVED = range(4)
@@ -25,6 +25,9 @@ OTHER_ENDS: Mapping[str, str] = {
     "unfinished": f"no event ended the cut within {LONGEST_CUT:,.0f} time scales",
 }
 """The ends that are no events, with a sentence on each."""
+
+NO_DERIVATIVES = "the volume is right, but a jump or an infinite rate of the force leaves it without these derivatives"
+"""Of an impact that has a result where fewer derivatives are asked for."""
 
 
 def end_names(model: CuttingModel) -> tuple[str, ...]:
@@ -39,7 +42,7 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
 def names_of(layout: Layout) -> tuple[str, ...]:
     """`end_names` for all models of a layout."""
 
-    def events(numbers: list[Any]) -> dict[str, Any]:
+    def events(numbers: list[Number]) -> Events:
         model, p = layout.joined(numbers)
         return model.events(model.initial_state(p), p)
 

@@ -9,15 +9,16 @@ such as x itself, is not integrated.
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 
-from erosion.array_types import Number, Scalar
+from erosion.array_types import Broadcast, ModelState, Number, Scalar
 from erosion.engine.leaves import Layout, numbers_of
 from erosion.engine.variational import Cut
+from erosion.lanes.scalars import Atom
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 
@@ -33,7 +34,7 @@ class WholeMotion:
         """The state at contact."""
         return tuple(self.start)
 
-    def state(self, cut: Cut) -> Any:
+    def state(self, cut: Cut) -> ModelState:
         """The model's own state."""
         return jax.tree.unflatten(self.structure, cut.state)
 
@@ -43,7 +44,7 @@ class WholeMotion:
         rates = jax.tree.leaves(self.model.derivative(state, self.p))
         return Cut(tuple(rates), self.model.removal_rate(state, self.p))
 
-    def removed_at_contact(self) -> Scalar:
+    def removed_at_contact(self) -> Broadcast:
         """The volume removed beside the cut."""
         return self.model.removed_at_contact(self.p)
 
@@ -59,7 +60,7 @@ def reduced(layout: Layout) -> Callable[[CuttingModel, Parameters], "ReducedMoti
 
     def look(numbers: list[Number], leaves: list[Scalar]) -> list[Scalar]:
         motion = WholeMotion(*layout.joined(numbers))
-        cut = Cut(tuple(leaves), None)
+        cut = Cut(tuple(leaves), 0.0)
         rate = motion.rate(cut)
         return [*rate.state, rate.volume, *motion.events(cut)]
 
@@ -84,7 +85,7 @@ class ReducedMotion:
         *rates, volume = self.unknowns.rates(self.known, cut.state)
         return Cut(tuple(rates), volume)
 
-    def removed_at_contact(self) -> Scalar:
+    def removed_at_contact(self) -> Broadcast:
         """The volume removed beside the cut."""
         return self.model.removed_at_contact(self.p)
 
@@ -97,9 +98,9 @@ class _Product(NamedTuple):
     """An expression taken apart: sign · times/over · core."""
 
     sign: float
-    times: list[Any]
-    over: list[Any]
-    core: Any
+    times: list[Atom]
+    over: list[Atom]
+    core: Atom
 
 
 class Unknowns:
@@ -111,7 +112,7 @@ class Unknowns:
         parts: number of parts of the state.
     """
 
-    def __init__(self, closed: ClosedJaxpr, start: Callable[..., list[Any]], parts: int) -> None:
+    def __init__(self, closed: ClosedJaxpr, start: Callable[..., list[Scalar]], parts: int) -> None:
         self._start = start
         self._made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
         arguments, outputs = closed.jaxpr.invars, closed.jaxpr.outvars
@@ -119,7 +120,7 @@ class Unknowns:
         self._state = set(state)
         self._known = _known(closed.jaxpr, self._state)
         rates = dict(zip(state, outputs[:parts], strict=True))
-        needed: set[Any] = set()
+        needed: set[Var] = set()
         while (more := needed | self._inputs([*outputs[parts:], *(rates[part] for part in needed)])) > needed:
             needed = more
         moving = [i for i, part in enumerate(state) if part in needed and not _is_zero(rates[part])]
@@ -168,7 +169,7 @@ class Unknowns:
                 parts[i] = integral
         return parts
 
-    def _product(self, core: Any) -> _Product:
+    def _product(self, core: Atom) -> _Product:
         """The expression with its known factors taken off."""
         sign, times, over = 1.0, [], []
         while not self._is_known(core) and core in self._made_by:
@@ -185,12 +186,12 @@ class Unknowns:
                 break
         return _Product(sign, times, over, core)
 
-    def _is_known(self, value: Any) -> bool:
+    def _is_known(self, value: Atom) -> bool:
         return isinstance(value, Literal) or value in self._known
 
-    def _inputs(self, values: Iterable[Any]) -> set[Any]:
+    def _inputs(self, values: Iterable[Atom]) -> set[Var]:
         """The parts of the state that these values depend on."""
-        seen: set[Any] = set()
+        seen: set[Atom] = set()
         waiting = [value for value in values if not self._is_known(value)]
         while waiting:
             value = waiting.pop()
@@ -198,10 +199,10 @@ class Unknowns:
                 seen.add(value)
                 equation = self._made_by.get(value)
                 waiting += [atom for atom in equation.invars if not self._is_known(atom)] if equation else []
-        return seen & self._state
+        return self._state & seen
 
 
-def _known(jaxpr: Jaxpr, state: set[Any]) -> set[Any]:
+def _known(jaxpr: Jaxpr, state: set[Var]) -> set[Var]:
     """The values that do not depend on the state."""
     known = {*jaxpr.constvars, *jaxpr.invars} - state
     for equation in jaxpr.eqns:
@@ -210,11 +211,11 @@ def _known(jaxpr: Jaxpr, state: set[Any]) -> set[Any]:
     return known
 
 
-def _is_zero(value: Any) -> bool:
+def _is_zero(value: Atom) -> bool:
     return isinstance(value, Literal) and bool(value.val == 0)
 
 
-def _evaluate(closed: ClosedJaxpr, wanted: list[Any]) -> Callable[..., list[Any]]:
+def _evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Scalar]]:
     """A function of the arguments that gives only the wanted values."""
     needed = {value for value in wanted if not isinstance(value, Literal)}
     kept = []

@@ -1,12 +1,12 @@
 """One impact's motion at given times: one lane for each time, which goes no further than its own."""
 
 import functools
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from erosion.array_types import Number, Scalar
+from erosion.array_types import ModelState, Number, Scalar, Structure
 from erosion.engine.batch import compiling
 from erosion.engine.integrator import solve
 from erosion.engine.leaves import Layout, split
@@ -30,7 +30,7 @@ class States(NamedTuple):
 
     outcome: np.ndarray
     time: np.ndarray
-    state: Any
+    state: ModelState
     tip: Tip
     volume: np.ndarray
     removal_rate: np.ndarray
@@ -45,20 +45,17 @@ def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float
     results = [np.empty((times.size, *shape), dtype) for shape, dtype in shapes]
     leaves = [np.asarray(leaf, float) for leaf in (*numbers, rtol, times)]
     program.run(leaves, np.arange(times.size), results)
-    return jax.tree.unflatten(structure, results)
+    return States(*jax.tree.unflatten(structure, results))
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(layout: Layout) -> tuple[Compiled, Any, list[tuple[tuple[int, ...], Any]]]:
-    def lane(numbers: list[Number], rtol: Scalar, until: Scalar) -> States:
+def _compiled(layout: Layout) -> tuple[Compiled, Structure, list[tuple[tuple[int, ...], np.dtype]]]:
+    def lane(numbers: list[Number], rtol: Scalar, until: Scalar) -> tuple[ModelState, ...]:
         solution = solve(layout, numbers, ("alpha",), rtol, until, order=1, whole=True)
         model, p = layout.joined(numbers)
-        rate = model.removal_rate(solution.state, p)
-        time, volume = solution.time, solution.volume
-        tip = model.tip(solution.state, p)
-        # One time's numbers here, arrays over times outside.
-        outcome = cast(Any, solution.outcome)
-        return States(outcome, time.value, solution.state, tip, volume.value, rate, volume.first)
+        state, volume = solution.state, solution.volume
+        rate = model.removal_rate(state, p)
+        return solution.outcome, solution.time.value, state, model.tip(state, p), volume.value, rate, volume.first
 
     arguments = (layout.structs(), number, number)
     leaves, structure = jax.tree.flatten(jax.eval_shape(lane, *arguments))

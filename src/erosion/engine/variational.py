@@ -7,14 +7,15 @@ of the event follows by the implicit function theorem.
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import PyTree
 
-from erosion.array_types import Number, Scalar
+from erosion.array_types import Broadcast, Number, Scalar
 from erosion.engine.leaves import Layout
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import QUANTITIES, Parameters
@@ -26,17 +27,42 @@ Direction = str | Scalar
 class Cut(NamedTuple):
     """The integrated quantities: the model's state and the volume removed so far."""
 
-    state: Any
-    volume: Any
+    state: tuple[Scalar, ...]
+    volume: Scalar
+
+
+@runtime_checkable
+class Motion(Protocol):
+    """What is integrated of an impact; see `erosion.engine.reduction`."""
+
+    def initial_state(self) -> tuple[Scalar, ...]:
+        """The state at contact."""
+        ...
+
+    def removed_at_contact(self) -> Broadcast:
+        """The volume removed beside the cut."""
+        ...
+
+    def rate(self, cut: Cut) -> Cut:
+        """The time derivative of state and volume."""
+        ...
+
+    def events(self, cut: Cut) -> list[Scalar]:
+        """The event functions, by name."""
+        ...
+
+
+CutFunction = Callable[[Cut, Motion], PyTree]
+"""A function of the cut and its motion; its value is a number, or numbers."""
 
 
 class Derivatives(NamedTuple):
     """A quantity with its first and mixed second derivative along two directions."""
 
-    value: Any
-    first: Any
-    other: Any
-    second: Any
+    value: PyTree
+    first: PyTree
+    other: PyTree
+    second: PyTree
 
 
 class Variational:
@@ -59,7 +85,7 @@ class Variational:
         numbers: Sequence[Number],
         order: int,
         directions: tuple[Direction, ...],
-        motion: Callable[[CuttingModel, Parameters], Any],
+        motion: Callable[[CuttingModel, Parameters], Motion],
     ) -> None:
         self.layout, self.numbers, self.order, self.directions = layout, list(numbers), order, directions
         self.motion = motion
@@ -68,7 +94,7 @@ class Variational:
     def initial(self) -> tuple[Cut, ...]:
         """The state at contact, and what is removed there."""
 
-        def start(_: Any, motion: Any) -> Cut:
+        def start(_: object, motion: Motion) -> Cut:
             return Cut(motion.initial_state(), jnp.asarray(motion.removed_at_contact(), float))
 
         return self._pack(self._lift(start, ()))
@@ -77,11 +103,11 @@ class Variational:
         """The time derivative of a state."""
         return self._pack(self._lift(lambda cut, motion: motion.rate(cut), members))
 
-    def of(self, function: Callable[[Cut, Any], Any], members: tuple[Cut, ...]) -> Derivatives:
+    def of(self, function: CutFunction, members: tuple[Cut, ...]) -> Derivatives:
         """A function of (cut, motion), with its derivatives along the directions."""
         return self._lift(function, members)
 
-    def at(self, numbers: Sequence[Number]) -> Any:
+    def at(self, numbers: Sequence[Number]) -> Motion:
         """The motion with these numbers."""
         return self.motion(*self.layout.joined(numbers))
 
@@ -98,7 +124,7 @@ class Variational:
             return (derivatives.value, derivatives.first, derivatives.other, derivatives.second)
         return (derivatives.value, derivatives.first, derivatives.second)[: self.order + 1]
 
-    def _lift(self, function: Callable[[Any, Any], Any], members: tuple[Any, ...]) -> Derivatives:
+    def _lift(self, function: CutFunction, members: tuple[Cut, ...]) -> Derivatives:
         """Push a state with its derivatives through a function of (cut, motion)."""
         padded = (*members, None, None) if members else ((), (), ())
         at = Derivatives(*members) if len(members) == 4 else Derivatives(padded[0], padded[1], padded[1], padded[2])
@@ -106,14 +132,14 @@ class Variational:
         if self.order == 0:
             return Derivatives(function(at.value, self.at(self.numbers)), None, None, None)
 
-        def along(cut: Any, step: Any, numbers: Sequence[Number]) -> Any:
+        def along(cut: PyTree, step: Scalar, numbers: Sequence[Number]) -> PyTree:
             return function(cut, self.at(self._moved(numbers, self.directions[0], step)))
 
         if self.order == 1:
             value, first = jax.jvp(lambda c, e: along(c, e, self.numbers), (at.value, zero), (at.first, one))
             return Derivatives(value, first, first, None)
 
-        def first_member(cut: Any, cut_first: Any, other_step: Any) -> Any:
+        def first_member(cut: PyTree, cut_first: PyTree, other_step: Scalar) -> tuple[PyTree, PyTree]:
             numbers = self._moved(self.numbers, self.directions[-1], other_step)
             return jax.jvp(lambda c, e: along(c, e, numbers), (cut, zero), (cut_first, one))
 
@@ -183,13 +209,13 @@ def at_event(equations: Variational, members: tuple[Cut, ...], event: Scalar, ti
         time: since contact.
     """
 
-    def event_function(cut: Cut, motion: Any) -> Scalar:
+    def event_function(cut: Cut, motion: Motion) -> Scalar:
         chosen = jnp.zeros(())
         for i, value in enumerate(motion.events(cut)):
             chosen = jnp.where(event == i, value, chosen)
         return chosen
 
-    def removal(cut: Cut, motion: Any) -> Scalar:
+    def removal(cut: Cut, motion: Motion) -> Scalar:
         return motion.rate(cut).volume
 
     here = equations.at(equations.numbers)
@@ -224,6 +250,6 @@ def at_event(equations: Variational, members: tuple[Cut, ...], event: Scalar, ti
     )
 
 
-def _along_flow(function: Callable[[Cut, Any], Any]) -> Callable[[Cut, Any], Any]:
+def _along_flow(function: CutFunction) -> CutFunction:
     """The time derivative of a function of the cut."""
     return lambda cut, motion: jax.jvp(lambda c: function(c, motion), (cut,), (motion.rate(cut),))[1]

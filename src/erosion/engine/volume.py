@@ -5,12 +5,13 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import PyTree
 
 from erosion.array_types import Number, Scalar
 from erosion.engine.batch import integrate, integrate_along
@@ -32,8 +33,9 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
 
     Use it inside `jit`, `vmap`, `grad`, `jacfwd`, `hessian` and their compositions up to second order,
     with respect to any leaf of `p` or of the model, arrays included. Event times are differentiated
-    exactly. Nothing is checked here: an impact that fails gives NaN, and parameters out of range
-    (see `validate`) give numbers without meaning.
+    exactly. Nothing is checked here: an impact that fails gives NaN, a derivative that does not exist is NaN
+    (`erosion.impact` says where, by `no_derivatives`), and parameters out of range (see `validate`) give
+    numbers without meaning.
 
     Args:
         model: a model, its name, or the path of its file.
@@ -51,6 +53,9 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
 
 # For each derivative the places of one or two elements, see `Variational`.
 _Places = tuple[tuple[int, ...], ...]
+# What JAX gives to a rule of derivatives: the numbers, or their tangents, of which some are symbols for zero.
+_Numbers = tuple[list[PyTree]]
+_ValueAndRate = tuple[Array, Array]
 
 
 def _solve(layout: Layout, numbers: Sequence[Number], order: int, places: _Places) -> Array:
@@ -96,7 +101,7 @@ def _volume(layout: Layout, numbers: list[Number]) -> Array:
 
 
 @functools.partial(_volume.defjvp, symbolic_zeros=True)
-def _volume_jvp(layout: Layout, primals: Any, tangents: Any) -> Any:
+def _volume_jvp(layout: Layout, primals: _Numbers, tangents: _Numbers) -> _ValueAndRate:
     (numbers,), (rates,) = primals, tangents
     moving, moved = _moving(layout, rates)
     return _volume(layout, numbers), _slopes(layout, moving, numbers) @ moved
@@ -109,7 +114,7 @@ def _slopes(layout: Layout, elements: tuple[int, ...], numbers: list[Number]) ->
 
 
 @functools.partial(_slopes.defjvp, symbolic_zeros=True)
-def _slopes_jvp(layout: Layout, elements: tuple[int, ...], primals: Any, tangents: Any) -> Any:
+def _slopes_jvp(layout: Layout, elements: tuple[int, ...], primals: _Numbers, tangents: _Numbers) -> _ValueAndRate:
     (numbers,), (rates,) = primals, tangents
     moving, moved = _moving(layout, rates)
     return _slopes(layout, elements, numbers), _curvatures(layout, elements, moving, numbers) @ moved
@@ -125,11 +130,13 @@ def _curvatures(layout: Layout, elements: tuple[int, ...], others: tuple[int, ..
 
 
 @_curvatures.defjvp
-def _curvatures_jvp(layout: Any, elements: Any, others: Any, primals: Any, tangents: Any) -> Any:
+def _curvatures_jvp(
+    layout: Layout, elements: tuple[int, ...], others: tuple[int, ...], primals: _Numbers, tangents: _Numbers
+) -> NoReturn:
     raise NotImplementedError("erosion.volume has derivatives up to the second; the third is not available.")
 
 
-def _moving(layout: Layout, rates: list[Any]) -> tuple[tuple[int, ...], Any]:
+def _moving(layout: Layout, rates: list[PyTree]) -> tuple[tuple[int, ...], Array]:
     """The elements whose tangents are not zero by construction, and these tangents."""
     zero = jax.custom_derivatives.SymbolicZero
     moving = [i for i, rate in enumerate(rates) if not isinstance(rate, zero)]

@@ -1,22 +1,26 @@
 """Small arrays of one lane: numpy arrays of a graph's values, element by element."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jax.typing import ArrayLike, DTypeLike
 
 from erosion.lanes.graph import BOOL, Graph, Value
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, Rule, converted, type_of
+from erosion.lanes.scalars import SCALARS, CannotCompileError, Equation, Kind, Params, Rule, aval_of, converted, type_of
+
+Elements = Any
+"""An array of values. numpy's types do not say that an index gives one element of it."""
 
 Part = Value | np.ndarray
 """A scalar, or an array of values."""
 
-Work = Callable[[Graph, list[Any]], list[Any]]
+Work = Callable[[Graph, list[Elements]], Sequence[Part]]
 """Computes an equation's outputs from its inputs, scalars and arrays."""
 
 
-def whole(part: Part) -> Any:
+def whole(part: Part) -> Elements:
     """An array of values, of no dimension for a scalar."""
     if isinstance(part, np.ndarray):
         return part
@@ -30,7 +34,7 @@ def part(array: np.ndarray) -> Part:
     return array if array.shape else array[()]
 
 
-def constant(graph: Graph, number: Any, dtype: Any) -> Any:
+def constant(graph: Graph, number: ArrayLike, dtype: DTypeLike) -> Part:
     """A number, or an array of them."""
     type_ = type_of(dtype)
     numbers = np.asarray(number)
@@ -40,15 +44,15 @@ def constant(graph: Graph, number: Any, dtype: Any) -> Any:
     return part(made)
 
 
-def elementwise(rule: Rule, equation: Any) -> Work:
+def elementwise(rule: Rule, equation: Equation) -> Work:
     """A rule of scalars for every element."""
-    kind, shape = kind_of(equation), equation.outvars[0].aval.shape
+    kind, shape = kind_of(equation), aval_of(equation.outvars[0]).shape
     if shape == ():
         return lambda graph, inputs: [rule(graph, kind, *inputs)]
 
     def work(graph: Graph, inputs: list[Part]) -> list[Part]:
         made = np.empty(shape, object)
-        arrays = [np.broadcast_to(whole(one), shape) for one in inputs]
+        arrays = [np.broadcast_to(whole(given), shape) for given in inputs]
         for index in np.ndindex(shape):
             made[index] = rule(graph, kind, *(array[index] for array in arrays))
         return [made]
@@ -56,18 +60,18 @@ def elementwise(rule: Rule, equation: Any) -> Work:
     return work
 
 
-def kind_of(equation: Any) -> Kind:
-    """What rules may need of an equation."""
-    inputs = tuple(np.dtype(atom.aval.dtype) for atom in equation.invars)
-    return Kind(equation.params, inputs, np.dtype(equation.outvars[0].aval.dtype))
+def kind_of(equation: Equation) -> Kind:
+    """What a rule needs to know about an equation."""
+    inputs = tuple(np.dtype(aval_of(atom).dtype) for atom in equation.invars)
+    return Kind(equation.params, inputs, np.dtype(aval_of(equation.outvars[0]).dtype))
 
 
-def _moved(move: Callable[..., np.ndarray]) -> Callable[[Any], Work]:
-    """Elements in another place: `move` gets the equation's parameters and its inputs, as arrays."""
+def _moved(move: Callable[..., np.ndarray]) -> Callable[[Equation], Work]:
+    """An operation that only moves elements: `move` takes the equation's parameters and its inputs, as arrays."""
     return lambda equation: lambda _, inputs: [part(move(equation.params, *map(whole, inputs)))]
 
 
-def _broadcast(params: Mapping[str, Any], x: np.ndarray) -> np.ndarray:
+def _broadcast(params: Params, x: np.ndarray) -> np.ndarray:
     shape, dimensions = params["shape"], params["broadcast_dimensions"]
     lengths = [1] * len(shape)
     for axis, dimension in enumerate(dimensions):
@@ -75,12 +79,12 @@ def _broadcast(params: Mapping[str, Any], x: np.ndarray) -> np.ndarray:
     return np.broadcast_to(x.reshape(lengths), shape)
 
 
-def _slice(params: Mapping[str, Any], x: np.ndarray) -> np.ndarray:
+def _slice(params: Params, x: np.ndarray) -> np.ndarray:
     strides = params["strides"] or (1,) * x.ndim
     return x[tuple(map(slice, params["start_indices"], params["limit_indices"], strides))]
 
 
-def _pad(params: Mapping[str, Any], x: np.ndarray, padding: np.ndarray) -> np.ndarray:
+def _pad(params: Params, x: np.ndarray, padding: np.ndarray) -> np.ndarray:
     config = params["padding_config"]
     shape = [low + high + n + max(n - 1, 0) * between for n, (low, high, between) in zip(x.shape, config, strict=True)]
     made = np.full(shape, padding[()], object)
@@ -91,27 +95,27 @@ def _pad(params: Mapping[str, Any], x: np.ndarray, padding: np.ndarray) -> np.nd
     return made
 
 
-def _split(equation: Any) -> Work:
+def _split(equation: Equation) -> Work:
     ends = np.cumsum(equation.params["sizes"])[:-1]
     return lambda _, inputs: list(np.split(inputs[0], ends, axis=equation.params["axis"]))
 
 
-def _unstack(equation: Any) -> Work:
+def _unstack(equation: Equation) -> Work:
     return lambda _, inputs: list(np.moveaxis(inputs[0], equation.params["axis"], 0))
 
 
-def _iota(equation: Any) -> Work:
-    aval, dimension = equation.outvars[0].aval, equation.params["dimension"]
+def _iota(equation: Equation) -> Work:
+    aval, dimension = aval_of(equation.outvars[0]), equation.params["dimension"]
     numbers = np.broadcast_to(
         np.arange(aval.shape[dimension]).reshape([-1] + [1] * (aval.ndim - 1 - dimension)), aval.shape
     )
     return lambda graph, _: [constant(graph, numbers, aval.dtype)]
 
 
-def _reduction(name: str) -> Callable[[Any], Work]:
+def _reduction(name: str) -> Callable[[Equation], Work]:
     rule = SCALARS[name]
 
-    def of(equation: Any) -> Work:
+    def of(equation: Equation) -> Work:
         axes, kind = equation.params["axes"], kind_of(equation)
 
         def work(graph: Graph, inputs: list[Part]) -> list[Part]:
@@ -133,10 +137,10 @@ def _reduction(name: str) -> Callable[[Any], Work]:
     return of
 
 
-def _cumulative(name: str) -> Callable[[Any], Work]:
+def _cumulative(name: str) -> Callable[[Equation], Work]:
     rule = SCALARS[name]
 
-    def of(equation: Any) -> Work:
+    def of(equation: Equation) -> Work:
         axis, reverse, kind = equation.params["axis"], equation.params["reverse"], kind_of(equation)
 
         def work(graph: Graph, inputs: list[np.ndarray]) -> list[Part]:
@@ -152,11 +156,11 @@ def _cumulative(name: str) -> Callable[[Any], Work]:
     return of
 
 
-def _index_of_extreme(name: str) -> Callable[[Any], Work]:
-    """The first of the largest (or smallest); a NaN is larger than all, as in numpy."""
+def _index_of_extreme(name: str) -> Callable[[Equation], Work]:
+    """The index of the first largest (or smallest) element. A NaN comes before every number, as in numpy."""
     better = SCALARS["gt" if name == "argmax" else "lt"]
 
-    def of(equation: Any) -> Work:
+    def of(equation: Equation) -> Work:
         (axis,), kind = equation.params["axes"], kind_of(equation)
         type_ = type_of(equation.params["index_dtype"])
 
@@ -169,7 +173,7 @@ def _index_of_extreme(name: str) -> Callable[[Any], Work]:
                     other = rows[(i, *index)]
                     take = better(graph, kind, other, best)
                     if kind.inputs[0].kind == "f":
-                        is_nan, was_nan = (graph.compare("fcmp uno", one, one) for one in (other, best))
+                        is_nan, was_nan = (graph.compare("fcmp uno", value, value) for value in (other, best))
                         either = graph.op("or", BOOL, take, is_nan)
                         take = graph.op("and", BOOL, either, SCALARS["not"](graph, kind, was_nan))
                     best = graph.select(take, other, best)
@@ -182,13 +186,15 @@ def _index_of_extreme(name: str) -> Callable[[Any], Work]:
     return of
 
 
-def _dot_general(equation: Any) -> Work:
+def _dot_general(equation: Equation) -> Work:
     (left, right), (batch_left, batch_right) = equation.params["dimension_numbers"]
     kind = kind_of(equation)
     product, total = SCALARS["mul"], SCALARS["add"]
 
-    def folded(graph: Graph, array: Any, dtype: np.dtype, contracted: Any, batch: Any) -> np.ndarray:
-        """Of the output's type, as (batch, free, contracted)."""
+    def folded(
+        graph: Graph, array: Elements, dtype: np.dtype, contracted: Sequence[int], batch: Sequence[int]
+    ) -> Elements:
+        """The array with elements of the output's type, reshaped to (batch, free, contracted)."""
         free = [axis for axis in range(array.ndim) if axis not in (*contracted, *batch)]
         lengths = [math.prod(array.shape[axis] for axis in axes) for axes in (batch, free, contracted)]
         elements = np.empty(array.shape, object)
@@ -206,12 +212,12 @@ def _dot_general(equation: Any) -> Work:
             for term in terms[1:]:
                 value = total(graph, kind, value, term)
             made[b, i, j] = value
-        return [part(made.reshape(equation.outvars[0].aval.shape))]
+        return [part(made.reshape(aval_of(equation.outvars[0]).shape))]
 
     return work
 
 
-ARRAYS: Mapping[str, Callable[[Any], Work]] = {
+ARRAYS: Mapping[str, Callable[[Equation], Work]] = {
     "argmax": _index_of_extreme("argmax"),
     "argmin": _index_of_extreme("argmin"),
     "broadcast_in_dim": _moved(_broadcast),
@@ -240,4 +246,4 @@ ARRAYS: Mapping[str, Callable[[Any], Work]] = {
     "transpose": _moved(lambda params, x: x.transpose(params["permutation"])),
     "unstack": _unstack,
 }
-"""By name, the primitives of arrays."""
+"""What computes each primitive of arrays, by its name."""

@@ -1,13 +1,14 @@
-"""Which compiler makes many lanes of one: this package's on a CPU, XLA's on a GPU."""
+"""The choice of a compiler for lanes: this package's on a CPU, XLA on a GPU."""
 
 import functools
 import importlib.util
 import os
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from erosion.lanes.lanewise import Lanewise
 from erosion.lanes.xla import XlaLanes
@@ -28,7 +29,7 @@ class Compiled(Protocol):
         ...
 
 
-def compile_lanes(function: Callable[..., Any], examples: Sequence[Any]) -> Compiled:
+def compile_lanes(function: Callable[..., PyTree], examples: Sequence[PyTree]) -> Compiled:
     """Compile a function of one lane's numbers; see `Lanewise`."""
     return XlaLanes(function, examples) if by_xla() else Lanewise(function, examples)
 

@@ -3,24 +3,26 @@
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var
+from jax.typing import ArrayLike
 
-from erosion.lanes.arrays import ARRAYS, Part, Work, constant, elementwise, part, whole
+from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, Graph, Value
 from erosion.lanes.passes import finish
 from erosion.lanes.places import PLACES
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, converted
+from erosion.lanes.scalars import SCALARS, Atom, CannotCompileError, Equation, Kind, aval_of, converted
 
 _CALLS = {
     "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
 }  # fmt: skip
 _DOUBLE = np.dtype(np.float64)
+_Result = TypeVar("_Result")
 _UNROLLED = 64  # rounds of a loop of known length, at most; longer ones run as loops
 _LIBRARIES = tuple(str(Path(module.__file__ or "").parent) for module in (jax, eqx, np))
 
@@ -37,12 +39,12 @@ class Flattener:
         # A function that is called a dozen times is read once. The jaxprs are kept, so that their ids stay theirs.
         self._read: dict[int, tuple[Jaxpr, _Steps]] = {}
 
-    def call(self, jaxpr: Jaxpr, constants: Sequence[Any], arguments: Sequence[Part]) -> list[Part]:
+    def call(self, jaxpr: Jaxpr, constants: Sequence[ArrayLike], arguments: Sequence[Part]) -> list[Part]:
         """A function's results."""
         if id(jaxpr) not in self._read:
             self._read[id(jaxpr)] = (jaxpr, self._steps(jaxpr))
         steps = self._read[id(jaxpr)][1]
-        values: list[Any] = [None] * steps.count
+        values: list[Elements] = [None] * steps.count
         for slot, number in zip(steps.constants, constants, strict=True):
             values[slot] = constant(self.graph, number, np.asarray(number).dtype)
         for slot, argument in zip(steps.arguments, arguments, strict=True):
@@ -61,12 +63,12 @@ class Flattener:
 
     def _steps(self, jaxpr: Jaxpr) -> "_Steps":
         steps = _Steps()
-        slots: dict[Any, int] = {}
+        slots: dict[Var, int] = {}
 
-        def slot(atom: Any) -> int:
+        def slot(atom: Atom) -> int:
             if isinstance(atom, Literal):
                 steps.count += 1
-                steps.literals.append((steps.count - 1, constant(self.graph, atom.val, _dtype(atom))))
+                steps.literals.append((steps.count - 1, constant(self.graph, atom.val, aval_of(atom).dtype)))
                 return steps.count - 1
             if atom not in slots:
                 slots[atom] = steps.count
@@ -80,22 +82,22 @@ class Flattener:
         steps.results = list(map(slot, jaxpr.outvars))
         return steps
 
-    def _work(self, equation: Any) -> Work:
+    def _work(self, equation: Equation) -> Work:
         """What computes an equation's outputs."""
         name = equation.primitive.name
         if name in SCALARS:
             return _located(equation, lambda: elementwise(SCALARS[name], equation))
         work = _located(equation, lambda: self._other_work(equation, name))
 
-        def located(graph: Graph, inputs: list[Any]) -> list[Any]:
+        def located(graph: Graph, inputs: list[Part]) -> Sequence[Part]:
             return _located(equation, lambda: work(graph, inputs))
 
         return located
 
-    def _other_work(self, equation: Any, name: str) -> Work:
-        """Of calls, control flow, functions and arrays."""
+    def _other_work(self, equation: Equation, name: str) -> Work:
+        """What computes an equation of a call, of control flow, of a function or of arrays."""
         if name in _CALLS:
-            inner = equation.params.get("jaxpr") or equation.params.get("call_jaxpr")
+            inner = equation.params["jaxpr" if "jaxpr" in equation.params else "call_jaxpr"]
             body, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
             return lambda _, inputs: self.call(body, constants, inputs)
         if equation.effects:
@@ -114,7 +116,7 @@ class Flattener:
         closed = _traced(name, inputs)
 
         def rule(graph: Graph, kind: Kind, *given: Value) -> Value:
-            # In double precision, whatever the arguments are: whole powers, or single precision.
+            # In double precision, also for integers (as in `pow`) and single precision.
             exact = [converted(graph, value, dtype, _DOUBLE) for value, dtype in zip(given, kind.inputs, strict=True)]
             (result,) = self.closed(closed, exact)
             assert isinstance(result, Value)
@@ -122,9 +124,9 @@ class Flattener:
 
         return rule
 
-    # Control flow. Loops and branches know scalars: arrays are taken apart and put together again.
+    # Control flow. Loops and branches carry scalars only: arrays are taken apart before, and put together after.
 
-    def _while(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
+    def _while(self, equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
         params = equation.params
         ends = params["cond_nconsts"], params["cond_nconsts"] + params["body_nconsts"]
         for_condition, for_body, initial = inputs[: ends[0]], inputs[ends[0] : ends[1]], inputs[ends[1] :]
@@ -142,7 +144,7 @@ class Flattener:
         initial: list[Part],
         unchanged: set[int],
     ) -> list[Part]:
-        """A loop, given functions of what it carries; what it leaves unchanged is known before it."""
+        """A loop. `condition` and `body` are functions of what it carries; what is `unchanged` is known before it."""
         graph, changing = self.graph, [i for i in range(len(initial)) if i not in unchanged]
 
         def all_of(changed: Sequence[Value]) -> list[Part]:
@@ -154,7 +156,7 @@ class Flattener:
         loop = graph.loop(_scalars([initial[i] for i in changing]))
         carried = all_of(loop.arguments)
         goes_on = condition(carried)
-        # A loop in a batch of its own goes on while any of its rows does; the others keep their values.
+        # A batch of loops within a lane goes on while any of its rows does; rows that are done keep their values.
         rows = whole(goes_on).ravel()
         graph.begin_body(loop, functools.reduce(lambda x, y: graph.op("or", BOOL, x, y), rows))
         after = body(carried)
@@ -162,14 +164,14 @@ class Flattener:
             after = [self._where_it_goes_on(goes_on, *pair) for pair in zip(after, carried, strict=True)]
         return all_of(graph.end_loop(loop, _scalars([after[i] for i in changing])))
 
-    def _where_it_goes_on(self, goes_on: Any, new: Any, old: Any) -> np.ndarray:
-        """Of a batch of loops, by rows: the new values of those that go on."""
+    def _where_it_goes_on(self, goes_on: Elements, new: Elements, old: Elements) -> np.ndarray:
+        """For a batch of loops: the new values in rows that go on, the old values in the others."""
         made = np.empty(new.shape, object)
         for index in np.ndindex(new.shape):
             made[index] = self.graph.select(goes_on[index[: goes_on.ndim]], new[index], old[index])
         return made
 
-    def _cond(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
+    def _cond(self, equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
         case, *arguments = inputs
         assert isinstance(case, Value)
         cases, outputs, results = [], [], []
@@ -182,7 +184,7 @@ class Flattener:
             case = graph.compare("icmp ne", case, graph.constant(0, case.type))
         return _gathered(graph.branch(case, cases, outputs), results)
 
-    def _scan(self, equation: Any, graph: Graph, inputs: list[Part]) -> list[Part]:
+    def _scan(self, equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
         params = equation.params
         constants, carries, length = params["num_consts"], params["num_carry"], params["length"]
         fixed, carried, rows = (
@@ -202,7 +204,7 @@ class Flattener:
             made.reverse()
         stacked = []
         for j, variable in enumerate(equation.outvars[carries:]):
-            array = np.empty(variable.aval.shape, object)
+            array = np.empty(aval_of(variable).shape, object)
             for i in range(length):
                 array[i] = whole(made[i][j])[()]
             stacked.append(array)
@@ -227,7 +229,7 @@ class Flattener:
 
 
 class _Steps:
-    """A function's equations, read once: what computes them, and the slots of their inputs and outputs."""
+    """A function's equations, read once: what computes each, and the slots of its inputs and outputs."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -248,8 +250,8 @@ def flatten(closed: ClosedJaxpr) -> Graph:
     arguments: list[Part] = []
     place = 0
     for variable in closed.jaxpr.invars:
-        dtype = np.dtype(variable.aval.dtype)
-        array = np.empty(variable.aval.shape, object)
+        dtype = np.dtype(aval_of(variable).dtype)
+        array = np.empty(aval_of(variable).shape, object)
         for index in np.ndindex(array.shape):
             array[index] = converted(graph, graph.input(place), _DOUBLE, dtype)
             place += 1
@@ -283,18 +285,14 @@ def _gathered(values: Sequence[Value], shaped: Sequence[Part]) -> list[Part]:
     return made
 
 
-def _dtype(atom: Any) -> Any:
-    return atom.aval.dtype
-
-
 def _unchanged(body: Jaxpr, constants: int) -> set[int]:
     """Indices of the values that a loop carries and its body returns unchanged."""
     carried = body.invars[constants:]
     return {i for i, (before, after) in enumerate(zip(carried, body.outvars, strict=True)) if before is after}
 
 
-def _located(equation: Any, function: Callable[[], Any]) -> Any:
-    """The function's result; what lanes cannot do is said with the place in the user's own code, if it is there."""
+def _located(equation: Equation, function: Callable[[], _Result]) -> _Result:
+    """The function's result. An error about what lanes cannot do names the line of the user's own code."""
     try:
         return function()
     except CannotCompileError as error:

@@ -8,7 +8,7 @@ computed before it.
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Union
 
 import numpy as np
@@ -56,7 +56,7 @@ class Region:
         self.depth: int = 0 if parent is None else parent.depth + 1
         self.level: int = is_loop if parent is None else parent.level + is_loop  # loops around it
         self.steps: list[Step] = []
-        self.known: dict[Any, Value] = {}  # operations that are computed here, by what they are
+        self.known: dict[tuple[object, ...], Value] = {}  # operations of this region, by name, type and inputs
         # By the depth of the innermost input: the region in which an operation asked for here is computed.
         self.targets: list[Region] = []
         for depth in range(self.depth):
@@ -80,12 +80,18 @@ class Loop:
 
 
 class Branch:
-    """One of several cases for each lane; a case runs if any lane takes it."""
+    """Several cases, of which each lane takes one; a case runs if any lane takes it.
 
-    __slots__ = ("cases", "outputs", "results", "which")
+    Args:
+        selector: each lane's case: its index, or, for two cases, whether the lane takes the second.
+        cases: their steps.
+        outputs: of each case.
+    """
 
-    def __init__(self, which: Value, cases: list[Region], outputs: list[list[Value]]) -> None:
-        self.which, self.cases, self.outputs = which, cases, outputs  # outputs: of each case
+    __slots__ = ("cases", "outputs", "results", "selector")
+
+    def __init__(self, selector: Value, cases: list[Region], outputs: list[list[Value]]) -> None:
+        self.selector, self.cases, self.outputs = selector, cases, outputs
         self.results: list[Value] = []
 
 
@@ -103,7 +109,7 @@ class Graph:
         self.root = self.region = Region(None)
         self.outputs: list[Value] = []
 
-    def constant(self, number: Any, type_: str) -> Value:
+    def constant(self, number: float, type_: str) -> Value:
         """A number."""
         number = _in_range(number, type_)
         key = ("const", type_, struct.pack("<d", number) if type_ in _FLOATS else number)
@@ -126,7 +132,7 @@ class Graph:
         simpler = self._simplified(name, type_, inputs)
         if simpler is not None:
             return simpler
-        # By hand: this is called ten thousand times while a user waits.
+        # A plain loop, not `max`: this runs ten thousand times while a user waits.
         innermost, here = 0, self.region
         for value in inputs:
             if value.region.depth > innermost:
@@ -144,7 +150,7 @@ class Graph:
         return value
 
     def _simplified(self, name: str, type_: str, inputs: tuple[Value, ...]) -> Value | None:
-        """A value that is the same to the bit, if there is one that is simpler."""
+        """A simpler value with the same bits; None if there is none."""
         if name in _FOLDED and all(value.op == "const" for value in inputs):
             return self._folded(name, type_, inputs)
         simplify = _SIMPLER.get(name)
@@ -191,9 +197,9 @@ class Graph:
         assert self.region.parent is not None
         self.region = self.region.parent
 
-    def branch(self, which: Value, cases: list[Region], outputs: list[list[Value]]) -> list[Value]:
+    def branch(self, selector: Value, cases: list[Region], outputs: list[list[Value]]) -> list[Value]:
         """The outputs of the case that each lane takes."""
-        branch = Branch(which, cases, outputs)
+        branch = Branch(selector, cases, outputs)
         self.region.steps.append(branch)
         branch.results = [Value("result", (), value.type, self.region, branch) for value in outputs[0]]
         return branch.results
@@ -204,7 +210,7 @@ _NUMPY: dict[str, Any] = {
     "double": np.float64, "float": np.float32, "i1": np.bool_,
     "i8": np.int8, "i16": np.int16, "i32": np.int32, "i64": np.int64,
 }  # fmt: skip
-_FOLDED: dict[str, Any] = {
+_FOLDED: dict[str, Callable[..., float]] = {
     "fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide, "fneg": np.negative,
     "add": np.add, "sub": np.subtract, "mul": np.multiply,
     "llvm.sqrt": np.sqrt, "llvm.fabs": np.abs, "llvm.floor": np.floor, "llvm.ceil": np.ceil,
@@ -218,8 +224,8 @@ _FOLDED: dict[str, Any] = {
 }  # fmt: skip
 
 
-def _in_range(number: Any, type_: str) -> Any:
-    """A number as a type has it; whole ones as those with a sign, to which LLVM's types make no difference."""
+def _in_range(number: float, type_: str) -> float:
+    """A number as its type holds it. LLVM's integers have no sign of their own, so all are read as signed."""
     if type_ in _FLOATS or type_ == BOOL:
         return _NUMPY[type_](number).item()
     half = 1 << (int(type_[1:]) - 1)
@@ -227,15 +233,15 @@ def _in_range(number: Any, type_: str) -> Any:
 
 
 def _is(value: Value, number: float) -> bool:
-    """Whether it is this constant, the zeros told apart."""
+    """Whether a value is this constant; 0.0 and -0.0 differ."""
     return value.op == "const" and value.extra == number and math.copysign(1, value.extra) == math.copysign(1, number)
 
 
 def _product(graph: Graph, x: Value, y: Value) -> Value | None:
-    for one, other in ((x, y), (y, x)):
-        if _is(one, 1.0):
+    for constant, other in ((x, y), (y, x)):
+        if _is(constant, 1.0):
             return other
-        if _is(one, -1.0):
+        if _is(constant, -1.0):
             return graph.op("fneg", other.type, other)
     return None
 
@@ -249,17 +255,17 @@ def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
             return graph.op("fmul", x.type, x, graph.constant(1 / y.extra, y.type))
     innermost = max(x.region.depth, y.region.depth)
     if y.op != "const" and y.region.level < graph.region.targets[innermost].level:
-        # By what a loop does not change: a product with its reciprocal, which is computed before the loop.
+        # The divisor does not change in the loop: its reciprocal is computed before the loop, and multiplied here.
         return graph.op("fmul", x.type, x, graph.op("fdiv", y.type, graph.constant(1.0, y.type), y))
     return None
 
 
 def _sum(graph: Graph, x: Value, y: Value) -> Value | None:
-    for one, other in ((x, y), (y, x)):
-        if _is(one, -0.0):
+    for term, other in ((x, y), (y, x)):
+        if _is(term, -0.0):
             return other
-        if one.op == "fneg":
-            return graph.op("fsub", other.type, other, one.inputs[0])
+        if term.op == "fneg":
+            return graph.op("fsub", other.type, other, term.inputs[0])
     return None
 
 
@@ -276,27 +282,27 @@ def _choice(_: Graph, condition: Value, x: Value, y: Value) -> Value | None:
 
 
 def _conjunction(_: Graph, x: Value, y: Value) -> Value | None:
-    for one, other in ((x, y), (y, x)):
-        if one.op == "const" and one.type == BOOL:
-            return other if one.extra else one
+    for constant, other in ((x, y), (y, x)):
+        if constant.op == "const" and constant.type == BOOL:
+            return other if constant.extra else constant
     return x if x is y else None
 
 
 def _disjunction(_: Graph, x: Value, y: Value) -> Value | None:
-    for one, other in ((x, y), (y, x)):
-        if one.op == "const" and one.type == BOOL:
-            return one if one.extra else other
+    for constant, other in ((x, y), (y, x)):
+        if constant.op == "const" and constant.type == BOOL:
+            return constant if constant.extra else other
     return x if x is y else None
 
 
 def _not_zero(_: Graph, x: Value, y: Value) -> Value | None:
-    # A condition that was made a number: 1 or 0.
+    # x is a condition that was made a number, 1 or 0: the condition itself is the answer.
     if x.op == "select" and _is(y, 0) and _is(x.inputs[1], 1) and _is(x.inputs[2], 0):
         return x.inputs[0]
     return None
 
 
-_SIMPLER: dict[str, Any] = {
+_SIMPLER: dict[str, Callable[..., Value | None]] = {
     "icmp ne": _not_zero,
     "fmul": _product,
     "fdiv": _quotient,

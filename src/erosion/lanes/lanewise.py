@@ -1,4 +1,4 @@
-"""A function of one lane's numbers, made one of many lanes.
+"""Lanes on a CPU: a function of one lane's numbers is compiled for many lanes.
 
 add = Lanewise(lambda x, y: x + y, (number, number))
 add((np.arange(5.0), 2.0))  # -> an array of 5
@@ -6,10 +6,10 @@ add((np.arange(5.0), 2.0))  # -> an array of 5
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from erosion.lanes.flatten import flatten
 from erosion.lanes.machine import MachineCode, Target, without_garbage_collection
@@ -36,8 +36,8 @@ class Lanewise:
 
     def __init__(
         self,
-        function: Callable[..., Any],
-        examples: Sequence[Any],
+        function: Callable[..., PyTree],
+        examples: Sequence[PyTree],
         *,
         width: int = WIDTH,
         target: Target | None = None,
@@ -53,7 +53,7 @@ class Lanewise:
         self._width = width
         self._threads = threading.local()
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: PyTree) -> PyTree:
         """The function of all lanes: leaves of shape (lanes, …), or of one lane's shape where all share it."""
         leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(arguments)]
         lanes = max(
@@ -78,8 +78,8 @@ class Lanewise:
         varying: list[int] = []
         for leaf, shape, place in zip(leaves, self.inputs, self._places[:-1], strict=True):
             if leaf.ndim == len(shape) or leaf.strides[0] == 0:
-                one = leaf if leaf.ndim == len(shape) else leaf[0]
-                inputs[place : place + one.size] = one.reshape(-1, 1)
+                shared = leaf if leaf.ndim == len(shape) else leaf[0]
+                inputs[place : place + shared.size] = shared.reshape(-1, 1)
                 continue
             address, stride = leaf.ctypes.data, leaf.strides[0]
             within = np.zeros(1, int)
@@ -104,7 +104,7 @@ class Lanewise:
         )
 
     def _inputs(self) -> np.ndarray:
-        """The place for a vector of arguments, shape (places, width), of which each thread has its own."""
+        """Memory for one vector of arguments, shape (places, width). Each thread has its own."""
         inputs = getattr(self._threads, "inputs", None)
         if inputs is None:
             line = 64

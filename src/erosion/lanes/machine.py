@@ -6,10 +6,12 @@ import functools
 import gc
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import llvmlite
 import llvmlite.binding as llvm
 
+from erosion.lanes import kept
 from erosion.lanes.vector_ir import ENTRY
 
 # LLVM's code generator at its level 0 takes a third of the time of level 1, and makes code that takes 1.2 to 1.3 times
@@ -24,7 +26,7 @@ _LONG = 5_000_000
 
 
 class Target(NamedTuple):
-    """A processor: LLVM's name of it, and what it can do."""
+    """A processor: LLVM's name for it, and its features."""
 
     cpu: str
     features: str
@@ -37,7 +39,7 @@ class MachineCode:
 
     Args:
         text: of the module.
-        target: this machine without it.
+        target: the processor; without it, this machine's.
     """
 
     def __init__(self, text: str, target: Target | None = None) -> None:
@@ -66,15 +68,20 @@ class _Compiled:
     def __init__(self, text: str, target: Target | None, level: int) -> None:
         self.level = level
         cpu, features = this_machine() if target is None else target
-        module = llvm.parse_assembly(text)
         machine = _triple().create_target_machine(cpu=cpu, features=features, opt=level, jit=True)
-        module.triple, module.data_layout = machine.triple, str(machine.target_data)
-        # MCJIT takes a module for what the functions' names are of; the code itself is an object.
+        key = kept.key_of(text, cpu, features, str(level), machine.triple, llvmlite.__version__)
+        code = kept.read(key)
+        if code is None:
+            module = llvm.parse_assembly(text)
+            module.triple, module.data_layout = machine.triple, str(machine.target_data)
+            code = machine.emit_object(module)
+            kept.write(key, code)
+        # MCJIT needs a module to start from, so it gets an empty one; the code is added as an object file.
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(machine.emit_object(module)))
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
         address, whole = ctypes.c_void_p, ctypes.c_int64
-        # Called through ctypes, which lets go of Python's lock.
+        # ctypes releases Python's lock during a call.
         signature = ctypes.CFUNCTYPE(None, address, address, whole, address, whole, whole, address)
         self.run: Callable[..., None] = signature(self._engine.get_function_address(ENTRY))
 
@@ -83,13 +90,13 @@ class _Compiled:
 def this_machine() -> Target:
     """The processor that this runs on."""
     features = llvm.get_host_cpu_features()
-    # LLVM avoids its widest vectors where they once slowed the clock; here they are the work itself.
+    # LLVM avoids the widest vectors, because they slowed the clock of older processors. Here all work is in vectors.
     features["prefer-256-bit"] = False
     return Target(llvm.get_host_cpu_name(), features.flatten())
 
 
 @functools.cache
-def _triple() -> Any:
+def _triple() -> llvm.Target:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple()
@@ -97,7 +104,7 @@ def _triple() -> Any:
 
 @contextlib.contextmanager
 def without_garbage_collection() -> Iterator[None]:
-    """Compiling makes very many objects, none of them garbage: to look for it takes as long as the rest."""
+    """Switch Python's search for garbage off: compiling makes many objects, and the search doubles its time."""
     was_on = gc.isenabled()
     gc.disable()
     try:

@@ -1,4 +1,4 @@
-"""What is done to a complete graph: unused operations go, and a product and a sum become one operation."""
+"""Passes over a complete graph: unused operations are dropped, and a product with its sum becomes one operation."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,7 +6,7 @@ from erosion.lanes.graph import DOUBLE, Branch, Graph, Loop, Region, Step, Value
 
 
 def finish(graph: Graph, outputs: Sequence[Value]) -> None:
-    """Say what a graph is to give: drop what that does not need, count uses, contract products and sums."""
+    """Set a graph's outputs: drop what they do not need, count uses, and contract products and sums."""
     graph.outputs = list(outputs)
     _prune(graph.root, _live(graph.outputs))
     _count_uses(graph)
@@ -30,7 +30,7 @@ def _live(outputs: Iterable[Value]) -> set[Value]:
         elif isinstance(value.extra, Branch):
             branch = value.extra
             i = branch.results.index(value)
-            waiting += (branch.which, *(outputs[i] for outputs in branch.outputs))
+            waiting += (branch.selector, *(outputs[i] for outputs in branch.outputs))
     return live
 
 
@@ -42,7 +42,7 @@ def _prune(region: Region, live: set[Value]) -> None:
                 kept.append(step)
             continue
         if isinstance(step, Loop):
-            # A loop's value may be live within it alone.
+            # A value of a loop may be needed only inside the loop.
             indices = [i for i, argument in enumerate(step.arguments) if argument in live]
             for name in ("arguments", "initial", "updates", "results"):
                 setattr(step, name, [getattr(step, name)[i] for i in indices])
@@ -74,7 +74,7 @@ def _count_uses(graph: Graph) -> None:
                 walk(step.head)
                 walk(step.body)
             else:
-                read((step.which, *(value for outputs in step.outputs for value in outputs)))
+                read((step.selector, *(value for outputs in step.outputs for value in outputs)))
                 for case in step.cases:
                     walk(case)
 
@@ -85,7 +85,7 @@ def _count_uses(graph: Graph) -> None:
 def _contract(region: Region) -> None:
     """Make a sum and the product that it alone reads one operation with one rounding, the first of two products.
 
-    Which these are depends on the graph alone, and so do a result's bits.
+    The choice depends on the graph alone, so the bits of a result do too.
     """
     taken: set[Value] = set()
 

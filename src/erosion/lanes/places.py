@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from erosion.lanes.arrays import Part, Work, constant, kind_of, part, whole
+from erosion.lanes.arrays import Elements, Part, Work, kind_of, part, whole
 from erosion.lanes.graph import BOOL, LONG, Graph, Value
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Kind, converted
+from erosion.lanes.scalars import SCALARS, CannotCompileError, Equation, Kind, aval_of, converted, type_of
 
 _LONG = np.dtype(np.int64)
 _OF_LONGS = Kind({}, (_LONG, _LONG), _LONG)
@@ -24,7 +23,7 @@ def _within(graph: Graph, starts: Sequence[Value], most: Sequence[int]) -> Value
     """Whether every start is from 0 to its `most`."""
     inside = graph.constant(True, BOOL)
     for start, highest in zip(starts, most, strict=True):
-        # One comparison: as a number without a sign a negative one is large.
+        # One unsigned comparison does for both limits: read without its sign, a negative start is large.
         good = graph.compare("icmp ule", start, graph.constant(highest, LONG))
         if start.is_constant:
             good = graph.constant(0 <= start.extra <= highest, BOOL)
@@ -32,7 +31,7 @@ def _within(graph: Graph, starts: Sequence[Value], most: Sequence[int]) -> Value
     return inside
 
 
-def _element(graph: Graph, array: Any, starts: Sequence[Value], offset: Sequence[int]) -> Value:
+def _element(graph: Graph, array: Elements, starts: Sequence[Value], offset: Sequence[int]) -> Value:
     """The element at starts + offset, which lies within the array."""
     flat = graph.constant(0, LONG)
     for axis, (start, by) in enumerate(zip(starts, offset, strict=True)):
@@ -47,9 +46,9 @@ def _element(graph: Graph, array: Any, starts: Sequence[Value], offset: Sequence
 
 
 def _changed(
-    graph: Graph, array: Any, starts: Sequence[Value], offset: Sequence[int], new: Callable[[Value], Value]
+    graph: Graph, array: Elements, starts: Sequence[Value], offset: Sequence[int], new: Callable[[Value], Value]
 ) -> None:
-    """Put `new` of what was there at starts + offset, if that lies within the array."""
+    """Replace the element at starts + offset by `new` of it; outside the array nothing changes."""
     for index in np.ndindex(array.shape):
         here = graph.constant(True, BOOL)
         for start, by, i in zip(starts, offset, index, strict=True):
@@ -58,11 +57,11 @@ def _changed(
             array[index] = graph.select(here, new(array[index]), array[index])
 
 
-def _dynamic_slice(equation: Any) -> Work:
+def _dynamic_slice(equation: Equation) -> Work:
     sizes = equation.params["slice_sizes"]
     dtypes = kind_of(equation).inputs[1:]
 
-    def work(graph: Graph, inputs: list[Any]) -> list[Part]:
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
         array, places = whole(inputs[0]), zip(inputs[1:], dtypes, strict=True)
         starts = [
             _clamped(graph, converted(graph, *place, _LONG), n - size)
@@ -76,10 +75,10 @@ def _dynamic_slice(equation: Any) -> Work:
     return work
 
 
-def _dynamic_update_slice(equation: Any) -> Work:
+def _dynamic_update_slice(equation: Equation) -> Work:
     dtypes = kind_of(equation).inputs[2:]
 
-    def work(graph: Graph, inputs: list[Any]) -> list[Part]:
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
         array, update = whole(inputs[0]).copy(), whole(inputs[1])
         places = zip(inputs[2:], dtypes, strict=True)
         starts = [
@@ -94,13 +93,13 @@ def _dynamic_update_slice(equation: Any) -> Work:
     return work
 
 
-def _gather(equation: Any) -> Work:
+def _gather(equation: Equation) -> Work:
     numbers, sizes = equation.params["dimension_numbers"], equation.params["slice_sizes"]
-    mode, shape = equation.params["mode"].name, equation.outvars[0].aval.shape
-    dtype, fill = kind_of(equation).inputs[1], equation.params["fill_value"]
+    mode, shape = equation.params["mode"].name, aval_of(equation.outvars[0]).shape
+    kind, fill = kind_of(equation), equation.params["fill_value"]
     gone = (*numbers.collapsed_slice_dims, *numbers.operand_batching_dims)
 
-    def work(graph: Graph, inputs: list[Any]) -> list[Part]:
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
         array, indices = whole(inputs[0]), whole(inputs[1])
         most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
         kept = [axis for axis in range(array.ndim) if axis not in gone]
@@ -110,14 +109,14 @@ def _gather(equation: Any) -> Work:
             offset = [0] * array.ndim
             for axis, to in zip(numbers.offset_dims, kept, strict=True):
                 offset[to] = index[axis]
-            starts = _starts(graph, numbers.start_index_map, array.ndim, indices[tuple(batch)], dtype)
+            starts = _starts(graph, numbers.start_index_map, array.ndim, indices[tuple(batch)], kind.inputs[1])
             pairs = zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True)
             for axis, of_batch in pairs:
                 starts[axis] = graph.constant(batch[of_batch], LONG)
             safe = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
             value = _element(graph, array, safe, offset)
             if mode == "FILL_OR_DROP":
-                outside = constant(graph, _fill(fill, equation.outvars[0].aval.dtype), equation.outvars[0].aval.dtype)
+                outside = graph.constant(_fill(fill, kind.output), type_of(kind.output))
                 value = graph.select(_within(graph, starts, most), value, outside)
             made[index] = value
         return [part(made)]
@@ -126,14 +125,14 @@ def _gather(equation: Any) -> Work:
 
 
 def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dtype: np.dtype) -> list[Value]:
-    """By axis of the array, where a slice starts."""
+    """Where a slice starts, for each axis of the array."""
     starts = [graph.constant(0, LONG)] * ndim
     for axis, value in zip(axes, vector, strict=True):
         starts[axis] = converted(graph, value, dtype, _LONG)
     return starts
 
 
-def _fill(fill: Any, dtype: np.dtype) -> Any:
+def _fill(fill: float | None, dtype: np.dtype) -> float:
     """What JAX gives for a place outside the array."""
     if fill is not None:
         return fill
@@ -142,16 +141,16 @@ def _fill(fill: Any, dtype: np.dtype) -> Any:
     return True if dtype.kind == "b" else np.iinfo(dtype).min if dtype.kind == "i" else np.iinfo(dtype).max
 
 
-def _scatter(name: str) -> Callable[[Any], Work]:
+def _scatter(name: str) -> Callable[[Equation], Work]:
     rules = {"scatter-add": "add", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
 
-    def of(equation: Any) -> Work:
+    def of(equation: Equation) -> Work:
         numbers, mode = equation.params["dimension_numbers"], equation.params["mode"].name
         kind, dtype = kind_of(equation), kind_of(equation).inputs[1]
         if numbers.operand_batching_dims:
             raise CannotCompileError(f"`{name}` in a batch")
 
-        def work(graph: Graph, inputs: list[Any]) -> list[Part]:
+        def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
             array, indices, updates = whole(inputs[0]).copy(), whole(inputs[1]), whole(inputs[2])
             kept = [axis for axis in range(array.ndim) if axis not in numbers.inserted_window_dims]
             for index in np.ndindex(updates.shape):
@@ -177,10 +176,10 @@ def _scatter(name: str) -> Callable[[Any], Work]:
     return of
 
 
-PLACES: Mapping[str, Callable[[Any], Work]] = {
+PLACES: Mapping[str, Callable[[Equation], Work]] = {
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update_slice,
     "gather": _gather,
     **{name: _scatter(name) for name in ("scatter", "scatter-add", "scatter-mul", "scatter-min", "scatter-max")},
 }
-"""By name, the primitives that look up or change elements at places that are computed."""
+"""What computes each primitive that reads or changes elements at computed places, by its name."""

@@ -4,6 +4,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from jax.core import ShapedArray
+from jax.extend.core import JaxprEqn, Literal, Var
+from jax.typing import DTypeLike
 
 from erosion.lanes.graph import BOOL, DOUBLE, Graph, Value
 
@@ -14,19 +17,35 @@ _TYPES = {
 }  # fmt: skip
 
 
+Equation = JaxprEqn
+"""One operation of a function that JAX has traced."""
+
+Atom = Var | Literal
+"""A value in a traced function: a variable or a number."""
+
+Params = Mapping[str, Any]
+"""The parameters of an equation, by their names in JAX."""
+
+
 class CannotCompileError(Exception):
     """Something that lanes cannot do; the message says what."""
 
 
 class Kind(NamedTuple):
-    """What of an equation a rule may need beside its inputs: parameters, and the types of inputs and output."""
+    """What a rule needs to know about an equation, beside its inputs: parameters, types of inputs and output."""
 
-    params: Mapping[str, Any]
+    params: Params
     inputs: tuple[np.dtype, ...]
     output: np.dtype
 
 
-def type_of(dtype: Any) -> str:
+def aval_of(atom: Atom) -> ShapedArray:
+    """Shape and type of a value."""
+    assert isinstance(atom.aval, ShapedArray)
+    return atom.aval
+
+
+def type_of(dtype: DTypeLike) -> str:
     """LLVM's name of a type."""
     try:
         return _TYPES[np.dtype(dtype).name]
@@ -85,7 +104,7 @@ def _sign(graph: Graph, kind: Kind, x: Value) -> Value:
         return graph.select(graph.compare("icmp eq", x, zero), zero, one)
     more, less, minus = ("fcmp ogt", "fcmp olt", "fneg") if kind.output.kind == "f" else ("icmp sgt", "icmp slt", "")
     negative = graph.op("fneg", x.type, one) if minus else graph.constant(-1, x.type)
-    # What is neither, a zero of either sign or NaN, stays as it is.
+    # Zero of either sign, and NaN, stay as they are.
     return graph.select(graph.compare(more, x, zero), one, graph.select(graph.compare(less, x, zero), negative, x))
 
 
@@ -96,7 +115,7 @@ def _extreme(more: str, signed: str, unsigned: str, logical: str) -> Rule:
             return graph.op(logical, BOOL, x, y)
         if of != "f":
             return graph.select(graph.compare(f"icmp {signed if of == 'i' else unsigned}", x, y), x, y)
-        # Of a NaN this takes y, so that only x need be asked about.
+        # The comparison is false if either is NaN, and y is taken: only a NaN in x needs a second look.
         chosen = graph.select(graph.compare(f"fcmp {more}", x, y), x, y)
         return graph.select(graph.compare("fcmp uno", x, x), x, chosen)
 
@@ -108,7 +127,7 @@ _min = _extreme("olt", "slt", "ult", "and")
 
 
 def _divisor(graph: Graph, kind: Kind, x: Value, y: Value) -> tuple[Value, Value]:
-    """A whole divisor that does not end the process; and whether it was zero."""
+    """A divisor of integers that the processor accepts, and whether the given one was zero."""
     zero, one = _zero(graph, y), graph.constant(1, y.type)
     is_zero = graph.compare("icmp eq", y, zero)
     safe = graph.select(is_zero, one, y)
@@ -131,7 +150,7 @@ def _div(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
 
 def _rem(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
     if kind.output.kind == "f":
-        # The C library's, lane by lane; it is exact, so that no library's bits differ.
+        # LLVM calls the C library for each lane. The remainder is exact, so every library gives the same bits.
         return graph.op("frem", x.type, x, y)
     safe, is_zero = _divisor(graph, kind, x, y)
     remainder = graph.op("srem" if kind.output.kind == "i" else "urem", x.type, x, safe)
@@ -153,7 +172,7 @@ def _integer_pow(graph: Graph, kind: Kind, x: Value) -> Value:
 
 
 def _power(graph: Graph, kind: Kind, x: Value, y: int) -> Value:
-    """By squaring."""
+    """A whole power, by repeated squaring."""
     if y == 0:
         return graph.constant(1, x.type)
     if y == 1:
@@ -167,12 +186,12 @@ def _not(graph: Graph, _: Kind, x: Value) -> Value:
     return graph.op("xor", x.type, x, graph.constant(True if x.type == BOOL else -1, x.type))
 
 
-def _select_n(graph: Graph, kind: Kind, which: Value, *cases: Value) -> Value:
+def _select_n(graph: Graph, kind: Kind, selector: Value, *cases: Value) -> Value:
     chosen = cases[-1]
     for i in reversed(range(len(cases) - 1)):
         if kind.inputs[0].kind == "b":
-            return graph.select(which, cases[1], cases[0])
-        chosen = graph.select(graph.compare("icmp eq", which, graph.constant(i, which.type)), cases[i], chosen)
+            return graph.select(selector, cases[1], cases[0])
+        chosen = graph.select(graph.compare("icmp eq", selector, graph.constant(i, selector.type)), cases[i], chosen)
     return chosen
 
 
@@ -191,7 +210,7 @@ def _round(graph: Graph, kind: Kind, x: Value) -> Value:
 
 
 def _shift(name: str, beyond: str) -> Rule:
-    """A shift by as many bits as there are, or more, leaves nothing, or signs."""
+    """A shift. By the number's width or more it gives 0, or, where `beyond` is "sign", copies of the sign bit."""
 
     def rule(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
         bits = 8 * kind.output.itemsize
@@ -241,7 +260,7 @@ def _bitcast(graph: Graph, kind: Kind, x: Value) -> Value:
 
 
 def _total_order(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
-    # JAX asks only after zeros and NaN are made equal: then NaN is the largest.
+    # JAX first makes both zeros equal, and all NaN; then NaN is the largest.
     if kind.inputs[0].kind != "f":
         return _less(graph, kind, x, y)
     y_nan, x_number = graph.compare("fcmp uno", y, y), graph.compare("fcmp ord", x, x)
@@ -305,4 +324,4 @@ SCALARS: Mapping[str, Rule] = {
     "sub": _by_type("fsub", "sub", "xor"),
     "xor": lambda graph, _, x, y: graph.op("xor", x.type, x, y),
 }
-"""By name, the primitives that take scalars to one scalar."""
+"""The rule of each primitive that makes one scalar from scalars, by its name."""

@@ -1,8 +1,8 @@
 """A graph as LLVM's intermediate representation, on vectors of lanes.
 
-Where lanes part, masks say which of them are meant: a loop runs until its last lane is done, a case of a
-branch if any lane takes it, and what a lane is not meant to do changes nothing of it. There is no fast-math
-and no pass over the result, so that its bits depend on the graph alone.
+Where lanes take different ways, a mask says which of them are active. A loop runs until its last lane is done, and
+a case of a branch runs if any lane takes it; lanes that are not active keep their values. There is no fast-math and
+no pass over the result, so its bits depend on the graph alone.
 """
 
 import struct
@@ -48,7 +48,7 @@ class _Writer:
     # Text.
 
     def new(self, what: str = "v") -> str:
-        """A name that is new."""
+        """A name that is not yet used."""
         self.count += 1
         return f"{what}{self.count}"
 
@@ -77,7 +77,7 @@ class _Writer:
         return f"v{self.width}{'f' if type_ in ('double', 'float') else 'i'}{_BITS[type_]}"
 
     def intrinsic(self, name: str, result: str, arguments: str) -> str:
-        """Declares a function of LLVM's once; its name."""
+        """The name of an intrinsic function of LLVM, which is declared once."""
         self.declared[name] = f"declare {result} @{name}({arguments})"
         return f"@{name}"
 
@@ -144,13 +144,13 @@ class _Writer:
         ])  # fmt: skip
 
     def copy_inputs(self, lane: str) -> None:
-        """Copy what varies into `inputs`: a loop, for there may be many places."""
+        """Copy the numbers that vary from lane to lane into `inputs`, in a loop over their places."""
         self.do("%any_varies = icmp sgt i64 %count, 0")
         self.do("br i1 %any_varies, label %copy, label %compute")
         before = self.label
         self.start("copy")
-        self.do(f"%which = phi i64 [ 0, %{before} ], [ %following, %copy ]")
-        row = self.get("mul i64 %which, 3")
+        self.do(f"%index = phi i64 [ 0, %{before} ], [ %following, %copy ]")
+        row = self.get("mul i64 %index, 3")
         fields = []
         for field, type_ in enumerate(("ptr", "i64", "i64")):
             address = self.get(f"getelementptr i64, ptr %varying, i64 {self.get(f'add i64 {row}, {field}')}")
@@ -163,7 +163,7 @@ class _Writer:
         numbers = self.gather("double", from_)
         to = self.get(f"getelementptr {self.vector('double')}, ptr %inputs, i64 {place}")
         self.do(f"store {self.vector('double')} {numbers}, ptr {to}")
-        self.do("%following = add i64 %which, 1")
+        self.do("%following = add i64 %index, 1")
         self.do("%go_on = icmp slt i64 %following, %count")
         self.do("br i1 %go_on, label %copy, label %compute")
         self.start("compute")
@@ -217,7 +217,7 @@ class _Writer:
     def operation(self, value: Value) -> None:
         """One operation."""
         op, type_ = value.op, self.vector(value.type)
-        names = [self.text(one) for one in value.inputs]
+        names = [self.text(operand) for operand in value.inputs]
         if op == "input":
             address = self.get(f"getelementptr {type_}, ptr %inputs, i64 {value.extra}")
             value.name = self.get(f"load {type_}, ptr {address}")
@@ -231,14 +231,14 @@ class _Writer:
             elif op == "fnma":
                 names[0] = self.get(f"fneg {type_} {names[0]}")
             name = self.intrinsic(f"llvm.fma.v{self.width}f64", type_, f"{type_}, {type_}, {type_}")
-            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {one}' for one in names)})")
+            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {operand}' for operand in names)})")
         elif op[1:5] == "cmp ":
             value.name = self.get(f"{op} {self.vector(value.inputs[0].type)} {names[0]}, {names[1]}")
         elif op in _CASTS or op in _SATURATING:
             value.name = self.cast(value)
         elif op.startswith("llvm."):
             name = self.intrinsic(f"{op}.{self.kind(value.type)}", type_, ", ".join([type_] * len(names)))
-            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {one}' for one in names)})")
+            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {operand}' for operand in names)})")
         elif op == "table":
             self.table(value, names)
         elif op == "lookup":
@@ -308,7 +308,7 @@ class _Writer:
     # Control flow.
 
     def any_of(self, mask: str) -> str:
-        """Whether any lane is meant."""
+        """Whether any lane of a mask is active."""
         vector = self.vector(BOOL)
         name = self.intrinsic(f"llvm.vector.reduce.or.v{self.width}i1", BOOL, vector)
         return self.get(f"call i1 {name}({vector} {mask})")
@@ -364,14 +364,14 @@ class _Writer:
 
     def taken(self, branch: Branch, i: int) -> str:
         """Which lanes take a case."""
-        which, last = branch.which, len(branch.cases) - 1
-        if which.type == BOOL:
+        selector, last = branch.selector, len(branch.cases) - 1
+        if selector.type == BOOL:
             if i == 1:
-                return self.text(which)
-            return self.get(f"xor {self.vector(BOOL)} {self.text(which)}, splat (i1 true)")
-        # An index that is out of range means the first case, or the last.
+                return self.text(selector)
+            return self.get(f"xor {self.vector(BOOL)} {self.text(selector)}, splat (i1 true)")
+        # An index below the range takes the first case, one above it the last.
         kind = "sle" if i == 0 else "sge" if i == last else "eq"
-        return self.get(f"icmp {kind} {self.vector(which.type)} {self.text(which)}, splat ({which.type} {i})")
+        return self.get(f"icmp {kind} {self.vector(selector.type)} {self.text(selector)}, splat ({selector.type} {i})")
 
     def case(self, case: Region, outputs: list[Value], mask: str) -> list[str]:
         """One case; zeros where no lane takes it."""

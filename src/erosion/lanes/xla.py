@@ -1,10 +1,10 @@
-"""A function of one lane's numbers, made one of many lanes by XLA: for a GPU."""
+"""Lanes on a GPU: XLA compiles a function of one lane's numbers for many lanes."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, PyTree
 
 # On a CPU XLA would fuse every stage of an integrator with all before it, and compile for minutes.
 _ON_A_CPU = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion", "xla_backend_optimization_level": 0}
@@ -13,15 +13,15 @@ _ON_A_CPU = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion", "xla_bac
 class XlaLanes:
     """A function of one lane's numbers, compiled for many lanes: `jax.vmap` of it; arguments as of `Lanewise`."""
 
-    def __init__(self, function: Callable[..., Any], examples: Sequence[Any]) -> None:
+    def __init__(self, function: Callable[..., PyTree], examples: Sequence[PyTree]) -> None:
         leaves, structure = jax.tree.flatten(tuple(examples))
         self.inputs = [tuple(leaf.shape) for leaf in leaves]
         self._dtypes = [leaf.dtype for leaf in leaves]
 
-        def lane(given: list[Any]) -> list[Any]:
+        def lane(given: list[Array]) -> list[Array]:
             return jax.tree.leaves(function(*jax.tree.unflatten(structure, given)))
 
-        # What cannot be traced says so here, before anything runs.
+        # A function that cannot be traced fails here, before anything runs.
         jax.eval_shape(lane, leaves)
         options = _ON_A_CPU if jax.default_backend() == "cpu" else None
         self._lanes = jax.jit(jax.vmap(lane), compiler_options=options)

@@ -1,7 +1,6 @@
 """Equations (16)-(21) exactly as the scenario prints them, slips included."""
 
-from typing import Any
-
+from erosion.array_types import Broadcast
 from erosion.models.base import State, Tip
 from erosion.models.forces import ForceLaw
 from erosion.models.rigid import RigidErodent
@@ -14,18 +13,18 @@ from erosion.parameters.parameters import Parameters
 class PrintedForce(ForceLaw):
     """F_x = -c (y - r sin φ), F_y = k F_x: it pushes the erodent *forward* at contact."""
 
-    def __call__(self, state: State, tip: Tip, p: Parameters) -> tuple[Any, Any]:
+    def __call__(self, state: State, tip: Tip, p: Parameters) -> tuple[Broadcast, Broadcast]:
         horizontal = -p.stiffness * (state.y - p.r * sincos(state.phi)[0])
         return horizontal, p.k * horizontal
 
-    def typical_ratio(self, p: Parameters) -> Any:
+    def typical_ratio(self, p: Parameters) -> Broadcast:
         return p.k
 
 
 class PrintedTorque(Torque):
     """τ = -r c y, from the depth of the centre of mass (Laverty (20))."""
 
-    def __call__(self, state: State, force: tuple[Any, Any], p: Parameters) -> Any:
+    def __call__(self, state: State, force: tuple[Broadcast, Broadcast], p: Parameters) -> Broadcast:
         return -p.r * p.stiffness * state.y
 
 

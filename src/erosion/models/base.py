@@ -5,16 +5,22 @@ angle, fits, plots) works for any model without knowing which one it is.
 """
 
 import abc
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from erosion.array_types import Broadcast, Flag, ModelState
 from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import System
+from erosion.tables import abbreviate
+
+Events = Mapping[str, Broadcast]
+"""A number for each event, by its name."""
 
 
 class State(eqx.Module):
@@ -30,12 +36,21 @@ class State(eqx.Module):
         omega: φ̇ [rad/s].
     """
 
-    x: Any
-    y: Any
-    phi: Any
-    vx: Any
-    vy: Any
-    omega: Any
+    x: Broadcast
+    y: Broadcast
+    phi: Broadcast
+    vx: Broadcast
+    vy: Broadcast
+    omega: Broadcast
+
+    def __repr__(self) -> str:
+        parts = {name: getattr(self, name) for name in ("x", "y", "phi", "vx", "vy", "omega")}
+        return f"State({', '.join(f'{name}={_shown(part)}' for name, part in parts.items())})"
+
+
+def _shown(part: object) -> str:
+    """A number or an array by its values; JAX also puts other things in a state's place."""
+    return abbreviate(part) if isinstance(part, (float, int, np.ndarray, np.generic, jax.Array)) else repr(part)
 
 
 class Tip(NamedTuple):
@@ -48,10 +63,10 @@ class Tip(NamedTuple):
         vdepth: d(depth)/dt [speed].
     """
 
-    x: Any
-    depth: Any
-    vx: Any
-    vdepth: Any
+    x: Broadcast
+    depth: Broadcast
+    vx: Broadcast
+    vdepth: Broadcast
 
 
 class Scales(NamedTuple):
@@ -62,8 +77,8 @@ class Scales(NamedTuple):
         length: of the order of the greatest depth [length].
     """
 
-    time: Any
-    length: Any
+    time: Broadcast
+    length: Broadcast
 
 
 class ClosedForm(eqx.Module):
@@ -73,15 +88,15 @@ class ClosedForm(eqx.Module):
     """
 
     @abc.abstractmethod
-    def state(self, t: Any, p: Parameters) -> State:
+    def state(self, t: Broadcast, p: Parameters) -> State:
         """The state at time `t` [s] since contact, for t up to `t_c`."""
 
     @abc.abstractmethod
-    def end_times(self, p: Parameters) -> dict[str, Any]:
+    def end_times(self, p: Parameters) -> Events:
         """When each event alone would end the cut [s]; NaN where it never happens."""
 
     @abc.abstractmethod
-    def t_c(self, p: Parameters) -> Any:
+    def t_c(self, p: Parameters) -> Broadcast:
         """When the cut ends [s]; 0 where nothing is cut."""
 
     @abc.abstractmethod
@@ -89,19 +104,19 @@ class ClosedForm(eqx.Module):
         """How the cut ends: "rebound", "stop" or "no-cut"."""
 
     @abc.abstractmethod
-    def volume(self, p: Parameters) -> Any:
+    def volume(self, p: Parameters) -> Broadcast:
         """Removed volume [volume]."""
 
     @abc.abstractmethod
-    def dvolume(self, p: Parameters) -> Any:
+    def dvolume(self, p: Parameters) -> Broadcast:
         """dV/dα [volume/rad]."""
 
     @abc.abstractmethod
-    def d2volume(self, p: Parameters) -> Any:
+    def d2volume(self, p: Parameters) -> Broadcast:
         """d²V/dα² [volume/rad²]."""
 
     @abc.abstractmethod
-    def alpha_max(self, p: Parameters) -> Any:
+    def alpha_max(self, p: Parameters) -> Broadcast:
         """The angle in (0, π/2) where V is greatest [rad]; NaN where there is none."""
 
 
@@ -118,18 +133,18 @@ class CuttingModel(eqx.Module):
     """
 
     @abc.abstractmethod
-    def initial_state(self, p: Parameters) -> Any:
+    def initial_state(self, p: Parameters) -> ModelState:
         """The state at first contact."""
 
     @abc.abstractmethod
-    def derivative(self, state: Any, p: Parameters) -> Any:
+    def derivative(self, state: ModelState, p: Parameters) -> ModelState:
         """d(state)/dt, a pytree of the state's own structure."""
 
     @abc.abstractmethod
-    def tip(self, state: Any, p: Parameters) -> Tip:
+    def tip(self, state: ModelState, p: Parameters) -> Tip:
         """The cutting tip's position and velocity in this state."""
 
-    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
+    def events(self, state: ModelState, p: Parameters) -> Events:
         """What ends a cut: by name, a smooth function that is positive while cutting.
 
         The functions are dimensionless and of order 1. The cut ends when the first of them
@@ -140,12 +155,12 @@ class CuttingModel(eqx.Module):
         tip = self.tip(state, p)
         return {"rebound": tip.depth / self.scales(p).length, "stop": tip.vx / p.v0}
 
-    def removal_rate(self, state: Any, p: Parameters) -> Any:
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         """dV/dt [volume/s], by default b · depth · ẋ_tip (Laverty (27), at the tip)."""
         tip = self.tip(state, p)
         return p.b * tip.depth * tip.vx
 
-    def removed_at_contact(self, p: Parameters) -> Any:
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
         """What the impact removes beside the cut [volume], by default nothing; see `erosion.models.deformation`.
 
         It counts for every impact, for one that cuts nothing too.
@@ -168,7 +183,7 @@ class CuttingModel(eqx.Module):
         """
         return False
 
-    def replace(self, **changes: Any) -> "CuttingModel":
+    def replace(self, **changes: object) -> "CuttingModel":
         """The same model with other values of its own parameters: `model.replace(friction=0.3)`.
 
         A model's own parameters are its fields, and those of its parts, that hold one real number;
@@ -202,12 +217,12 @@ def units_within(model: CuttingModel, p: Parameters) -> System:
     return p.units if model.needs_units else "inch-pound"
 
 
-def event_rates(model: CuttingModel, state: Any, rate: Any, p: Parameters) -> tuple[dict[str, Any], dict[str, Any]]:
+def event_rates(model: CuttingModel, state: ModelState, rate: ModelState, p: Parameters) -> tuple[Events, Events]:
     """The event functions in a state, and their time derivatives along `rate` = d(state)/dt."""
     return jax.jvp(lambda s: model.events(s, p), (state,), (rate,))
 
 
-def cuts_at_all(model: CuttingModel, p: Parameters) -> Any:
+def cuts_at_all(model: CuttingModel, p: Parameters) -> Flag:
     """Whether an impact starts to cut: every event function is positive or rises from zero."""
     state = model.initial_state(p)
     values, rates = event_rates(model, state, model.derivative(state, p), p)

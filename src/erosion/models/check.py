@@ -2,15 +2,18 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
+from erosion.array_types import Number, Structure
 from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
+
+_Shape = tuple[tuple[int, ...], str]
 
 
 def flaw(model: CuttingModel) -> str | None:
@@ -41,12 +44,12 @@ def flaw(model: CuttingModel) -> str | None:
 
 
 @functools.lru_cache(maxsize=1024)
-def _flaw(structure: Any, functions: tuple[Any, ...], numbers: tuple[tuple[tuple[int, ...], str], ...]) -> str | None:
-    def model_of(numbers: Sequence[Any]) -> CuttingModel:
+def _flaw(structure: Structure, functions: tuple[Callable | None, ...], shapes: tuple[_Shape, ...]) -> str | None:
+    def model_of(numbers: Sequence[Number]) -> CuttingModel:
         rest = iter(numbers)
         return jax.tree.unflatten(structure, [next(rest) if leaf is None else leaf for leaf in functions])
 
-    model = model_of, [jax.ShapeDtypeStruct(*number) for number in numbers]
+    model = model_of, [jax.ShapeDtypeStruct(*shape) for shape in shapes]
     try:
         state = _given("initial_state", lambda model, p: model.initial_state(p), model, TABLE_1)
         _require_scalars("initial_state", state)
@@ -72,19 +75,21 @@ class _FlawError(Exception):
     """The clause."""
 
 
-def _given(name: str, method: Callable[..., Any], model: tuple[Callable[..., Any], Any], *arguments: Any) -> Any:
+def _given(
+    name: str, method: Callable[..., PyTree], model: tuple[Callable[..., CuttingModel], PyTree], *arguments: PyTree
+) -> PyTree:
     """What a method of (model, …) gives, for a model of given numbers."""
     model_of, numbers = model
     try:
         return jax.eval_shape(lambda numbers, *rest: method(model_of(numbers), *rest), numbers, *arguments)
-    # A model's own code may raise anything.
-    except Exception as error:
+    # A model's own code may raise anything, and may ask to end the program.
+    except (Exception, SystemExit) as error:
         said = " ".join(str(error).split())
         short = said if len(said) <= 200 else said[:200] + " …"
         raise _FlawError(f"`{name}` fails: {type(error).__name__}: {short.rstrip('.')}") from error
 
 
-def _require(name: str, given: Any, kind: type | None) -> None:
+def _require(name: str, given: PyTree, kind: type | None) -> None:
     if kind is not None and not isinstance(given, kind):
         raise _FlawError(f"`{name}` must give a {kind.__name__}, but gives a {type(given).__name__}")
     if kind is dict and not given:
@@ -92,7 +97,7 @@ def _require(name: str, given: Any, kind: type | None) -> None:
     _require_scalars(name, given)
 
 
-def _require_scalars(name: str, given: Any) -> None:
+def _require_scalars(name: str, given: PyTree) -> None:
     parts = jax.tree_util.tree_flatten_with_path(given)[0]
     if not parts:
         raise _FlawError(f"`{name}` must give numbers, but gives none")

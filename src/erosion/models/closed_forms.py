@@ -10,25 +10,35 @@ P = k/(1 + 1/β), because the torque slows the tip as well.
 """
 
 import abc
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
-from erosion.array_types import Broadcast
-from erosion.models.base import NO_CUT, ZERO, ClosedForm, State
+from erosion.array_types import Broadcast, Scalar
+from erosion.models.base import NO_CUT, ZERO, ClosedForm, Events, State
 from erosion.models.deformation import Deformation, NoDeformation
 from erosion.models.trigonometry import UPRIGHT
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.precision import require_xla
 
-_Method = TypeVar("_Method", bound=Callable[..., Any])
+_Method = TypeVar("_Method", bound=Callable[..., Broadcast | State | Events])
 
 
 def _traced_once(method: _Method) -> _Method:
     """The method as one program: `jax.jit`, with the method's signature left as it is."""
-    return cast(_Method, jax.jit(method))
+    program = jax.jit(method)
+
+    @functools.wraps(method)
+    def call(*arguments: Any, **named: Any) -> Any:
+        require_xla()
+        return program(*arguments, **named)
+
+    return cast(_Method, call)
 
 
 class SineCut(ClosedForm):
@@ -66,7 +76,7 @@ class SineCut(ClosedForm):
         )
 
     @_traced_once
-    def end_times(self, p: Parameters) -> dict[str, Broadcast]:
+    def end_times(self, p: Parameters) -> Events:
         fall = self.tip_ratio(p) * self.tip_speed(p) / (2 * jnp.sin(p.alpha))
         stops = (fall >= 0) & (fall <= 1)
         # cos ωt = 1 - P u/sin α, as sin²(ωt/2) = P u/(2 sin α).
@@ -113,7 +123,7 @@ class SineCut(ClosedForm):
         crossing = jnp.clip(-spin * ratio / 2 / jnp.sqrt(ratio**2 / 4 + 1), -1.0, 1.0)
         high = jnp.minimum(jnp.arccos(crossing) - jnp.arctan(2 / ratio), jnp.pi / 2)
 
-        def halve(_: Any, bracket: tuple[Any, Any]) -> tuple[Any, Any]:
+        def halve(_: Scalar, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
             low, high = bracket
             middle = (low + high) / 2
             rising = jnp.cos(2 * middle) + spin * jnp.cos(middle) > jnp.sin(2 * middle) / ratio
@@ -123,7 +133,7 @@ class SineCut(ClosedForm):
         best = jnp.where(spin == 0, jnp.arctan(ratio) / 2, (low + high) / 2)
         return jnp.where(spin <= -1, jnp.nan, best)
 
-    def _rebounds(self, p: Parameters) -> Any:
+    def _rebounds(self, p: Parameters) -> Array:
         return jnp.sin(p.alpha) <= self.tip_ratio(p) / 2 * self.tip_speed(p)
 
     def _piecewise(self, p: Parameters, rebound: Broadcast, stop: Broadcast) -> Broadcast:
@@ -179,7 +189,7 @@ class StraightCut(ClosedForm):
         return State(along * cosine, along * sine, phi, speed * cosine, speed * sine, p.phidot0 + 0 * speed)
 
     @_traced_once
-    def end_times(self, p: Parameters) -> dict[str, Broadcast]:
+    def end_times(self, p: Parameters) -> Events:
         rate = self._rate(p)
         return {"rebound": jnp.pi / rate, "stop": jnp.pi / 2 / rate}
 
@@ -229,7 +239,7 @@ class DeformingCut(ClosedForm):
     def state(self, t: Broadcast, p: Parameters) -> State:
         return self.cut.state(t, p)
 
-    def end_times(self, p: Parameters) -> dict[str, Broadcast]:
+    def end_times(self, p: Parameters) -> Events:
         return self.cut.end_times(p)
 
     def t_c(self, p: Parameters) -> Broadcast:

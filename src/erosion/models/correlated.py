@@ -1,10 +1,10 @@
 """A correlation as a model: compared, swept and streamed like a model of the cut."""
 
 import math
-from typing import Any
 
 import equinox as eqx
 
+from erosion.array_types import Scalar
 from erosion.correlations import CORRELATIONS
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import own_parameter
@@ -33,11 +33,11 @@ class Correlated(CuttingModel):
         """The name that `load_model` knows it by: "dnv", "dnv:duplex"."""
         return self.name if self.material is None else f"{self.name}:{self.material}"
 
-    def _factors(self, p: Parameters) -> dict[str, Any]:
+    def _factors(self, p: Parameters) -> dict[str, object]:
         """The correlation's further arguments."""
         return {} if self.material is None else {"material": self.material}
 
-    def removed_at_contact(self, p: Parameters) -> Any:
+    def removed_at_contact(self, p: Parameters) -> Scalar:
         speed = p.v0 * conversion_factor("speed", p.units, "si")
         mass = p.m * conversion_factor("mass", p.units, "si")
         ratio = CORRELATIONS[self.name].erosion(p.alpha, speed, **self._factors(p))
@@ -48,13 +48,13 @@ class Correlated(CuttingModel):
         return True  # a correlation is in m/s and kg
 
     # Depth and velocity of 0 are what the events take for "no-cut".
-    def initial_state(self, p: Parameters) -> Any:
+    def initial_state(self, p: Parameters) -> Scalar:
         return p.alpha * 0.0
 
-    def derivative(self, state: Any, p: Parameters) -> Any:
+    def derivative(self, state: Scalar, p: Parameters) -> Scalar:
         return state * 0.0
 
-    def tip(self, state: Any, p: Parameters) -> Tip:
+    def tip(self, state: Scalar, p: Parameters) -> Tip:
         return Tip(state, state, state, state)
 
 
@@ -67,7 +67,7 @@ class CorrelatedBySize(Correlated):
 
     erodent_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
 
-    def _factors(self, p: Parameters) -> dict[str, Any]:
+    def _factors(self, p: Parameters) -> dict[str, object]:
         volume = p.m * conversion_factor("mass", p.units, "si") / self.erodent_density
         return {**super()._factors(p), "diameter": (6 * volume / math.pi) ** (1 / 3)}
 

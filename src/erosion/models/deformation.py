@@ -16,7 +16,7 @@ import abc
 import equinox as eqx
 import jax.numpy as jnp
 
-from erosion.array_types import Scalar
+from erosion.array_types import Broadcast
 from erosion.models.own_parameters import own_parameter
 from erosion.models.trigonometry import sincos
 from erosion.parameters.parameters import Parameters
@@ -26,14 +26,14 @@ class Deformation(eqx.Module):
     """The volume that an impact removes by deforming the target."""
 
     @abc.abstractmethod
-    def removed_at_contact(self, p: Parameters) -> Scalar:
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
         """V_D [volume]."""
 
 
 class NoDeformation(Deformation):
     """The cut alone."""
 
-    def removed_at_contact(self, p: Parameters) -> Scalar:
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
         return 0.0
 
 
@@ -43,10 +43,10 @@ class EnergyOfNormalMotion(Deformation):
     threshold: eqx.AbstractVar[float]
 
     @abc.abstractmethod
-    def energy(self, p: Parameters) -> Scalar:
+    def energy(self, p: Parameters) -> Broadcast:
         """ε [stress], the energy that removes a unit of volume."""
 
-    def removed_at_contact(self, p: Parameters) -> Scalar:
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
         normal = p.v0 * sincos(p.alpha)[0]
         # Where the threshold is not reached the derivatives are zero as well.
         above = jnp.where(normal > self.threshold, normal - self.threshold, 0.0)
@@ -64,7 +64,7 @@ class DeformationWear(EnergyOfNormalMotion):
     specific_energy: float = own_parameter(3e9, "ε", "deformation wear factor", "stress")
     threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed")
 
-    def energy(self, p: Parameters) -> Scalar:
+    def energy(self, p: Parameters) -> Broadcast:
         return self.specific_energy
 
 
@@ -83,5 +83,5 @@ class ProportionalDeformationWear(EnergyOfNormalMotion):
     energy_ratio: float = own_parameter(1.6, "e", "deformation wear factor over σψ")
     threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed")
 
-    def energy(self, p: Parameters) -> Scalar:
+    def energy(self, p: Parameters) -> Broadcast:
         return self.energy_ratio * p.sigma * p.psi

@@ -5,16 +5,18 @@ name means: which leaf of the model it is, what it is called, and the same model
 """
 
 import dataclasses
+import functools
 import typing
 from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
 
-from erosion.arguments import check_scalars
+from erosion.arguments import check_scalars, check_unmasked
+from erosion.array_types import Number
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import Dimension, conversion_factor
@@ -35,7 +37,7 @@ class OwnParameter(NamedTuple):
 
     path: tuple[str, ...]
     leaf: int
-    value: Any
+    value: Number
     quantity: Quantity
 
 
@@ -79,7 +81,7 @@ def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
     return {_name(parameter.path, paths): parameter for parameter in own}
 
 
-def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
+def replaced(model: _Model, changes: Mapping[str, object]) -> _Model:
     """The same model with other values of some of its own parameters.
 
     Raises:
@@ -89,10 +91,12 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
     if not changes:
         return model
     own = own_parameters(model)
+    leaves, structure = jax.tree.flatten(model)
     for name, value in changes.items():
         if name not in own:
             has = ", ".join(own) or "none"
             raise TypeError(f"Argument `{name}` is not an own parameter of {type(model).__name__}; it has {has}.")
+        check_unmasked(name, value)
         if not _is_number(value, many=True):
             raise TypeError(f"Argument `{name}` must be a number, but is {value!r}.")
         if np.ndim(value) and not _is_declared(model, own[name].path):
@@ -102,8 +106,6 @@ def replaced(model: _Model, changes: Mapping[str, Any]) -> _Model:
             )
         if not isinstance(value, Tracer) and not np.ndim(value) and not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be a finite number, but is {abbreviate(value)}.")
-    leaves, structure = jax.tree.flatten(model)
-    for name, value in changes.items():
         if isinstance(value, Tracer):
             leaves[own[name].leaf] = value
         else:
@@ -143,19 +145,19 @@ def quantities(model: eqx.Module) -> dict[str, Quantity]:
     return {**QUANTITIES, **{name: parameter.quantity for name, parameter in own_parameters(model).items()}}
 
 
-def values(model: eqx.Module, p: Parameters) -> dict[str, Any]:
+def values(model: eqx.Module, p: Parameters) -> dict[str, Number]:
     """The parameters of an impact, as `quantities` has them."""
     own = {name: parameter.value for name, parameter in own_parameters(model).items()}
     return {**{name: getattr(p, name) for name in QUANTITIES}, **own}
 
 
-def sizes(model: eqx.Module, p: Parameters) -> dict[str, Any]:
+def sizes(model: eqx.Module, p: Parameters) -> dict[str, np.ndarray]:
     """A significant change of each parameter: its size, 1 where that is 0; v₀/r for the spin."""
     changes = {name: np.where(value == 0, 1.0, np.abs(value)) for name, value in values(model, p).items()}
     return {**changes, "phidot0": np.asarray(p.v0 / p.r)}
 
 
-def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tuple[_Model, Parameters]:
+def with_values(model: _Model, p: Parameters, changes: Mapping[str, Number]) -> tuple[_Model, Parameters]:
     """Model and case with other values of some of `quantities`."""
     own = {name: value for name, value in changes.items() if name not in QUANTITIES}
     return replaced(model, own), p.replace(**{name: changes[name] for name in changes if name in QUANTITIES})
@@ -167,7 +169,7 @@ def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
     return ", ".join(f"{name} = {abbreviate(parameter.value)}" for name, parameter in own if name not in but)
 
 
-def _is_number(value: Any, *, many: bool) -> bool:
+def _is_number(value: object, *, many: bool) -> TypeGuard[Number]:
     """Whether it is a real number, or, with `many`, an array of real numbers."""
     if isinstance(value, (bool, np.bool_)):
         return False
@@ -178,24 +180,23 @@ def _is_number(value: Any, *, many: bool) -> bool:
     return np.dtype(value.dtype).kind in "iuf" and (many or np.ndim(value) == 0)
 
 
-def _is_declared(model: Any, path: tuple[str, ...]) -> bool:
+def _is_declared(model: eqx.Module, path: tuple[str, ...]) -> bool:
     """Whether a field is said to hold a number."""
     field = _field(model, path)
     return field is not None and ("quantity" in field.metadata or field.type in (float, int, "float", "int"))
 
 
-def _quantity(model: Any, path: tuple[str, ...]) -> Quantity:
+def _quantity(model: eqx.Module, path: tuple[str, ...]) -> Quantity:
     """As the field declares it, else from its name."""
     metadata = {} if (field := _field(model, path)) is None else field.metadata
     return metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
 
 
-def _field(model: Any, path: tuple[str, ...]) -> Any:
-    for part in path[:-1]:
-        model = getattr(model, part)
-    if not dataclasses.is_dataclass(model):
+def _field(model: eqx.Module, path: tuple[str, ...]) -> dataclasses.Field | None:
+    owner = functools.reduce(getattr, path[:-1], model)
+    if not dataclasses.is_dataclass(owner):
         return None  # of a named tuple
-    return next(field for field in dataclasses.fields(model) if field.name == path[-1])
+    return next(field for field in dataclasses.fields(owner) if field.name == path[-1])
 
 
 def _name(path: tuple[str, ...], paths: list[tuple[str, ...]]) -> str:

@@ -1,15 +1,15 @@
 """Models by name: the built-in ones, those of installed packages, and files by path."""
 
 import functools
+import hashlib
 import importlib.metadata
-import importlib.util
 import inspect
+import os
 import sys
 import types
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 
@@ -27,10 +27,14 @@ from erosion.models.own_parameters import own_parameters
 from erosion.models.rotating import Rotating
 from erosion.models.torques import FullTorque
 from erosion.parameters.parameters import Parameters
-from erosion.tables import to_plain
+from erosion.tables import Record, to_plain
 
 ENTRY_POINT_GROUP = "erosion.models"
 """A package offers a model as an entry point here: its name, and a model or a class of one."""
+
+
+PLUG_IN = "erosion_plugin_"
+"""How the name of a plug-in file's module begins."""
 
 
 class ModelError(ValueError):
@@ -177,7 +181,7 @@ def model_name(model: CuttingModel) -> str:
     return type(model).__name__ + (f"({', '.join(parts)})" if parts else "")
 
 
-def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> dict[str, Any]:
+def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> Record:
     """A model's name and its own parameters (`but` some), and the parameters of the case, for `to_dict` of results."""
     own = {name: parameter.value for name, parameter in own_parameters(model).items() if name not in but}
     return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})
@@ -219,18 +223,27 @@ def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:
 
 
 def _import_file(path: Path) -> types.ModuleType:
+    """Run a file as a module. Python's own import might run what it compiled of an older text.
+
+    The module keeps its text as `__source_bytes__`, from which a store's identity is made: the file may change.
+    """
     if not path.is_file():
         raise ModelError(f"{path}: there is no such model file.")
-    module_name = "erosion_plugin_" + "".join(c if c.isalnum() else "_" for c in str(path.resolve()))
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    if spec is None or spec.loader is None:
-        raise ModelError(f"{path}: is not a Python file.")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
     try:
-        spec.loader.exec_module(module)
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    place = path.absolute()
+    # Of its own for each file and each text, so that a class's module is always the one that it was made in.
+    key = hashlib.sha256(os.fsencode(place) + b"\0" + content).hexdigest()[:16]
+    module = types.ModuleType(PLUG_IN + key)
+    module.__file__ = str(place)
+    module.__dict__["__source_bytes__"] = content
+    sys.modules[module.__name__] = module
+    try:
+        exec(compile(content, str(place), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
-        del sys.modules[module_name]
+        del sys.modules[module.__name__]
         raise ModelError(f"{path}: cannot be imported: {_said(error)}.") from error
     return module
 

@@ -8,7 +8,7 @@ A new variant is one new part, a few lines long.
 import equinox as eqx
 import jax.numpy as jnp
 
-from erosion.array_types import Scalar
+from erosion.array_types import Broadcast
 from erosion.models.base import CuttingModel, Scales, State, Tip
 from erosion.models.deformation import Deformation, NoDeformation
 from erosion.models.forces import ForceLaw
@@ -43,7 +43,7 @@ class RigidErodent(CuttingModel):
             omega=self.torque(state, force, p) / p.moment_of_inertia,
         )
 
-    def removed_at_contact(self, p: Parameters) -> Scalar:
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
         return self.deformation.removed_at_contact(p)
 
     def tip(self, state: State, p: Parameters) -> Tip:

@@ -6,11 +6,13 @@ rest of a step. Range reduction by three-part π/2 (Cody and Waite) and the Tayl
 """
 
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+
+from erosion.array_types import Broadcast
 
 UPRIGHT = np.pi / 2  # φ at contact [rad]
 
@@ -24,10 +26,12 @@ _PI_2_LOW = float.fromhex("0x1.3198a2e037073p-69")
 _SIN = [(-1) ** n / math.factorial(2 * n + 1) for n in range(8)]
 _COS = [(-1) ** n / math.factorial(2 * n) for n in range(9)]
 
+_Pair = tuple[Array, Array]
+
 
 @jax.custom_jvp
 @jax.jit
-def sincos(angle: Any) -> tuple[Any, Any]:
+def sincos(angle: Broadcast) -> _Pair:
     """Sine and cosine of `angle` [rad] between -10⁶ and 10⁶, to within 2 ulp of 1.
 
     Differentiable to any order; traceable.
@@ -44,20 +48,20 @@ def sincos(angle: Any) -> tuple[Any, Any]:
 
 
 @sincos.defjvp
-def _sincos_jvp(primals: Any, tangents: Any) -> Any:
+def _sincos_jvp(primals: tuple[Broadcast], tangents: tuple[Broadcast]) -> tuple[_Pair, _Pair]:
     (angle,), (rate,) = primals, tangents
     sine, cosine = sincos(angle)
     return (sine, cosine), (cosine * rate, -sine * rate)
 
 
-def _polynomial(coefficients: list[float], x: Any) -> Any:
+def _polynomial(coefficients: list[float], x: Broadcast) -> Array:
     value = jnp.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = value * x + coefficient
     return value
 
 
-def orientation(phi: Any) -> tuple[Any, Any, Any]:
+def orientation(phi: Broadcast) -> tuple[Array, Array, Array]:
     """1 - sin φ, sin φ and cos φ, from half the turn: the first keeps its digits near φ = π/2."""
     sine, cosine = sincos((phi - UPRIGHT) / 2)
     lifted = 2 * sine * sine

@@ -10,15 +10,15 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from erosion.array_types import PerImpact
 from erosion.engine.batch import threads
-from erosion.engine.impact import impact, lanes_of, pair_derivatives
+from erosion.engine.impact import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
@@ -28,10 +28,13 @@ from erosion.optimum.maxima import SHALLOWEST as SHALLOWEST
 from erosion.optimum.maxima import TIGHT, Maxima, Search
 from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
+from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, quantity_row, result_row
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.scales import table_scale
-from erosion.tables import Result, Row, format_number, largest_of, to_plain
+from erosion.tables import Record, Result, Row, format_number, largest_of, to_plain
+
+NOT_CERTIFIED = "impacts failed or have no derivatives: a better angle may have been missed"
 
 _TOGETHER = 1000  # cases that are searched at once: some 100 MB
 
@@ -54,7 +57,8 @@ class Optimum(Result):
         volume: V there [volume].
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
             `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
-            slope jumps through zero), "plateau" (one of many angles with the same value), or
+            slope jumps through zero), "plateau" (one of many angles with the same value),
+            "unresolved" (the greatest value, known to 1e-6 rad at best, where derivatives do not exist), or
             "none": nothing is ever cut, or, where `ended_by` is "failed", nothing could be computed.
         ended_by: how the cut ends there.
         side: the side of a jump, "below" or "above"; else "".
@@ -64,7 +68,7 @@ class Optimum(Result):
         jumps: all discontinuities, a tuple of `Jump` by angle.
         regimes: how the cut ends over the whole range, a tuple of `Regime` by angle.
         iterations: rounds of refinement plus Newton steps of the answer.
-        certified: False where an impact failed, so that a better angle may have been missed.
+        certified: False where an impact failed or has no derivatives, so that a better angle may have been missed.
         integrand: the model whose "volume" is the objective; `model` itself for the volume.
     """
 
@@ -72,24 +76,24 @@ class Optimum(Result):
     p: Parameters
     objective: str
     least: bool
-    alpha: Any
-    value: Any
-    volume: Any
-    kind: Any
-    ended_by: Any
-    side: Any
-    attained: Any
-    dvolume: Any
-    d2volume: Any
-    candidates: Any
-    jumps: Any
-    regimes: Any
-    iterations: Any
-    certified: Any
+    alpha: PerImpact
+    value: PerImpact
+    volume: PerImpact
+    kind: PerImpact
+    ended_by: PerImpact
+    side: PerImpact
+    attained: PerImpact
+    dvolume: PerImpact
+    d2volume: PerImpact
+    candidates: PerImpact
+    jumps: PerImpact
+    regimes: PerImpact
+    iterations: PerImpact
+    certified: PerImpact
     integrand: CuttingModel = dataclasses.field(repr=False)
 
     @functools.cached_property
-    def sensitivities(self) -> Mapping[str, Any]:
+    def sensitivities(self) -> Mapping[str, PerImpact]:
         """dα_max/dq for every parameter q but α, the model's own too [rad per unit of q]; computed when first read.
 
         Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α of the end time t
@@ -116,9 +120,12 @@ class Optimum(Result):
         ]
         if self.objective != "volume":
             rows.append(self.value_row(self.value))
+        if not np.all(self.certified):
+            share = f"{np.sum(self.certified):,} of {np.size(self.certified):,}" if np.ndim(self.certified) else "no"
+            rows.append(Row("certified", "", share, "", NOT_CERTIFIED))
         return rows
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """Model, parameters and every field, without the sensitivities, which take longer."""
         described = ("model", "p", "integrand")
         names = [field.name for field in dataclasses.fields(self) if field.name not in described]
@@ -137,7 +144,7 @@ class Optimum(Result):
             **dict.fromkeys(("d2volume", "d2value"), f"{value}/{angle}^2"),
         }
 
-    def value_row(self, value: Any) -> Row:
+    def value_row(self, value: PerImpact) -> Row:
         """A value of the objective as a table row, in the unit of the greatest one."""
         if self.objective not in MEASURES:
             return Row("value", "", format_number(value, DIGITS), "", self.objective)
@@ -151,7 +158,12 @@ class Optimum(Result):
             return f"just {self.side} a jump" + ("" if self.attained else ", not reached")
         if self.kind == "boundary":
             return "an end of the range" if self.attained else "approached as α → 0, not reached"
-        return {"interior": "dV/dα = 0", "plateau": "the same over a range of angles"}.get(str(self.kind), "")
+        explained = {
+            "interior": "dV/dα = 0",
+            "plateau": "the same over a range of angles",
+            "unresolved": "the greatest value that was computed",
+        }
+        return explained.get(str(self.kind), "")
 
 
 def alpha_max(
@@ -206,6 +218,7 @@ def _optimum(
     *,
     least: bool,
 ) -> Optimum:
+    require_float64()
     model = load_model(model)
     require_parameters(p)
     name, integrand = _integrand(model, objective)
@@ -251,7 +264,7 @@ def _searched(
         return list(itertools.chain.from_iterable(pool.map(search, range(0, count, _TOGETHER)))), shape
 
 
-def _columns(optima: list[Maxima], shape: tuple[int, ...]) -> dict[str, Any]:
+def _columns(optima: list[Maxima], shape: tuple[int, ...]) -> Record:
     """The fields of an `Optimum` that are arrays of the shape of the cases."""
     best = [of_case.candidates[0] for of_case in optima]
     fields = {
@@ -287,19 +300,24 @@ def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
     return low, min(high, STEEPEST)
 
 
-def _in_degrees(angles: Any) -> str:
+def _in_degrees(angles: tuple[float, float]) -> str:
     try:
         return ", ".join(f"{math.degrees(angle):g}°" for angle in angles)
     except TypeError:
         return repr(angles)
 
 
-def _volume_at(model: CuttingModel, p: Parameters, alpha: Any, ended_by: Any) -> tuple[Any, Any]:
+def _volume_at(
+    model: CuttingModel, p: Parameters, alpha: PerImpact, ended_by: PerImpact
+) -> tuple[PerImpact, PerImpact]:
     """Volume [volume] and outcome in words at the optimum of another objective."""
     inside = np.asarray(alpha) > 0
     hits = impact(model, p.replace(alpha=np.where(inside, alpha, SHALLOWEST)), rtol=TIGHT)
     # As α → 0 the cut becomes infinitely shallow: no impact gives its volume.
     return np.where(inside, hits.volume, np.nan)[()], np.where(inside, hits.ended_by, ended_by)[()]
+
+
+_AlongAngle = Callable[[np.ndarray, np.ndarray], PairDerivatives]  # of the numbers of cases, and angles for them
 
 
 def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
@@ -315,7 +333,7 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     rates = np.zeros((len(names), kind.size))
     rates[:, kind.ravel() == "none"] = np.nan
 
-    def along_angle(cases: np.ndarray, angles: np.ndarray) -> Any:
+    def along_angle(cases: np.ndarray, angles: np.ndarray) -> PairDerivatives:
         varied, at_angles = with_values(model, p, {q: leaf[cases] for q, leaf in flat.items()} | {"alpha": angles})
         return pair_derivatives(varied, at_angles, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
 
@@ -330,7 +348,7 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     return rates.reshape(len(names), *np.shape(optimum.kind))
 
 
-def _along_jump(along_angle: Any, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
     """dα/dq of the jumps of some cases, shape (names, cases).
 
     On the side that grazes, the event function g(t, α, q) is tangent at the jump: ġ → 0 there,

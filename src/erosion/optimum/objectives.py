@@ -6,12 +6,12 @@ computes the integral and its derivatives as it computes any volume.
 
 import abc
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from erosion.models.base import CuttingModel, Scales, Tip
+from erosion.array_types import Broadcast, ModelState
+from erosion.models.base import CuttingModel, Events, Scales, Tip
 from erosion.parameters.parameters import Parameters
 
 
@@ -20,16 +20,16 @@ class SameMotion(CuttingModel):
 
     motion: eqx.AbstractVar[CuttingModel]
 
-    def initial_state(self, p: Parameters) -> Any:
+    def initial_state(self, p: Parameters) -> ModelState:
         return self.motion.initial_state(p)
 
-    def derivative(self, state: Any, p: Parameters) -> Any:
+    def derivative(self, state: ModelState, p: Parameters) -> ModelState:
         return self.motion.derivative(state, p)
 
-    def tip(self, state: Any, p: Parameters) -> Tip:
+    def tip(self, state: ModelState, p: Parameters) -> Tip:
         return self.motion.tip(state, p)
 
-    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
+    def events(self, state: ModelState, p: Parameters) -> Events:
         return self.motion.events(state, p)
 
     def scales(self, p: Parameters) -> Scales:
@@ -40,7 +40,7 @@ class SameMotion(CuttingModel):
         return self.motion.needs_units
 
     @abc.abstractmethod
-    def removal_rate(self, state: Any, p: Parameters) -> Any:
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         """The integrand."""
 
 
@@ -49,10 +49,10 @@ class VolumePerMass(SameMotion):
 
     motion: CuttingModel
 
-    def removal_rate(self, state: Any, p: Parameters) -> Any:
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         return self.motion.removal_rate(state, p) / p.m
 
-    def removed_at_contact(self, p: Parameters) -> Any:
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
         return self.motion.removed_at_contact(p) / p.m
 
 
@@ -61,7 +61,7 @@ class EndTime(SameMotion):
 
     motion: CuttingModel
 
-    def removal_rate(self, state: Any, p: Parameters) -> Any:
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         return jnp.ones_like(self.tip(state, p).depth)
 
 
@@ -70,11 +70,11 @@ class Depth(SameMotion):
 
     motion: CuttingModel
 
-    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
+    def events(self, state: ModelState, p: Parameters) -> Events:
         scales = self.scales(p)
         return {**self.motion.events(state, p), "deepest": self.tip(state, p).vdepth * scales.time / scales.length}
 
-    def removal_rate(self, state: Any, p: Parameters) -> Any:
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         return self.tip(state, p).vdepth
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from erosion.arguments import check_scalars
+from erosion.arguments import check_scalars, check_unmasked
+from erosion.array_types import Broadcast
 from erosion.parameters.materials import MATERIALS
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.parameters.ranges import STEEPEST
@@ -31,12 +32,13 @@ else:
 _LEAF_TYPES = (int, float, np.ndarray, np.generic, jax.Array)
 
 
-def _float64(value: Any) -> Any:
+def _float64(value: object) -> Array | np.ndarray:
     """Numbers and arrays to float64 (numpy stays numpy: making parameters starts no device)."""
     if isinstance(value, jax.Array):
         return jnp.asarray(value, jnp.float64)
     if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
         raise TypeError(f"Parameters must be numbers or arrays, but one is {value!r}.")
+    check_unmasked("parameters", value)
     try:
         array = np.asarray(value)
     except ValueError:  # lists of several lengths
@@ -122,7 +124,7 @@ class Parameters(Result, eqx.Module):
         validate(parameters, what="Field")
         return parameters
 
-    def replace(self, **changes: Any) -> "Parameters":
+    def replace(self, **changes: object) -> "Parameters":
         """A copy with some fields changed: `p.replace(alpha=0.5)`. Does not convert units."""
         unknown = [name for name in changes if name not in QUANTITIES]
         if unknown:
@@ -151,27 +153,27 @@ class Parameters(Result, eqx.Module):
         return dataclasses.replace(self, **converted, units=system)
 
     @property
-    def stiffness(self) -> Any:
+    def stiffness(self) -> Broadcast:
         """Contact stiffness c = σ b ψ, so that F_x = -c · depth."""
         return self.sigma * self.b * self.psi
 
     @property
-    def moment_of_inertia(self) -> Any:
+    def moment_of_inertia(self) -> Broadcast:
         """I = β m r² about the centre of mass."""
         return self.inertia * self.m * self.r**2
 
     @property
-    def rate(self) -> Any:
+    def rate(self) -> Broadcast:
         """ω = √(k c/m) [1/s], the rate of the linearized cut, y ∝ sin ωt."""
         return jnp.sqrt(self.k * self.stiffness / self.m)
 
     @property
-    def volume_scale(self) -> Any:
+    def volume_scale(self) -> Broadcast:
         """V* = m v₀²/(σψ) [volume], on which every volume scales."""
         return self.m * self.v0**2 / (self.sigma * self.psi)
 
     @property
-    def spin(self) -> Any:
+    def spin(self) -> Broadcast:
         """Spin s = r φ̇₀/v₀ [-], the tip's speed by spin over the speed of impact."""
         return self.r * self.phidot0 / self.v0
 
@@ -195,7 +197,7 @@ REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("p
 _STEEPEST = STEEPEST * (1 + 4 * np.finfo(float).eps)  # π/2 reached through degrees may round up by an ulp
 
 
-def are_angles(values: np.ndarray) -> Any:
+def are_angles(values: np.ndarray) -> np.ndarray | np.bool_:
     """Whether numbers are angles of attack, in (0, π/2] rad."""
     return (values > 0) & (values <= _STEEPEST)
 
@@ -272,7 +274,7 @@ def require_parameters(p: object) -> None:
         raise TypeError(f"Argument `p` must be Parameters, but is {p!r}.")
 
 
-def _first_bad(name: str, values: np.ndarray, good: Any) -> str:
+def _first_bad(name: str, values: np.ndarray, good: np.ndarray | np.bool_) -> str:
     """The first value that is not good, and where it is; angles in degrees."""
     index = tuple(int(i) for i in np.argwhere(~good)[0]) if values.ndim else ()
     value = float(values[index])

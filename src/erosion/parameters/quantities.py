@@ -7,7 +7,7 @@ import re
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from erosion.parameters.scales import readable_scale, table_scale
 from erosion.parameters.units import Dimension, System, ascii_unit, derivative_unit, unit_name
@@ -78,7 +78,7 @@ RESULTS = {
 }
 
 
-def quantity_row(name: str, quantity: Quantity, value: Any, units: System) -> "Row":
+def quantity_row(name: str, quantity: Quantity, value: object, units: System) -> "Row":
     """A number, or an array, as a table row in a unit that reads well.
 
     Args:
@@ -94,12 +94,12 @@ def quantity_row(name: str, quantity: Quantity, value: Any, units: System) -> "R
     return Row(name, quantity.symbol, format_number(value, digits, scale.size), scale.unit, quantity.meaning)
 
 
-def result_row(name: str, value: Any, units: System) -> "Row":
+def result_row(name: str, value: object, units: System) -> "Row":
     """One result as a table row."""
     return quantity_row(name, RESULTS[name], value, units)
 
 
-def derivative_row(name: str, value: Any, by: Sequence[Quantity], units: System) -> "Row":
+def derivative_row(name: str, value: object, by: Sequence[Quantity], units: System) -> "Row":
     """The volume's derivative with respect to one or two parameters as a table row; per degree, not per radian."""
     from erosion.tables import Row, format_number
 

@@ -19,6 +19,7 @@ from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
 from erosion.report.families import Families, families_of
 from erosion.report.spins import Spins, over_spins
+from erosion.tables import Record
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import Trajectory
 
@@ -39,7 +40,7 @@ class Answer:
         fields: further values that the text uses, by name.
     """
 
-    numbers: dict[str, Any]
+    numbers: Record
     figures: Mapping[str, Figure]
     fields: Mapping[str, Any] = field(default_factory=dict)
 
@@ -136,6 +137,18 @@ class Case:
     def hits(self, model: str) -> Impact:
         """A model's impacts at the `looks`, and after them at the case's own angle."""
         return self._once("hits", model)
+
+    def impact_and_optimum(self, model: str) -> Record:
+        """A model's impact at the case's own angle, and its angle of greatest removal, as a row of numbers.json."""
+        hits, optimum = self.hits(model), self.optimum(model)
+        return {
+            "volume": float(hits.volume[-1]),
+            "t_c": float(hits.t_c[-1]),
+            "ended_by": str(hits.ended_by[-1]),
+            "alpha_max": float(optimum.alpha),
+            "volume_max": float(optimum.volume),
+            "kind": str(optimum.kind),
+        }
 
     def curve(self, model: str, label: str | None = None) -> Curve:
         """A model's V(α) with its maximum, and with gaps at its jumps."""

@@ -3,7 +3,6 @@
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from erosion.parameters.units import System, conversion_factor, unit_name
 from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
 from erosion.report.text import number
+from erosion.tables import Record
 
 _RTOL = 1e-12
 _SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(
@@ -57,7 +57,7 @@ class Family:
     reach: np.ndarray
 
     @property
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Record]:
         """The row of a table for each value."""
         columns = ("label", "value", "alpha", "volume", "kind", "ended_by")
         answers = zip(self.labels, self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)

@@ -24,7 +24,7 @@ from erosion.report.inline import THEMES, inline_svg
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.template import Text, write_text
 from erosion.report.text import number
-from erosion.tables import to_json
+from erosion.tables import Record, to_json
 from erosion.trajectory.trajectory import TurnWarning
 from erosion.version import __version__
 
@@ -73,6 +73,10 @@ def write_report(
         return _write(Case(p, case_name), keys, out, progress)
 
 
+PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
+"""What a report writes into its folder."""
+
+
 def make_folders(out: Path) -> None:
     """Make the folders of a report; an `OSError` of one sentence where they cannot be made."""
     with _naming(out):
@@ -99,7 +103,7 @@ def _pool() -> Iterator[ThreadPoolExecutor]:
 
 
 def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Path:
-    numbers: dict[str, Any] = {}
+    numbers: Record = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
     # Filters are the process's, not the thread's: set once, around all threads.
@@ -166,7 +170,7 @@ def _parameter_rows(p: Parameters) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def _record(case: Case, numbers: Mapping[str, Any]) -> dict[str, Any]:
+def _record(case: Case, numbers: Mapping[str, Any]) -> Record:
     return {
         "erosion": __version__,
         "case": case.name,

@@ -1,7 +1,5 @@
 """Questions 5 to 8 for a body that turns."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -12,13 +10,14 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Case
 from erosion.report.families import Family
 from erosion.report.varied import family_figure, family_numbers
+from erosion.tables import Record
 
 MODEL = "rotating"
 _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
 _ON_LINE = 41
 
 
-def numbers_again(case: Case) -> dict[str, Any]:
+def numbers_again(case: Case) -> Record:
     """For numbers.json."""
     reach, alpha, kind = _over_reach(case)
     return {
@@ -36,7 +35,7 @@ def _over_reach(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return reach, optimum.alpha, optimum.kind
 
 
-def figures_again(case: Case, numbers: dict[str, Any]) -> dict[str, Figure]:
+def figures_again(case: Case, numbers: Record) -> dict[str, Figure]:
     """V(α) at several speeds; α_max over Ω; α_max over k."""
     families = case.families(MODEL)
     return {
@@ -46,7 +45,7 @@ def figures_again(case: Case, numbers: dict[str, Any]) -> dict[str, Figure]:
     }
 
 
-def _over_reach_figure(case: Case, numbers: dict[str, Any]) -> Figure:
+def _over_reach_figure(case: Case, numbers: Record) -> Figure:
     fig, ax = new_axes(5.4, 4.2)
     reach, alpha = (np.array(numbers["over_reach"][key]) for key in ("reach", "alpha_max"))
     families = [case.families(MODEL)[name] for name in _IN_REACH]
@@ -74,7 +73,7 @@ def _over_k_figure(case: Case, ratios: Family) -> Figure:
     return fig
 
 
-def ranges(case: Case) -> dict[str, dict[str, Any]]:
+def ranges(case: Case) -> dict[str, Record]:
     """By parameter: the best angles where something is cut, how many are at a jump, and how many values there are."""
     return {
         name: {

@@ -1,7 +1,6 @@
 """How cuts end over angle and spin, and the angle of greatest removal over the spin."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,6 +9,7 @@ from erosion.parameters.parameters import Parameters
 from erosion.plotting.families import BestAngles
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.studies import regimes
+from erosion.tables import Record
 
 TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both components"}
 """The titles of the models of a body that turns, by name."""
@@ -38,7 +38,7 @@ class Spins:
     ended_by: np.ndarray
 
     @property
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Record]:
         """The maxima at the spins that the page lists in a table."""
         columns = ("s", "alpha", "kind", "ended_by")
         maxima = zip(self.s, self.alpha, self.kind, self.ended_by, strict=True)
@@ -53,7 +53,7 @@ class Spins:
         """For a figure."""
         return BestAngles(label, self.s, self.alpha, self.kind == "jump")
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> Record:
         """For numbers.json."""
         return {
             "s": self.s.tolist(),

@@ -1,13 +1,12 @@
 """A family of impacts as a figure and as numbers, for questions 5 to 8."""
 
-from typing import Any
-
 from matplotlib.figure import Figure
 
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Case
 from erosion.report.families import Family
+from erosion.tables import Record
 
 
 def family_figure(case: Case, family: Family) -> Figure:
@@ -17,7 +16,7 @@ def family_figure(case: Case, family: Family) -> Figure:
     return fig
 
 
-def family_numbers(case: Case, family: Family, model: str) -> dict[str, Any]:
+def family_numbers(case: Case, family: Family, model: str) -> Record:
     """For numbers.json."""
     return {
         "values": [float(value) for value in family.values],

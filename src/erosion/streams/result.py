@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,7 +20,7 @@ from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate
 from erosion.streams.tally import Tally
-from erosion.tables import Result, Row, largest_of, to_plain, with_error
+from erosion.tables import Record, Result, Row, largest_of, to_plain, with_error
 from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -141,11 +140,11 @@ class Stream(Result):
         units, known = self.particles.p.units, quantities(self.model)
         return {name: law.in_words(known[name].dimension, units) for name, law in self.particles.laws.items()}
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The results with their standard errors and units, and the case."""
         dataset = self.to_dataset()
         scalars = [str(name) for name, variable in dataset.data_vars.items() if not variable.dims]
-        numbers: dict[str, Any] = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
+        numbers: Record = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
         numbers["quantiles"] = {f"{share:g}": volume for share, volume in self.quantiles.items()}
         numbers["shares"] = {outcome: share.value for outcome, share in self.shares.items()}
         if self.nozzle is not None:

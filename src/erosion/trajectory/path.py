@@ -31,15 +31,16 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
     # The end itself is known better than what is integrated to that time.
     times = np.where(np.arange(t.size) < t.size - 1, t, np.inf) if name != NO_CUT else t
     states = states_at(model, p, times, _RTOL)
+    x_tip, depth, vx_tip, vdepth = map(np.asarray, states.tip)
     return Trajectory(
         model=model,
         p=p,
         t=t,
         states=states.state,
-        x_tip=states.tip.x,
-        depth=states.tip.depth,
-        vx_tip=states.tip.vx,
-        vdepth=states.tip.vdepth,
+        x_tip=x_tip,
+        depth=depth,
+        vx_tip=vx_tip,
+        vdepth=vdepth,
         removed=states.volume,
         removal_rate=states.removal_rate,
         t_c=t_c,

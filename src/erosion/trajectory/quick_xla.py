@@ -6,8 +6,9 @@ from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
+from jaxtyping import PyTree
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Function = TypeVar("_Function", bound=Callable[..., PyTree])
 
 # The older code generator, and LLVM does not optimise: two thirds of the time to compile.
 _QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
@@ -18,18 +19,18 @@ def seldom_run(function: _Function) -> _Function:
     jit: Any = eqx.filter_jit  # whose signature does not say that options are passed on to `jax.jit`
 
     @functools.cache
-    def program() -> Any:
+    def program() -> Callable[..., PyTree]:
         return jit(function, compiler_options=_accepted(tuple(_QUICK.items())))
 
     @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
+    def call(*arguments: PyTree) -> PyTree:
         return program()(*arguments)
 
     return cast(_Function, call)
 
 
 @functools.cache
-def _accepted(options: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
+def _accepted(options: tuple[tuple[str, bool | int], ...]) -> dict[str, bool | int]:
     """Those of the options that this version of XLA knows, on a CPU; elsewhere none."""
     if jax.default_backend() != "cpu":
         return {}

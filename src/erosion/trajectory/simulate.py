@@ -10,27 +10,31 @@ import functools
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 import erosion.trajectory.diffrax_steps as flow
 from erosion.arguments import check_tolerance, check_whole
+from erosion.array_types import Structure
 from erosion.engine.step_control import LONGEST_CUT
 from erosion.models import load_model, model_name
-from erosion.models.base import NO_CUT, CuttingModel, Tip, units_within
+from erosion.models.base import NO_CUT, CuttingModel, units_within
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, require_concrete, validate
-from erosion.parameters.precision import require_float64
+from erosion.parameters.precision import require_xla
 from erosion.trajectory.events import find_root, first_fall
 from erosion.trajectory.trajectory import SimulationError, Trajectory, TurnWarning
 
 _SAMPLES = 8  # looks at the event functions within each step
 _ATOL = 1e-15  # of each quantity's size: rounding
 _LONGEST_STEP = 0.05  # of the model's time scale: sampled 8 times, a cubic errs by 1e-10 or less
+
+_Functions = dict[str, np.ndarray]
+_Look = tuple[_Functions, _Functions, tuple[np.ndarray, ...], np.ndarray]
 
 
 def simulate(
@@ -64,7 +68,7 @@ def simulate(
     Warns:
         TurnWarning: where the body turned by more than π/2.
     """
-    require_float64()
+    require_xla()
     model = load_model(model)
     validate(p)
     require_concrete(p)
@@ -128,7 +132,7 @@ def _follow(
     before = start if begun == 0 else np.asarray(states)[begun - 1]
 
     @functools.cache
-    def reach(t: float) -> Any:
+    def reach(t: float) -> Array | np.ndarray:
         if t <= ends[begun]:
             return before
         return flow.solve(problem, before, jnp.float64(ends[begun]), jnp.float64(t))[2]
@@ -146,7 +150,7 @@ def _follow(
 
 def _looks(
     model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], np.ndarray], ends: np.ndarray, time: float
-) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+) -> tuple[np.ndarray, _Functions, _Functions]:
     """Times, several in each step, with the event functions and their rates there."""
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
@@ -155,7 +159,7 @@ def _looks(
     return t, values, rates
 
 
-def _looked(model: CuttingModel, p: Parameters, ys: np.ndarray) -> Any:
+def _looked(model: CuttingModel, p: Parameters, ys: np.ndarray) -> _Look:
     """`flow.look` at any number of y."""
     return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(ys)], flow.look(model, p, _padded(ys)))
 
@@ -170,23 +174,23 @@ def _padded(array: np.ndarray) -> np.ndarray:
 def _trajectory(
     model: CuttingModel,
     p: Parameters,
-    structure: Any,
+    structure: Structure,
     t: np.ndarray,
     ys: np.ndarray,
     name: str,
     dense: Callable[[np.ndarray], np.ndarray],
 ) -> Trajectory:
     _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units=units_within(model, p)), ys)
-    tip = Tip(*tip)
+    x_tip, depth, vx_tip, vdepth = tip
     return Trajectory(
         model=model,
         p=p,
         t=t,
         states=flow.state_of(structure, ys),
-        x_tip=tip.x,
-        depth=tip.depth,
-        vx_tip=tip.vx,
-        vdepth=tip.vdepth,
+        x_tip=x_tip,
+        depth=depth,
+        vx_tip=vx_tip,
+        vdepth=vdepth,
         removed=ys[:, -1],
         removal_rate=removal_rate,
         t_c=float(t[-1]),

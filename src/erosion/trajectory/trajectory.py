@@ -3,17 +3,18 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
+from erosion.array_types import ModelState
 from erosion.models import model_name
 from erosion.models.base import CuttingModel, State
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import RESULTS, result_row
-from erosion.tables import Result, Row, abbreviate, to_plain
+from erosion.tables import Record, Result, Row, abbreviate, to_plain
 
 
 class SimulationError(RuntimeError):
@@ -52,7 +53,7 @@ class Trajectory(Result):
     model: CuttingModel
     p: Parameters
     t: np.ndarray
-    states: Any
+    states: ModelState
     x_tip: np.ndarray
     depth: np.ndarray
     vx_tip: np.ndarray
@@ -62,10 +63,10 @@ class Trajectory(Result):
     t_c: float
     ended_by: str
     volume: float
-    _interpolate: Callable[[np.ndarray], Any] = dataclasses.field(repr=False)
+    _interpolate: Callable[[np.ndarray], ModelState] = dataclasses.field(repr=False)
     dvolume: float | None = None
 
-    def at(self, t: Any) -> Any:
+    def at(self, t: ArrayLike) -> ModelState:
         """The state at time(s) `t` [s].
 
         Raises:
@@ -80,32 +81,32 @@ class Trajectory(Result):
     @property
     def x(self) -> np.ndarray:
         """Displacement of the centre of mass along the surface [length]."""
-        return self._body().x
+        return np.asarray(self._body().x)
 
     @property
     def y(self) -> np.ndarray:
         """Displacement of the centre of mass into the target [length]."""
-        return self._body().y
+        return np.asarray(self._body().y)
 
     @property
     def phi(self) -> np.ndarray:
         """Orientation [rad]; π/2 is upright."""
-        return self._body().phi
+        return np.asarray(self._body().phi)
 
     @property
     def vx(self) -> np.ndarray:
         """Velocity of the centre of mass along the surface [speed]."""
-        return self._body().vx
+        return np.asarray(self._body().vx)
 
     @property
     def vy(self) -> np.ndarray:
         """Velocity of the centre of mass into the target [speed]."""
-        return self._body().vy
+        return np.asarray(self._body().vy)
 
     @property
     def omega(self) -> np.ndarray:
         """Spin φ̇ [rad/s]."""
-        return self._body().omega
+        return np.asarray(self._body().omega)
 
     @property
     def max_depth(self) -> float:
@@ -169,7 +170,7 @@ class Trajectory(Result):
         """The warnings, as the table shows them."""
         return [f"warning: {line}" for line in self.warnings]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """Model and case, how the cut ends and what it removes, and the units; without the histories."""
         names = ("t_c", "volume", "dvolume", "max_depth", "turn")
         numbers = {name: getattr(self, name) for name in names}

@@ -9,8 +9,6 @@ from erosion.validation.result import Comparison, Validation
 def against_published() -> Validation:
     """Compare models and correlations with published numbers, misses included.
 
-        >>> erosion.against_published()  # doctest: +SKIP
-
     Returns:
         For each fact the published number with its source, and the package's own. It prints as a table.
     """

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from erosion.array_types import Broadcast
 from erosion.engine.impact import Impact, impact, pair_derivatives
 from erosion.models import (
     CentreOfMassTip,
@@ -37,6 +38,8 @@ _STEP = 5e-4  # of differences, over the parameter's size; their error grows as 
 _SIMILAR = {"m": 3.0, "v0": 0.4, "sigma": 1.7, "b": 2.5, "psi": 0.6}
 """Factors between similar impacts; r and the spin follow from them."""
 
+_Errors = list[Any] | np.ndarray | float  # of one case, relative
+
 
 def cases() -> list[Parameters]:
     """The impacts: shallow, steep and spinning, away from the jumps of registered models."""
@@ -63,9 +66,9 @@ class Subject:
         self.cases = cases()
         self.others = [name for name in quantities(model) if name != "alpha"]
 
-    def checks(self) -> dict[str, Callable[[], Iterable[Any]]]:
+    def checks(self) -> dict[str, Callable[[], Iterable[_Errors]]]:
         """The checks that apply to the model: name to the errors of its cases."""
-        checks: dict[str, Callable[[], Iterable[Any]]] = {}
+        checks: dict[str, Callable[[], Iterable[_Errors]]] = {}
         if self.model.closed_form() is not None:
             checks["closed form"] = self._closed_form
         checks["engines"] = lambda: self._against([ReferenceSolution(c.volume, c.t_c, c.ended_by) for c in self.cuts])
@@ -87,7 +90,7 @@ class Subject:
             checks["∂²V/∂α∂q"] = lambda: np.max([self._slopes(q)[1] for q in self.others], axis=0)
         return checks
 
-    def worst(self, errors: Iterable[Any]) -> tuple[float, str]:
+    def worst(self, errors: Iterable[_Errors]) -> tuple[float, str]:
         """The greatest of the cases' errors, and its case in words."""
         greatest = [_greatest(of_case) for of_case in errors]
         i = int(np.argmax(greatest))
@@ -107,7 +110,7 @@ class Subject:
     def _impact(self, cases: Sequence[Parameters], model: CuttingModel | None = None) -> Impact:
         return impact(model or self.model, _stacked(cases), derivatives=2, rtol=_RTOL)
 
-    def _closed_form(self) -> Iterator[list[Any]]:
+    def _closed_form(self) -> Iterator[_Errors]:
         exact, hits = self.model.closed_form(), self.hits
         assert exact is not None
         for i, (p, cut) in enumerate(zip(self.cases, self.cuts, strict=True)):
@@ -125,7 +128,7 @@ class Subject:
                 *jax.tree.leaves(midway),
             ]
 
-    def _against(self, solutions: Sequence[ReferenceSolution]) -> list[list[Any]]:
+    def _against(self, solutions: Sequence[ReferenceSolution]) -> list[_Errors]:
         """The batch against solutions of the same cases."""
         hits = self.hits
         return [
@@ -137,17 +140,17 @@ class Subject:
             for i, solution in enumerate(solutions)
         ]
 
-    def _scaling(self) -> list[list[Any]]:
+    def _scaling(self) -> list[_Errors]:
         similar = self._impact([_similar(p) for p in self.cases])
         return self._compared(similar, similar.p.volume_scale / self.hits.p.volume_scale)
 
-    def _units(self) -> list[list[Any]]:
+    def _units(self) -> list[_Errors]:
         converted = [self.model.to("si", p) for p in self.cases]
         # The same model for all, as all cases are in one unit system.
         in_si = self._impact([p for _, p in converted], converted[0][0])
         return self._compared(in_si, conversion_factor("volume", self.cases[0].units, "si"))
 
-    def _compared(self, hits: Impact, factor: Any) -> list[list[Any]]:
+    def _compared(self, hits: Impact, factor: Broadcast) -> list[_Errors]:
         """Impacts whose volumes are those of the cases times a factor, against the cases."""
         volumes = self.hits.volume * factor
         return [
@@ -194,7 +197,7 @@ def _similar(p: Parameters) -> Parameters:
     return similar.replace(phidot0=p.spin * similar.v0 / similar.r)
 
 
-def _identities(cut: Trajectory) -> list[Any]:
+def _identities(cut: Trajectory) -> _Errors:
     """Errors of identities between the begin and the end of a cut, or at one moment, that need no solver."""
     model, p = cut.model, cut.p
     errors = [*_tip_moves(model, cut)]
@@ -220,7 +223,7 @@ def _identities(cut: Trajectory) -> list[Any]:
     return errors
 
 
-def _constant_ratio(model: RigidErodent, p: Parameters) -> Any:
+def _constant_ratio(model: RigidErodent, p: Parameters) -> Broadcast | None:
     """K, where the force is -c · depth (1, K) with the same K during the whole cut; else None."""
     if type(model.force) is ConstantRatio:
         return p.k
@@ -228,7 +231,7 @@ def _constant_ratio(model: RigidErodent, p: Parameters) -> Any:
     return np.tan(p.alpha) if type(model.force) in (TanAlpha, VelocityAligned) else None
 
 
-def _tip_moves(model: CuttingModel, cut: Trajectory) -> Iterator[Any]:
+def _tip_moves(model: CuttingModel, cut: Trajectory) -> Iterator[Broadcast]:
     """Errors of the tip's velocity against the rate of its position, midway."""
     p = cut.p
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf[len(leaf) // 2]), cut.states)
@@ -238,7 +241,7 @@ def _tip_moves(model: CuttingModel, cut: Trajectory) -> Iterator[Any]:
     yield (flow.depth - tip.vdepth) / p.v0
 
 
-def _relative(computed: Any, reference: Any) -> Any:
+def _relative(computed: float, reference: float) -> float:
     return 0.0 if computed == reference else computed / reference - 1
 
 
@@ -246,7 +249,7 @@ def _alike(ended_by: str, reference: str) -> float:
     return 0.0 if ended_by == reference else np.inf
 
 
-def _greatest(errors: Any) -> float:
+def _greatest(errors: _Errors) -> float:
     """The greatest magnitude; infinity where a number is NaN."""
     magnitudes = np.abs(np.asarray(jax.tree.map(float, errors) if isinstance(errors, list) else errors, float))
     return float(np.max(np.where(np.isnan(magnitudes), np.inf, magnitudes), initial=0.0))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.integrate import solve_ivp
 
 import erosion.trajectory.diffrax_steps as flow
@@ -22,6 +23,11 @@ from erosion.parameters.parameters import Parameters
 _LATEST = 1e3  # [1/ω]; no cut of the cases is longer
 _LONGEST_STEP = 0.05  # [1/ω], so that no step passes over an event
 _FIRST_DEPTH = 1e-300  # depth at contact: from exactly 0 heyoka 7.13 loses events within its first step
+
+Term = Any
+"""A number, or an expression of heyoka's."""
+
+_Function = Callable[[np.ndarray], Sequence[float] | np.ndarray]
 
 
 class ReferenceSolution(NamedTuple):
@@ -76,13 +82,13 @@ class Equations:
     """
 
     motion: _Motion
-    ratio: Any
-    size: Any
-    turning: Any
-    sin: Callable[[Any], Any] = math.sin
-    cos: Callable[[Any], Any] = math.cos
+    ratio: Term
+    size: Term
+    turning: Term
+    sin: Callable[[Term], Term] = math.sin
+    cos: Callable[[Term], Term] = math.cos
 
-    def rates(self, state: Any) -> list[Any]:
+    def rates(self, state: Sequence[Term] | np.ndarray) -> list[Term]:
         """d(state)/dt."""
         y, q, _, vy, spin, _ = state
         # sin φ = cos q, cos φ = -sin q.
@@ -97,7 +103,7 @@ class Equations:
         }[self.motion.torque]
         return [vy, spin, -pressed, -self.ratio * pressed, self.turning * torque, depth * speed]
 
-    def events(self, state: Any) -> list[Any]:
+    def events(self, state: Sequence[Term] | np.ndarray) -> list[Term]:
         """The tip's depth (rebound) and horizontal velocity (stop)."""
         y, q, vx, _, spin, _ = state
         if self.motion.tip == "circle":
@@ -109,7 +115,7 @@ class Equations:
 def scipy_solution(name: str, p: Parameters) -> ReferenceSolution:
     """A registered model's cut by scipy."""
     equations = Equations(EQUATIONS_OF[name], *_numbers(name, p))
-    time, state, event = _by_scipy(equations.rates, equations.events, _start(p))
+    time, state, event = _by_scipy(equations.rates, equations.events, np.array(_start(p)))
     return _in_units(name, p, time, state[-1], event)
 
 
@@ -122,28 +128,28 @@ def scipy_solution_of_model(model: CuttingModel, p: Parameters) -> ReferenceSolu
     names = list(model.events(flow.state_of(structure, start), p))
 
     @jax.jit
-    def rates(y: Any) -> Any:
+    def rates(y: Array | np.ndarray) -> Array | np.ndarray:
         state = flow.state_of(structure, y * sizes)
         rate = *jax.tree.leaves(model.derivative(state, p)), model.removal_rate(state, p)
         return time * jnp.stack(rate) / sizes
 
     @jax.jit
-    def events(y: Any) -> Any:
+    def events(y: Array | np.ndarray) -> Array | np.ndarray:
         values = model.events(flow.state_of(structure, y * sizes), p)
         return jnp.stack([values[name] for name in names])
 
-    def numbers(function: Any) -> Callable[[Any], Any]:
+    def numbers(function: Callable[[np.ndarray], Array | np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
         return lambda state: np.asarray(function(state))
 
     t, state, event = _by_scipy(numbers(rates), numbers(events), np.asarray(start / sizes))
     return ReferenceSolution(float(state[-1] * sizes[-1]), float(t * time), names[event])
 
 
-def _by_scipy(rates: Callable[[Any], Any], events: Callable[[Any], Any], start: Any) -> tuple[float, np.ndarray, int]:
+def _by_scipy(rates: _Function, events: _Function, start: np.ndarray) -> tuple[float, np.ndarray, int]:
     """The time of the first event, the state then, and the number of the event."""
 
-    def falling(i: int) -> Any:
-        def event(t: float, state: Any) -> Any:
+    def falling(i: int) -> Callable[[float, np.ndarray], float]:
+        def event(t: float, state: np.ndarray) -> float:
             return events(state)[i]
 
         event.terminal, event.direction = True, -1.0  # pyright: ignore[reportFunctionMemberAccess]

@@ -3,9 +3,8 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
-from erosion.tables import Result, to_plain
+from erosion.tables import Record, Result, to_plain
 
 BOUNDS: Mapping[str, tuple[float, str]] = {
     "closed form": (1e-9, "V, V′, V″, t_c and the state midway, where an exact solution is known"),
@@ -113,7 +112,7 @@ class Verification(Result):
         """A sentence for each failure."""
         return tuple(map(str, self.failures))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The verdict and every check."""
         checks = [{name: getattr(check, name) for name in _NAMES} for check in self.checks]
         return to_plain({"passed": self.passed, "absent": self.absent, "checks": checks})

@@ -17,7 +17,8 @@ the unit is 2⁻¹⁰⁷⁴. Special values are those of C99, annex F, and of Nu
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+
+from jax import Array
 
 from erosion.lanes.functions.error_function import erf, erfc
 from erosion.lanes.functions.exponential import exp, exp2, expm1, log, log1p, logistic, power
@@ -25,7 +26,7 @@ from erosion.lanes.functions.hyperbolic import acosh, asinh, atanh, cosh, sinh, 
 from erosion.lanes.functions.roots import cbrt, rsqrt
 from erosion.lanes.functions.trigonometric import acos, asin, atan, atan2, cos, sin, tan
 
-FUNCTIONS: Mapping[str, Callable[..., Any]] = {"pow": power} | {
+FUNCTIONS: Mapping[str, Callable[..., Array]] = {"pow": power} | {
     function.__name__: function
     for function in (
         exp, exp2, expm1, log, log1p, sin, cos, tan, asin, acos, atan, atan2, sinh, cosh, tanh, asinh, acosh, atanh,

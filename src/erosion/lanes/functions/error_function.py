@@ -1,8 +1,7 @@
 """The error function and its complement."""
 
-from typing import Any
-
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.lanes.functions.arithmetic import (
     between,
@@ -32,14 +31,14 @@ _ERFC = [
 ]  # fmt: skip
 
 
-def erf(x: Any) -> Any:
+def erf(x: Array) -> Array:
     """Error function. Error 1.1 ulp."""
     size = abs(x)
     far = flipped(1.0 - _erfc(size), sign_of(x))
     return jnp.where(size < 0.75, x + x * polynomial(_ERF, x * x), far)
 
 
-def erfc(x: Any) -> Any:
+def erfc(x: Array) -> Array:
     """Complement 1 - erf x of the error function. Error 2 ulp."""
     size = abs(x)
     far = _erfc(size)
@@ -47,7 +46,7 @@ def erfc(x: Any) -> Any:
     return jnp.where(size < 0.75, near, jnp.where(x < 0.0, 2.0 - far, far))
 
 
-def _erfc(x: Any) -> Any:
+def _erfc(x: Array) -> Array:
     """1 - erf x = e^(-x²) q H(9/16 - 4q) with q = 1 / (x + 2), of x ≥ 3/4."""
     x = between(x, 0.75, 28.0)
     total = x + 2.0

@@ -1,14 +1,14 @@
 """Exponentials, logarithms and powers."""
 
-from typing import Any
-
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.lanes.functions.arithmetic import (
     INFINITY,
     NAN,
     THIRD,
     THIRD_LOW,
+    Real,
     between,
     flipped,
     leading,
@@ -51,13 +51,13 @@ _ARTANH = [
 ]  # fmt: skip
 
 
-def exp(x: Any) -> Any:
+def exp(x: Array) -> Array:
     """Exponential. Error 0.9 ulp."""
     n, head, low = reduced(between(x, -746.0, 710.0))
     return scaled(1.0 + (head + exp_tail(head, low)), n)
 
 
-def exp2(x: Any) -> Any:
+def exp2(x: Array) -> Array:
     """Power of two. Error 0.8 ulp."""
     x = between(x, -1076.0, 1025.0)
     n = nearest_whole(x - _EXP_CENTER)
@@ -69,8 +69,8 @@ def exp2(x: Any) -> Any:
     return scaled(1.0 + (head + exp_tail(head, low)), n)
 
 
-def expm1(x: Any) -> Any:
-    """Exponential less 1. Error 1 ulp."""
+def expm1(x: Array) -> Array:
+    """Exponential minus 1. Error 1 ulp."""
     n, head, low = reduced(between(x, -40.0, 710.0))
     r = head + low
     tail = exp_tail(head, low) + r * ((head - r) + low)  # e^r - 1 is about r
@@ -80,7 +80,7 @@ def expm1(x: Any) -> Any:
     return jnp.where(abs(x) < 2.0**-54, x, 2.0 * (value + ((error + error_2) + half * tail)))
 
 
-def log(x: Any) -> Any:
+def log(x: Array) -> Array:
     """Natural logarithm. Error 1 ulp."""
     k, m = split(x)
     value = _log(k, m - 1.0, k * _LN2_LOW)
@@ -88,12 +88,12 @@ def log(x: Any) -> Any:
     return jnp.where((x > 0.0) & (x < INFINITY), value, special)
 
 
-def log1p(x: Any) -> Any:
+def log1p(x: Array) -> Array:
     """Natural logarithm of 1 + x. Error 1 ulp."""
     return log1p_of_sum(x, 0.0)
 
 
-def power(x: Any, y: Any) -> Any:
+def power(x: Array, y: Array) -> Array:
     """Power e^(y ln x), with ln x and its product with y as sums of two numbers. Error 0.9 ulp."""
     size = abs(x)
     infinite, zero = size == INFINITY, size == 0.0
@@ -114,7 +114,7 @@ def power(x: Any, y: Any) -> Any:
     return jnp.where((y == 0.0) | (x == 1.0), 1.0, value)
 
 
-def logistic(x: Any) -> Any:
+def logistic(x: Array) -> Array:
     """Logistic function 1 / (1 + e^-x), of x < 0 as e^x / (1 + e^x). Error 1.9 ulp."""
     small = exp(-abs(x))
     total, error = ordered_sum(1.0, small)
@@ -122,26 +122,26 @@ def logistic(x: Any) -> Any:
     return value - value * (error * (1.0 - 0.5 * small))  # 1 / total is about 1 - small/2
 
 
-def reduced(x: Any, center: float = _EXP_CENTER) -> tuple[Any, Any, Any]:
-    """Whole n, exact head and low of x = n ln 2 + head + low, with |head - center ln 2| ≤ ln 2 / 2."""
+def reduced(x: Array, center: float = _EXP_CENTER) -> tuple[Array, Array, Array]:
+    """(n, head, low) with x = n ln 2 + head + low: n is whole, head exact, and |head - center ln 2| ≤ ln 2 / 2."""
     n = nearest_whole(x * _LOG2_E - center)
     return n, x - n * _LN2_HIGH, -n * _LN2_LOW
 
 
-def exp_tail(head: Any, low: Any) -> Any:
+def exp_tail(head: Array, low: Array) -> Array:
     """e^(head + low) - 1 - head, where low is small."""
     r = head + low
     z = r * r
     return 0.5 * z + (r * z * polynomial(_EXP, r) + low)
 
 
-def _log(k: Any, f: Any, low: Any) -> Any:
-    """ln((1 + f) 2^k), with all that is to be added last in low."""
+def _log(k: Array, f: Array, low: Array) -> Array:
+    """ln((1 + f) 2^k), where low holds k _LN2_LOW and what else is to be added last."""
     head, error = ordered_sum(k * _LN2_HIGH, f)
     return head + (error + (low + f * f * polynomial(_LOG, f)))
 
 
-def log1p_of_sum(x: Any, low: Any) -> Any:
+def log1p_of_sum(x: Array, low: Real) -> Array:
     """ln(1 + x + low), where low is smaller than the last digit of x."""
     total = 1.0 + x
     error = sum_error(1.0, x, total) + low
@@ -155,8 +155,8 @@ def log1p_of_sum(x: Any, low: Any) -> Any:
     return jnp.where((x == 0.0) | ~(x < INFINITY), x, value)
 
 
-def _log_twice(x: Any) -> tuple[Any, Any]:
-    """Logarithm of x as a number of 26 bits and the rest, together to 2⁻⁶⁵ of it."""
+def _log_twice(x: Array) -> tuple[Array, Array]:
+    """Logarithm of x as a sum of two numbers, the first of 26 bits; relative error 2⁻⁶⁵."""
     k, m = split(x)
     # ln m = 2 artanh s = 2 (s + s³ (1/3 + s² …)), s = f / d
     f, d = m - 1.0, m + 1.0

@@ -1,8 +1,7 @@
 """Hyperbolic functions and their inverses."""
 
-from typing import Any
-
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.lanes.functions.arithmetic import (
     NAN,
@@ -29,19 +28,19 @@ _TANH = [
 ]  # fmt: skip
 
 
-def sinh(x: Any) -> Any:
+def sinh(x: Array) -> Array:
     """Hyperbolic sine. Error 1.2 ulp."""
     sine, _, n = _hyperbolic(abs(x))
     return flipped(scaled(sine, n - 1.0), sign_of(x))
 
 
-def cosh(x: Any) -> Any:
+def cosh(x: Array) -> Array:
     """Hyperbolic cosine. Error 1.6 ulp."""
     _, cosine, n = _hyperbolic(abs(x))
     return scaled(cosine, n - 1.0)
 
 
-def tanh(x: Any) -> Any:
+def tanh(x: Array) -> Array:
     """Hyperbolic tangent, of x > 9/16 as 1 - 2 / (1 + e^2x). Error 1.5 ulp."""
     size = abs(x)
     z = x * x
@@ -50,7 +49,7 @@ def tanh(x: Any) -> Any:
     return flipped(jnp.where(size > 0.5625, large, size + size * z * polynomial(_TANH, z)), sign_of(x))
 
 
-def asinh(x: Any) -> Any:
+def asinh(x: Array) -> Array:
     """Inverse of sinh, ln(1 + x + x² / (1 + √(1 + x²))), and ln 2x where x² would overflow. Error 1.8 ulp."""
     size = abs(x)
     large = size > 2.0**500
@@ -59,7 +58,7 @@ def asinh(x: Any) -> Any:
     return flipped(value + jnp.where(large, LN2, 0.0), sign_of(x))
 
 
-def acosh(x: Any) -> Any:
+def acosh(x: Array) -> Array:
     """Inverse of cosh, ln(1 + d + √(2d + d²)) with d = x - 1, and ln 2x where d² would overflow. Error 2 ulp."""
     rest = x - 1.0
     large = x > 2.0**500
@@ -68,13 +67,13 @@ def acosh(x: Any) -> Any:
     return jnp.where(x < 1.0, NAN, value + jnp.where(large, LN2, 0.0))
 
 
-def atanh(x: Any) -> Any:
+def atanh(x: Array) -> Array:
     """Inverse of tanh, ln(1 + 2x / (1 - x)) / 2. Error 1.9 ulp."""
     size = abs(x)
     return flipped(0.5 * log1p(2.0 * size / (1.0 - size)), sign_of(x))
 
 
-def _hyperbolic(x: Any) -> tuple[Any, Any, Any]:
+def _hyperbolic(x: Array) -> tuple[Array, Array, Array]:
     """2^(1-n) sinh x, 2^(1-n) cosh x and n, of x ≥ 0."""
     n, head, low = reduced(jnp.where(x > 711.0, 711.0, x), 0.0)
     r = head + low

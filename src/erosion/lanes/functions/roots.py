@@ -1,8 +1,7 @@
 """Roots other than the square root, for which processors have an instruction."""
 
-from typing import Any
-
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.lanes.functions.arithmetic import (
     INFINITY,
@@ -22,7 +21,7 @@ _CBRT = [
 ]  # fmt: skip
 
 
-def cbrt(x: Any) -> Any:
+def cbrt(x: Array) -> Array:
     """Cube root. Error 0.6 ulp."""
     size = abs(x)
     k, m = split(size)
@@ -42,7 +41,7 @@ def cbrt(x: Any) -> Any:
     return jnp.where((size > 0.0) & (size < INFINITY), flipped(value, sign_of(x)), x)
 
 
-def rsqrt(x: Any) -> Any:
+def rsqrt(x: Array) -> Array:
     """Inverse square root. Error 0.6 ulp."""
     small = x < 2.0**-900
     scaled = jnp.where(small, x * 2.0**200, x)  # whose last bits are no subnormal number

@@ -1,13 +1,13 @@
 """Trigonometric functions and their inverses."""
 
-from typing import Any
-
 import jax.numpy as jnp
+from jax import Array
 
 from erosion.lanes.functions.arithmetic import (
     NAN,
     SIGN,
     TO_INTEGER,
+    Real,
     bits_of,
     flipped,
     nearest_whole,
@@ -59,21 +59,21 @@ _ATAN = [
 ]  # fmt: skip
 
 
-def sin(x: Any) -> Any:
+def sin(x: Array) -> Array:
     """Sine of |x| ≤ 2³⁰, else NaN. Error 1.6 ulp."""
     sine, cosine, quarter = _turned(x)
     value = jnp.where((quarter & 1) == 1, cosine, sine)
     return flipped(value, ((quarter << 62) & SIGN) + sign_of(x))
 
 
-def cos(x: Any) -> Any:
+def cos(x: Array) -> Array:
     """Cosine of |x| ≤ 2³⁰, else NaN. Error 1.6 ulp."""
     sine, cosine, quarter = _turned(x)
     value = jnp.where((quarter & 1) == 1, sine, cosine)
     return flipped(value, ((quarter + 1) << 62) & SIGN)
 
 
-def tan(x: Any) -> Any:
+def tan(x: Array) -> Array:
     """Tangent 2t / (1 - t²) with t the tangent of x / 2 of |x| ≤ 2³⁰, else NaN. Error 2 ulp."""
     head, low, quarter = _quarter_turns(x)
     r = head + low
@@ -86,14 +86,14 @@ def tan(x: Any) -> Any:
     return flipped(value, (quarter << 63) + sign_of(x))
 
 
-def asin(x: Any) -> Any:
+def asin(x: Array) -> Array:
     """Arc sine, of x > 1/2 as π/2 - 2 asin √((1 - x) / 2). Error 1.8 ulp."""
     large, root, tail = _asin_parts(abs(x))
     value = jnp.where(large, _PI_2 - (2.0 * root + (2.0 * tail - _PI_2_LOW)), root + tail)
     return flipped(value, sign_of(x))
 
 
-def acos(x: Any) -> Any:
+def acos(x: Array) -> Array:
     """Arc cosine, of x > 1/2 as 2 asin √((1 - x) / 2), else π/2 - asin x. Error 1.2 ulp."""
     large, root, tail = _asin_parts(abs(x))
     negative = x < 0.0
@@ -103,7 +103,7 @@ def acos(x: Any) -> Any:
     return jnp.where(large, 2.0 * jnp.where(negative, value, root + tail), value)
 
 
-def atan(x: Any) -> Any:
+def atan(x: Array) -> Array:
     """Arc tangent, of x > 1 as π/2 - atan 1/x. Error 1.3 ulp."""
     size = abs(x)
     large = size > 1.0
@@ -114,7 +114,7 @@ def atan(x: Any) -> Any:
     return flipped(value, sign_of(x))
 
 
-def atan2(y: Any, x: Any) -> Any:
+def atan2(y: Array, x: Array) -> Array:
     """Angle of the point (x, y). Error 1.7 ulp."""
     along, across = abs(x), abs(y)
     steep = across > along
@@ -127,12 +127,12 @@ def atan2(y: Any, x: Any) -> Any:
     return flipped(quarters * _PI_2 + (angle + quarters * _PI_2_LOW), sign_of(y))
 
 
-def _quarter_turns(x: Any) -> tuple[Any, Any, Any]:
-    """Rest of |x| after its nearest quarter turns, as head + low, and their number as an integer.
+def _quarter_turns(x: Array) -> tuple[Real, Array, Array]:
+    """|x| minus its nearest whole number of quarter turns, as head + low, and that number as an integer.
 
-    The rest is good to 0.7 ulp for every |x| up to 2²⁰ (the numbers nearest to each multiple of π/2
-    were tried). Up to 2³⁰ it is so too but for 260 numbers, each within 2⁻⁴⁴ of a multiple, where
-    its error is below 2⁻⁹⁷. Beyond, it is NaN.
+    The error of the rest is at most 0.7 ulp for every |x| up to 2²⁰; the numbers nearest to each multiple
+    of π/2 were tried. The same holds up to 2³⁰, except for 260 numbers within 2⁻⁴⁴ of a multiple of π/2,
+    where the error is below 2⁻⁹⁷. Beyond 2³⁰ the rest is NaN.
     """
     first, second, third, fourth = _PI_2_PARTS
     size = abs(x)
@@ -142,8 +142,8 @@ def _quarter_turns(x: Any) -> tuple[Any, Any, Any]:
     return head, error - turns * fourth, bits_of(turns + TO_INTEGER)
 
 
-def _turned(x: Any) -> tuple[Any, Any, Any]:
-    """Sine and cosine of the rest of |x| after its nearest quarter turns, and their number as an integer."""
+def _turned(x: Array) -> tuple[Array, Array, Array]:
+    """Sine and cosine of what `_quarter_turns` leaves of |x|, and the number of quarter turns as an integer."""
     head, low, quarter = _quarter_turns(x)
     r = head + low
     z = r * r
@@ -152,15 +152,15 @@ def _turned(x: Any) -> tuple[Any, Any, Any]:
     return sine, cosine, quarter
 
 
-def _asin_parts(x: Any) -> tuple[Any, Any, Any]:
-    """Whether x > 1/2, then s and asin s - s of s = √((1 - x) / 2) or s = x."""
+def _asin_parts(x: Array) -> tuple[Array, Array, Array]:
+    """(x > 1/2, s, asin s - s), where s = √((1 - x) / 2) if x > 1/2, else s = x."""
     large = x > 0.5
     square = jnp.where(large, 0.5 - 0.5 * x, x * x)
     root = jnp.where(large, jnp.sqrt(square), x)
     return large, root, root * square * polynomial(_ASIN, square)
 
 
-def _atan_tail(t: Any) -> Any:
-    """Arc tangent of t less t, of t from 0 to 1."""
+def _atan_tail(t: Array) -> Array:
+    """Arc tangent of t minus t, for t from 0 to 1."""
     z = t * t
     return t * z * polynomial(_ATAN, z)

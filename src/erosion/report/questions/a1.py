@@ -1,7 +1,5 @@
 """Additional question 1: the body may turn."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -12,6 +10,7 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 from erosion.report.rotation import MODEL, figures_again, numbers_again, ranges, sensitivities
 from erosion.report.spins import TORQUES
+from erosion.tables import Record
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import SimulationError
 
@@ -42,7 +41,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, figures, _fields(case, numbers))
 
 
-def _fields(case: Case, numbers: dict[str, Any]) -> dict[str, Any]:
+def _fields(case: Case, numbers: Record) -> Record:
     at_best = (numbers["turn"]["at_best"], numbers[MODEL]["alpha_max"])
     at_case = (numbers["turn"]["at_case"], case.alpha)
     turned = [(turn, alpha) for turn, alpha in (at_case, at_best) if turn is not None]
@@ -66,7 +65,7 @@ def _fields(case: Case, numbers: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _numbers(case: Case, model: str) -> dict[str, Any]:
+def _numbers(case: Case, model: str) -> Record:
     optimum = case.optimum(model)
     return {
         "alpha_max": float(optimum.alpha),
@@ -79,7 +78,7 @@ def _numbers(case: Case, model: str) -> dict[str, Any]:
     }
 
 
-def turns(case: Case) -> dict[str, Any]:
+def turns(case: Case) -> Record:
     """How far the body turns, over the angle of attack and at the case's own [rad]."""
     best = float(case.optimum(MODEL).alpha)
     turned: list[tuple[float, float, str]] = []
@@ -115,7 +114,7 @@ def _spins_figure(case: Case) -> Figure:
     return fig
 
 
-def _turn_figure(turn: dict[str, Any]) -> Figure:
+def _turn_figure(turn: Record) -> Figure:
     fig, ax = new_axes(5.4, 3.6)
     plot_turn(ax, np.array(turn["alpha"]), np.array(turn["turn"]), np.array(turn["ended_by"]))
     return fig

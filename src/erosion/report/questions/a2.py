@@ -1,7 +1,5 @@
 """Additional question 2: k = tan α."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -9,6 +7,7 @@ from erosion.models.closed_forms import StraightCut
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _MODEL, _TURNING = "tan-alpha", "rotating-tan-alpha"
 NEEDS = tuple((kind, model) for model in (_MODEL, _TURNING, "linearized") for kind in ("optimum", "hits"))
@@ -19,7 +18,7 @@ def answer(case: Case) -> Answer:
     return Answer(_numbers(case), {"tan-alpha": _figure(case)})
 
 
-def _numbers(case: Case) -> dict[str, Any]:
+def _numbers(case: Case) -> Record:
     optimum, turning, hits = case.optimum(_MODEL), case.optimum(_TURNING), case.hits(_MODEL)
     exact = np.asarray(StraightCut().volume(hits.p))
     return {

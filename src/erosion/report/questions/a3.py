@@ -1,13 +1,12 @@
 """Additional question 3: the force opposes the motion throughout."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from erosion.plotting.families import plot_differences, plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _PAIRS = {
     "without rotation": ("tan-alpha", "velocity-aligned"),
@@ -34,7 +33,7 @@ def _differences(case: Case, pair: tuple[str, str]) -> np.ndarray:
     return np.abs(fixed - aligned) / float(case.p.volume_scale)
 
 
-def _pairs(case: Case) -> dict[str, dict[str, Any]]:
+def _pairs(case: Case) -> dict[str, Record]:
     pairs = {}
     for label, pair in _PAIRS.items():
         fixed, aligned = (case.optimum(model) for model in pair)

@@ -1,7 +1,5 @@
 """The closing part: a comparison of all models."""
 
-from typing import Any
-
 from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
@@ -10,6 +8,7 @@ from erosion.plotting.correlations import plot_shapes
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _BESIDE = ("linearized", "finnie", "rotating")
 NEEDS = tuple((kind, model) for model in BUILT_IN for kind in ("optimum", "hits"))
@@ -26,15 +25,10 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, {"models": _figure(case), "correlations": _beside_correlations(case)}, fields)
 
 
-def _numbers(case: Case, model: str) -> dict[str, Any]:
-    hits, optimum = case.hits(model), case.optimum(model)
+def _numbers(case: Case, model: str) -> Record:
+    optimum = case.optimum(model)
     return {
-        "volume": float(hits.volume[-1]),
-        "t_c": float(hits.t_c[-1]),
-        "ended_by": str(hits.ended_by[-1]),
-        "alpha_max": float(optimum.alpha),
-        "volume_max": float(optimum.volume),
-        "kind": str(optimum.kind),
+        **case.impact_and_optimum(model),
         "side": str(optimum.side),
         "attained": bool(optimum.attained),
         "ended_by_at_max": str(optimum.ended_by),

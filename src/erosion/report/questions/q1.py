@@ -1,7 +1,5 @@
 """Question 1: the solutions x(t) and y(t)."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -10,6 +8,7 @@ from erosion.parameters.units import Dimension
 from erosion.plotting.motion import plot_histories, plot_path
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import SimulationError
 
@@ -32,7 +31,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, figures, {"warnings": case.trajectory.warnings, "checks": checks})
 
 
-def _numbers(case: Case) -> dict[str, Any]:
+def _numbers(case: Case) -> Record:
     p, motion = case.p, case.trajectory
     along, down = float(p.v0 * np.cos(p.alpha)), float(p.v0 * np.sin(p.alpha))
     exact = case.closed.state(motion.t, p)
@@ -70,5 +69,5 @@ def _figures(case: Case) -> dict[str, Figure]:
     histories = new_figure(5.6, 4.5)
     plot_histories(histories, case.trajectory, case.closed)
     tip_path, ax = new_axes(5.6, 3.4)
-    plot_path(ax, case.trajectory)
+    plot_path(case.trajectory, ax=ax)
     return {"figure-7-histories": histories, "figure-8-path": tip_path}

@@ -1,7 +1,5 @@
 """Question 3: the volume removed."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -10,6 +8,7 @@ from erosion.parameters.units import conversion_factor
 from erosion.plotting.motion import plot_removal_rate
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _PANELS = (10, 100, 1000)
 
@@ -32,7 +31,7 @@ def midpoint_rule(case: Case, panels: int) -> float:
     return float(case.p.b) * float(np.sum(np.asarray(state.y * state.vx))) * width
 
 
-def _numbers(case: Case) -> dict[str, Any]:
+def _numbers(case: Case) -> Record:
     p, motion = case.p, case.trajectory
     lost = float(motion.vx[0] ** 2 - motion.vx[-1] ** 2)
     return {

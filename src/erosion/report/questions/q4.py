@@ -1,7 +1,5 @@
 """Question 4: the angle at which most is removed."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -9,6 +7,7 @@ from erosion.plotting.motion import plot_volume
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 from erosion.report.newton import greatest, volume_jet
+from erosion.tables import Record
 
 
 def answer(case: Case) -> Answer:
@@ -26,7 +25,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, {"volume-over-angle": _figure(case, numbers)})
 
 
-def _figure(case: Case, numbers: dict[str, Any]) -> Figure:
+def _figure(case: Case, numbers: Record) -> Figure:
     p = case.over_angles()
     at_cusp = float(case.closed.volume(p.replace(alpha=case.cusp)))
     fig, ax = new_axes(5.4, 4.0)

@@ -1,12 +1,11 @@
 """The slips of the source, and the results of its equations exactly as printed."""
 
-from typing import Any
-
 from matplotlib.figure import Figure
 
 from erosion.plotting.families import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
+from erosion.tables import Record
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
 NEEDS = tuple((kind, model) for model in _MODELS for kind in ("optimum", "hits"))
@@ -23,17 +22,10 @@ def answer(case: Case) -> Answer:
     return Answer({"force_at_contact": force, **readings}, {"as-printed": _figure(case)}, fields)
 
 
-def _reading(case: Case, model: str) -> dict[str, Any]:
-    hits, optimum = case.hits(model), case.optimum(model)
-    return {
-        "volume": float(hits.volume[-1]),
-        "t_c": float(hits.t_c[-1]),
-        "ended_by": str(hits.ended_by[-1]),
-        "kind": str(optimum.kind),
-        "alpha_max": float(optimum.alpha),
-        "volume_max": float(optimum.volume),
-        "only_falls": bool((hits.dvolume[:-1][hits.ended_by[:-1] != "no-cut"] < 0).all()),
-    }
+def _reading(case: Case, model: str) -> Record:
+    hits = case.hits(model)
+    falls = hits.dvolume[:-1][hits.ended_by[:-1] != "no-cut"] < 0
+    return {**case.impact_and_optimum(model), "only_falls": bool(falls.all())}
 
 
 def _figure(case: Case) -> Figure:
