@@ -114,4 +114,4 @@ def _ratio(alpha: Values, v0: Values, sharpness: Values, target: ArabnejadMateri
     speed = jnp.asarray(v0, float)
     cutting = target.cutting * speed**SPEED_EXPONENT * arabnejad_cutting(alpha, target.force_ratio)
     excess = jnp.maximum(speed * jnp.sin(alpha) - target.threshold, 0.0)
-    return sharpness * (cutting + target.deformation / 2 * excess**2)
+    return jnp.asarray(sharpness, float) * (cutting + target.deformation / 2 * excess**2)

@@ -72,7 +72,8 @@ def finnie_volume(alpha: Values, speed: Values, mass: Values, flow_stress: Value
     Returns:
         Volume, in any consistent unit system.
     """
-    return mass * speed**2 / (flow_stress * psi * force_ratio) * finnie_angle(alpha, force_ratio)
+    scale = jnp.asarray(mass * speed**2 / (flow_stress * psi * force_ratio))
+    return scale * finnie_angle(alpha, force_ratio)
 
 
 def finnie(

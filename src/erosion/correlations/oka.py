@@ -111,6 +111,6 @@ def oka(
 
 @functools.partial(jax.jit, static_argnames="target")
 def _ratio(alpha: Values, v0: Values, diameter: Values, target: OkaMaterial) -> Array:
-    speed = (v0 / REFERENCE_SPEED) ** oka_speed_exponent(target.hardness)
-    size = (diameter / REFERENCE_DIAMETER) ** DIAMETER_EXPONENT
+    speed = jnp.asarray(v0 / REFERENCE_SPEED) ** oka_speed_exponent(target.hardness)
+    size = jnp.asarray(diameter / REFERENCE_DIAMETER) ** DIAMETER_EXPONENT
     return target.normal_erosion * target.density * speed * size * oka_angle(alpha, target.hardness)

@@ -51,7 +51,7 @@ class Flow(NamedTuple):
 
     def reynolds(self, pipe: Values) -> Array:
         """The Reynolds number in a pipe of inner diameter `pipe` [m]."""
-        return self.v0 * pipe * self.density / self.viscosity
+        return jnp.asarray(self.v0 * pipe * self.density / self.viscosity, float)
 
 
 def bend(
