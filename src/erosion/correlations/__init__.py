@@ -25,6 +25,7 @@ from erosion.correlations.finnie import FinnieMaterial as FinnieMaterial
 from erosion.correlations.finnie import finnie as finnie
 from erosion.correlations.finnie import finnie_angle as finnie_angle
 from erosion.correlations.finnie import finnie_volume as finnie_volume
+from erosion.correlations.mclaury import AngleConstants as AngleConstants
 from erosion.correlations.mclaury import mclaury as mclaury
 from erosion.correlations.mclaury import mclaury_angle as mclaury_angle
 from erosion.correlations.oka import OKA_MATERIALS as OKA_MATERIALS

@@ -71,7 +71,7 @@ class Validation(Result):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """What kind of number, and from where: each once, in the order in which the table numbers them."""
+        """Kind and source of the numbers, each once, in the order in which the table numbers them."""
         return tuple(dict.fromkeys(_source(comparison.fact) for comparison in self.comparisons))
 
     def rows(self) -> list[tuple[str, ...]]:
