@@ -27,6 +27,7 @@ from erosion.cli.run import run
 from erosion.cli.spelling import spell_out
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
+from erosion.cli.validate import validate
 from erosion.cli.verify import verify
 from erosion.version import __version__
 
@@ -43,7 +44,7 @@ app = cyclopts.App(
 )
 for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)
-for verb in (models, verify):  # which have no case
+for verb in (models, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 
 
