@@ -80,6 +80,10 @@ def _status(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt as error:
         return _say(130, str(error) or "interrupted")
     except SystemExit as error:
+        # Rich ends the program so where the reader of the help has gone.
+        if isinstance(error.__context__, BrokenPipeError):
+            sys.stdout = None
+            return 0
         return _say(1, f"A model's own code ended the program, with sys.exit({error.code!r}).")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
