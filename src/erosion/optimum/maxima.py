@@ -184,12 +184,13 @@ class Search:
         return [of_case.negated() for of_case in maxima] if self.least else maxima
 
     def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
-        cutting = [candidate for candidate in candidates if candidate.ended_by != NO_CUT or self.least]
-        if not cutting:
-            # Where impacts failed it is not known whether anything is cut.
+        # An impact that cuts nothing may remove something by deformation.
+        removing = [c for c in candidates if c.ended_by != NO_CUT or c.value != 0 or self.least]
+        if not removing:
+            # Where impacts failed it is not known whether anything is removed.
             value, ended_by = (0.0, NO_CUT) if certified else (np.nan, "failed")
             return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
-        return tuple(sorted(cutting, key=lambda candidate: -candidate.value))
+        return tuple(sorted(removing, key=lambda candidate: -candidate.value))
 
     def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: str | bool | int) -> Candidate:
         defaults = {"side": "", "attained": True, "steps": 0}
@@ -245,6 +246,7 @@ class Search:
         nodes = scanned.nodes
         first = np.flatnonzero(np.diff(nodes.case, prepend=-1))
         last = np.append(first[1:], nodes.case.size) - 1
+        ends = self.objective(_LOOSE)(np.arange(self.cases), np.full(self.cases, high))
         candidates = []
         for case, (i, j) in enumerate(zip(first, last, strict=True)):
             if nodes.slope[i] < 0:
@@ -253,7 +255,9 @@ class Search:
             elif low == 0 and self.least:
                 candidates.append((case, self._limit(self._candidate(nodes, i, kind="boundary"))))
             if nodes.slope[j] > 0 or self.least:
-                candidate = self._candidate(nodes, j, kind="boundary")
+                # The last node is beside 90°, where an impact may cut what one at 90° does not.
+                end, at = (ends, case) if np.isfinite(ends.value[case]) else (nodes, j)
+                candidate = self._candidate(end, at, kind="boundary")
                 candidates.append((case, dataclasses.replace(candidate, alpha=high)))
         return candidates
 
