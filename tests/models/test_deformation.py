@@ -1,4 +1,4 @@
-"""Wear by deformation beside the cut. The truth is written here once more: Bitter's term on the closed forms of cuts."""
+"""Wear by deformation beside the cut. The truth is written here again: Bitter's term on the closed forms of cuts."""
 
 import jax
 import jax.numpy as jnp
