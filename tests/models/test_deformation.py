@@ -1,12 +1,15 @@
 """Wear by deformation beside the cut. The truth is written here again: Bitter's term on the closed forms of cuts."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import erosion
-from erosion.models import DeformationWear, Finnie, Linearized, Rotating
+from erosion.cli import _status
+from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating
 
 P = erosion.TABLE_1
 STRESS = float(P.sigma * P.psi)
@@ -135,3 +138,24 @@ def test_a_number_out_of_range_is_an_impact_that_fails(changes, degrees):
 def test_one_bad_number_of_many_fails_alone():
     model = Linearized(deformation=DeformationWear()).replace(specific_energy=STRESS * np.array([1, -1, np.nan, 2]))
     assert erosion.impact(model, P).ended_by.tolist() == ["rebound", "failed", "failed", "rebound"]
+
+
+def test_results_say_what_deformation_removes(capsys):
+    angles, energies = np.deg2rad([[20.0], [90.0]]), np.array([1.0, 2.0, 5.0])
+    model = Linearized(deformation=ProportionalDeformationWear()).replace(energy_ratio=energies)
+    hits = erosion.impact(model, P.replace(alpha=angles))
+    expected = np.sin(angles) ** 2 / (2 * energies) * float(P.volume_scale)
+    np.testing.assert_allclose(hits.volume_by_deformation, expected, rtol=1e-14)
+    assert "removed by deformation, beside the cut" in str(hits)
+    cut = erosion.impact("linearized", P)
+    assert (cut.volume_by_deformation, "deformation" in str(cut)) == (0.0, False)
+    assert hits.to_dict()["units"]["volume_by_deformation"] == "in^3"
+    assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg"]) == 0
+    assert "removed by deformation, beside the cut" in capsys.readouterr().out
+    assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["result"]
+    assert (
+        result["volume_by_deformation"]
+        == result["volume"]
+        == {"value": pytest.approx(expected[1, 0] / 4.8), "unit": "in^3"}
+    )

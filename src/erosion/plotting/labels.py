@@ -13,6 +13,8 @@ HISTORIES = (
 
 NOTHING = OTHER_ENDS[NO_CUT]
 
+BY_DEFORMATION = "of it by deformation"
+
 EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
 
 
