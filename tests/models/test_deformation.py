@@ -9,7 +9,9 @@ import pytest
 
 import erosion
 from erosion.cli import _status
+from erosion.distributions import Normal
 from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating
+from erosion.verification.checks import Subject
 
 P = erosion.TABLE_1
 STRESS = float(P.sigma * P.psi)
@@ -123,16 +125,32 @@ def test_every_impact_may_have_its_own_numbers():
         assert hits.volume[i, j] == erosion.impact(alone, P.replace(alpha=angles[i, 0])).volume
 
 
-@pytest.mark.parametrize("changes", [{"specific_energy": 0.0}, {"specific_energy": -1e9}, {"threshold": -1.0}])
+@pytest.mark.parametrize("numbers", [(0.0, 1.0), (-1e9, 1.0), (STRESS, -1.0)])
 @pytest.mark.parametrize("degrees", [20.0, 90.0])
-def test_a_number_out_of_range_is_an_impact_that_fails(changes, degrees):
+def test_a_number_out_of_range_is_an_impact_that_fails(numbers, degrees):
     p = P.replace(alpha=np.deg2rad(degrees))
-    model = Linearized(deformation=DeformationWear(STRESS, 1.0)).replace(**changes)
+    model = Linearized(deformation=DeformationWear(*numbers))
     hit = erosion.impact(model, p)
     assert (hit.ended_by, np.isnan(hit.volume)) == ("failed", True)
     with pytest.raises(erosion.SimulationError, match="not finite at contact"):
         erosion.simulate(model, p)
     assert not erosion.alpha_max(model, p).certified
+
+
+def test_a_number_below_its_range_is_refused_where_it_is_given(capsys):
+    with pytest.raises(ValueError, match=r"^Argument `threshold` must be at least 0, but is -1\.$"):
+        erosion.load_model("linearized-deformation").replace(threshold=-1.0)
+    for verb, more in (("run", []), ("sweep", ["--alpha", "10deg:80deg:3", "--output", "sweep.nc"])):
+        command = [verb, "--model", "linearized-deformation", "--set", "energy_ratio=-1", *more]
+        assert _status(command) == 2
+        assert "Option `--set energy_ratio` must be at least 0, but is -1." in capsys.readouterr().err
+
+
+def test_derivatives_are_not_verified_at_the_least_value():
+    # Half of the central differences there would be of impacts that fail.
+    assert "threshold" not in Subject("mine", Linearized(deformation=DeformationWear()), registered=False).others
+    within = Subject("mine", Linearized(deformation=DeformationWear(STRESS, 1.0)), registered=False)
+    assert within.others[-2:] == ["specific_energy", "threshold"]
 
 
 def test_one_bad_number_of_many_fails_alone():
@@ -159,3 +177,17 @@ def test_results_say_what_deformation_removes(capsys):
         == result["volume"]
         == {"value": pytest.approx(expected[1, 0] / 4.8), "unit": "in^3"}
     )
+
+
+@pytest.mark.slow
+def test_streams_and_sweeps_take_its_numbers():
+    model, p = erosion.load_model("linearized-deformation"), P.replace(alpha=np.pi / 2)
+    # At 90° V is V* sin²α/(2e), and the mean of v₀² is its mean's square and its variance.
+    stream = erosion.stream(model, p, n=2**12, v0=Normal(float(P.v0), 400.0), best_angle=False, sensitivities=False)
+    expected = float(P.volume_scale) / 3.2 * (1 + (400 / float(P.v0)) ** 2)
+    assert stream.mean_volume.value == pytest.approx(expected, rel=5e-4)
+    assert stream.shares["no-cut"].value == 1
+    assert stream.tally.bins[0] == 0  # no particle removes nothing
+    sweep = erosion.sweep(model, p, alpha=np.deg2rad([30.0, 90.0]), energy_ratio=[1.0, 4.0], threshold=[0.0, 2200.0])
+    shares = sweep.volume.sel(alpha=np.pi / 2).values / float(P.volume_scale)
+    np.testing.assert_allclose(shares, [[0.5, 0.125], [0.125, 0.03125]], rtol=1e-12)

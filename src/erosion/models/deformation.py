@@ -66,8 +66,8 @@ class DeformationWear(EnergyOfNormalMotion):
         threshold: v_th, the normal speed below which an impact is elastic [speed], ≥ 0, in the units of the case.
     """
 
-    specific_energy: float = own_parameter(3e9, "ε", "deformation wear factor", "stress")
-    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed")
+    specific_energy: float = own_parameter(3e9, "ε", "deformation wear factor", "stress", least=0.0)
+    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed", least=0.0)
 
     def energy(self, p: Parameters) -> Broadcast:
         return self.specific_energy
@@ -85,8 +85,8 @@ class ProportionalDeformationWear(EnergyOfNormalMotion):
         threshold: v_th [speed], ≥ 0, in the units of the case.
     """
 
-    energy_ratio: float = own_parameter(1.6, "e", "deformation wear factor over σψ")
-    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed")
+    energy_ratio: float = own_parameter(1.6, "e", "deformation wear factor over σψ", least=0.0)
+    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed", least=0.0)
 
     def energy(self, p: Parameters) -> Broadcast:
         return self.energy_ratio * p.sigma * p.psi
