@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import erosion
 import platformdirs
 from sphinx.application import Sphinx
 
@@ -72,7 +73,7 @@ kernelspec:
 def complete_model_page(app: Sphinx, docname: str, source: list[str]) -> None:
     """Give the page of a model the cells that all of them share."""
     folder, _, name = docname.partition("/")
-    if folder == "models" and name != "index":
+    if folder == "models" and name in erosion.available_models():
         cells = (HERE / "models" / "cells.md").read_text().replace("MODEL", name)
         source[0] = f"{NOTEBOOK}{source[0]}{cells}"
 

@@ -217,6 +217,7 @@ def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
     models = {"linearized": Linearized(), "deforming": load_model("linearized-deformation")}
     answers, case = Answers(models), Case.of(TABLE_1, own_numbers(models))
     curves = {name: answers.curve(name, case.at_any_angle()) for name in models}
+    shaded = []
     for shown in models:
         computed = Computed(State(case, tuple(models), shown), cut=answers.cut(shown, case), curves=curves)
         shaded = [line for line in volumes(computed, models)[0]["series"] if line["name"] == BY_DEFORMATION]

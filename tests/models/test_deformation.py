@@ -11,6 +11,7 @@ import erosion
 from erosion.cli import _status
 from erosion.distributions import Normal
 from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating
+from erosion.models.own_parameters import own_parameters
 from erosion.verification.checks import Subject
 
 P = erosion.TABLE_1
@@ -106,8 +107,9 @@ def test_histories_start_at_what_deformation_removes(degrees):
 def test_own_parameters_convert_with_the_case():
     model = Linearized(deformation=DeformationWear(STRESS, 0.25 * float(P.v0)))
     in_si, p = model.to("si", P)
-    assert in_si.deformation.specific_energy == pytest.approx(STRESS * 6894.757293168361, rel=1e-12)
-    assert in_si.deformation.threshold == pytest.approx(0.25 * float(P.v0) * 0.0254, rel=1e-14)
+    own = {name: parameter.value for name, parameter in own_parameters(in_si).items()}
+    assert own["specific_energy"] == pytest.approx(STRESS * 6894.757293168361, rel=1e-12)
+    assert own["threshold"] == pytest.approx(0.25 * float(P.v0) * 0.0254, rel=1e-14)
     volumes = [float(erosion.impact(*pair).volume) for pair in ((model, P), (in_si, p))]
     assert volumes[1] == pytest.approx(volumes[0] * 0.0254**3, rel=1e-10)
     # e of the registered models has no unit.

@@ -28,7 +28,7 @@ def test_the_area_below_what_deformation_removes_is_shaded(objective) -> None:
     top = corners[corners[:, 1] > 0]
     expected = (np.sin(np.deg2rad(top[:, 0])) - 0.25) ** 2 / 3.2 * float(P.volume_scale)
     # On the axis of the curve, whose greatest value is known.
-    drawn = top[:, 1] / max(line.get_ydata().max() for line in fig.axes[0].lines) * best.value
+    drawn = top[:, 1] / max(np.max(np.asarray(line.get_ydata())) for line in fig.axes[0].lines) * best.value
     np.testing.assert_allclose(drawn, expected / (1 if objective == "volume" else P.m), rtol=1e-4)
 
 

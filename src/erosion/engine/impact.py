@@ -67,7 +67,7 @@ class Impact(Result):
         """What deformation removes of the volume, beside the cut [volume]; computed when first read."""
         layout, numbers, shape = lanes_of(self.model, self.p)
 
-        def of_one(numbers: list[Number]) -> Array:
+        def of_one(numbers: Sequence[Number]) -> Array:
             model, p = layout.joined(numbers)
             return jnp.asarray(model.removed_at_contact(p), float)
 

@@ -96,7 +96,7 @@ def check_least(model: eqx.Module, changes: Mapping[str, object]) -> None:
     """
     for name, parameter in own_parameters(model).items():
         value = changes.get(name, parameter.value)
-        if isinstance(value, (int, float, np.generic)) and value < parameter.least:
+        if _is_number(value) and not isinstance(value, Tracer) and value < parameter.least:
             raise ValueError(f"Argument `{name}` must be at least {parameter.least:g}, but is {abbreviate(value)}.")
 
 
@@ -187,7 +187,7 @@ def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
     return ", ".join(f"{name} = {abbreviate(parameter.value)}" for name, parameter in own if name not in but)
 
 
-def _is_number(value: object, *, many: bool) -> TypeGuard[Number]:
+def _is_number(value: object, *, many: bool = False) -> TypeGuard[Number]:
     """Whether it is a real number, or, with `many`, an array of real numbers."""
     if isinstance(value, (bool, np.bool_)):
         return False
