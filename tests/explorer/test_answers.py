@@ -24,7 +24,7 @@ from erosion.explorer.views.spins import sensitivities
 from erosion.models import Linearized, load_model
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
-from erosion.plotting.labels import BY_DEFORMATION
+from erosion.plotting.labels import AT_CONTACT
 
 pytestmark = pytest.mark.slow
 
@@ -220,10 +220,10 @@ def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
     shaded = []
     for shown in models:
         computed = Computed(State(case, tuple(models), shown), cut=answers.cut(shown, case), curves=curves)
-        shaded = [line for line in volumes(computed, models)[0]["series"] if line["name"] == BY_DEFORMATION]
+        shaded = [line for line in volumes(computed, models)[0]["series"] if line["name"] == AT_CONTACT]
         assert len(shaded) == (shown == "deforming") == ("areaStyle" in str(shaded))
-        assert ("removed by deformation" in numbers(computed, models)[0]) == (shown == "deforming")
+        assert ("removed at contact" in numbers(computed, models)[0]) == (shown == "deforming")
     # V_D = V* sin²α/(2e), in 10⁻⁴ in³.
-    degrees, deformed = np.array(shaded[0]["data"], float).T
+    degrees, at_contact = np.array(shaded[0]["data"], float).T
     expected = np.sin(np.deg2rad(degrees)) ** 2 / 3.2 * float(TABLE_1.volume_scale) / 1e-4
-    np.testing.assert_allclose(deformed, expected, atol=2e-5)
+    np.testing.assert_allclose(at_contact, expected, atol=2e-5)

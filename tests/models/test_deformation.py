@@ -165,17 +165,17 @@ def test_results_say_what_deformation_removes(capsys):
     model = Linearized(deformation=ProportionalDeformationWear()).replace(energy_ratio=energies)
     hits = erosion.impact(model, P.replace(alpha=angles))
     expected = np.sin(angles) ** 2 / (2 * energies) * float(P.volume_scale)
-    np.testing.assert_allclose(hits.volume_by_deformation, expected, rtol=1e-14)
-    assert "removed by deformation, beside the cut" in str(hits)
+    np.testing.assert_allclose(hits.volume_at_contact, expected, rtol=1e-14)
+    assert "removed at contact, beside the cut" in str(hits)
     cut = erosion.impact("linearized", P)
-    assert (cut.volume_by_deformation, "deformation" in str(cut)) == (0.0, False)
-    assert hits.to_dict()["units"]["volume_by_deformation"] == "in^3"
+    assert (cut.volume_at_contact, "deformation" in str(cut)) == (0.0, False)
+    assert hits.to_dict()["units"]["volume_at_contact"] == "in^3"
     assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg"]) == 0
-    assert "removed by deformation, beside the cut" in capsys.readouterr().out
+    assert "removed at contact, beside the cut" in capsys.readouterr().out
     assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)["result"]
     assert (
-        result["volume_by_deformation"]
+        result["volume_at_contact"]
         == result["volume"]
         == {"value": pytest.approx(expected[1, 0] / 4.8), "unit": "in^3"}
     )

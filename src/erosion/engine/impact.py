@@ -15,7 +15,7 @@ from erosion.arguments import check_tolerance
 from erosion.array_types import Number, PerImpact
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
-from erosion.engine.outcomes import end_names, has_no_result
+from erosion.engine.outcomes import NO_DERIVATIVES, end_names, has_no_result
 from erosion.engine.variational import Derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
@@ -23,7 +23,7 @@ from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
-from erosion.parameters.quantities import RESULTS, deformation_rows, derivative_row, result_row
+from erosion.parameters.quantities import RESULTS, contact_rows, derivative_row, result_row
 from erosion.tables import Record, Result, Row, abbreviate, format_number, to_plain
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
@@ -35,11 +35,11 @@ class Impact(Result):
 
     Args:
         model, p: what was computed.
-        volume: removed volume [volume], also by deformation; NaN where `ended_by` is "failed" or "unfinished".
+        volume: removed volume [volume], also at contact; NaN only where `ended_by` is "failed" or "unfinished".
         t_c: end of the cut [s]; 0 where nothing is cut.
         outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
-        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None. With several names there
-            is a last axis over them.
+        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None; NaN where it does not exist, see
+            `no_derivatives`. With several names there is a last axis over them.
         d2volume: ∂²V/∂q² [volume per unit of q, squared], or None; with several names there are two
             last axes, the matrix ∂²V/∂q_i∂q_j.
         wrt: the parameter(s) of the derivatives.
@@ -63,8 +63,8 @@ class Impact(Result):
         return np.array(end_names(self.model))[self.outcome]
 
     @functools.cached_property
-    def volume_by_deformation(self) -> PerImpact:
-        """What deformation removes of the volume, beside the cut [volume]; computed when first read."""
+    def volume_at_contact(self) -> PerImpact:
+        """What is removed at contact, beside the cut: by deformation [volume]; computed when first read."""
         layout, numbers, shape = lanes_of(self.model, self.p)
 
         def of_one(numbers: Sequence[Number]) -> Array:
@@ -75,11 +75,27 @@ class Impact(Result):
         removed = jax.vmap(of_one, (varies,))(numbers) if 0 in varies else of_one(numbers)
         return np.broadcast_to(removed, _count(shape)).reshape(shape)[()]
 
+    @functools.cached_property
+    def no_derivatives(self) -> np.ndarray | np.bool_:
+        """Whether derivatives that were asked for are not known although the volume is; bool.
+
+        They do not exist, or cannot be computed, where the force jumps within the cut or where its rate is
+        infinite. Across a kink they are computed.
+        """
+        missing = np.zeros(np.shape(self.volume), bool)
+        for part in (self.dvolume, self.d2volume):
+            if part is not None:
+                missing |= np.isnan(part).any(axis=tuple(range(np.ndim(self.volume), np.ndim(part))))
+        return (missing & np.isfinite(self.volume))[()]
+
     def rows(self) -> list[Row]:
         """The results as rows of a table."""
         rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
         rows.append(result_row("volume", self.volume, self.p.units))
-        rows += deformation_rows(self.volume_by_deformation, self.p.units)
+        rows += contact_rows(self.volume_at_contact, self.p.units)
+        if np.any(self.no_derivatives):
+            share = f"{np.sum(self.no_derivatives):,} of {np.size(self.no_derivatives):,}"
+            rows.append(Row("no_derivatives", "", share, "", NO_DERIVATIVES))
         if self.wrt == "alpha":
             derivatives = {"dvolume": self.dvolume, "d2volume": self.d2volume}
             return rows + [
@@ -108,9 +124,9 @@ class Impact(Result):
 
     def to_dict(self) -> Record:
         """Model and case, times, volumes, derivatives and outcomes, and the units of times and volumes."""
-        names = ("t_c", "volume", "volume_by_deformation", "dvolume", "d2volume", "ended_by", "wrt")
+        names = ("t_c", "volume", "volume_at_contact", "dvolume", "d2volume", "ended_by", "wrt")
         numbers = {name: value for name in names if (value := getattr(self, name)) is not None}
-        units = {name: RESULTS[name].unit(self.p.units) for name in ("t_c", "volume", "volume_by_deformation")}
+        units = {name: RESULTS[name].unit(self.p.units) for name in ("t_c", "volume", "volume_at_contact")}
         return impact_to_dict(self.model, self.p) | to_plain({**numbers, "units": units})
 
 

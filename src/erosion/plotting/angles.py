@@ -16,13 +16,13 @@ from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
-from erosion.plotting.colors import DEFORMED, DIM, ENDS, INK
+from erosion.plotting.colors import REMOVED_AT_CONTACT, DIM, ENDS, INK
 from erosion.plotting.curves import describe
-from erosion.plotting.labels import BY_DEFORMATION, end_label
+from erosion.plotting.labels import AT_CONTACT, end_label
 from erosion.plotting.marks import mark_best, star
-from erosion.plotting.style import house_style, new_axes, typeset
+from erosion.plotting.style import axes_or_new, house_style, legend_of_panel, typeset
 
-_MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
+_MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_", "unresolved": "v"}
 
 
 class Piece(NamedTuple):
@@ -31,13 +31,13 @@ class Piece(NamedTuple):
     Args:
         alpha: angles, shape (n,) [rad].
         value: the objective at these angles, shape (n,).
-        by_deformation: what deformation contributes to it, shape (n,).
+        at_contact: what contact adds to it, beside the cut, shape (n,).
         ended_by: how the cut ends.
     """
 
     alpha: np.ndarray
     value: np.ndarray
-    by_deformation: np.ndarray
+    at_contact: np.ndarray
     ended_by: str
 
 
@@ -52,21 +52,22 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
     # With second derivatives, as the optimum was computed: so its points lie on the curve to the last bit.
     hits = impact(optimum.integrand, optimum.p.replace(alpha=np.concatenate(angles)), derivatives=2)
     cuts = np.cumsum(counts)[:-1]
-    columns = (np.split(column, cuts) for column in (hits.volume, hits.volume_by_deformation, hits.ended_by))
+    columns = (np.split(column, cuts) for column in (hits.volume, hits.volume_at_contact, hits.ended_by))
     return [
-        Piece(alpha, value, deformed, str(end[len(end) // 2]))
-        for alpha, value, deformed, end in zip(angles, *columns, strict=True)
+        Piece(alpha, value, at_contact, str(end[len(end) // 2]))
+        for alpha, value, at_contact, end in zip(angles, *columns, strict=True)
     ]
 
 
 @house_style()
-def plot_optimum(optimum: Optimum) -> Figure:
+def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     """The objective over the angle, with the regimes, the jumps, the candidates and the optimum.
 
-    The area below what deformation removes is shaded.
+    The area below what is removed at contact, as by deformation, is shaded.
 
     Args:
         optimum: for scalar parameters.
+        ax: where to draw; without it, in a new figure.
 
     Raises:
         ValueError: for a batch of optima.
@@ -75,14 +76,16 @@ def plot_optimum(optimum: Optimum) -> Figure:
         raise ValueError(
             f"Argument `optimum` must be of one set of parameters, but has the shape {np.shape(optimum.kind)}."
         )
-    fig, ax = new_axes(6.2, 4.4)
+    fig, ax = axes_or_new(ax, 6.2, 4.4)
     curve = pieces(optimum)
     quantity = RESULTS[MEASURES[optimum.objective]] if optimum.objective in MEASURES else None
     dimension = "1" if quantity is None else quantity.dimension
     scale = readable_scale(dimension, optimum.p.units, _largest(curve))
+    # Of a model that never cuts nothing is beside a cut.
+    shares = any(piece.at_contact.any() for piece in curve) and any(np.any(p.at_contact != p.value) for p in curve)
     for piece in curve:
-        if piece.by_deformation.any():
-            ax.fill_between(np.rad2deg(piece.alpha), 0, piece.by_deformation / scale.size, **DEFORMED)
+        if shares:
+            ax.fill_between(np.rad2deg(piece.alpha), 0, piece.at_contact / scale.size, **REMOVED_AT_CONTACT)
         ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2)
     for jump in optimum.jumps:
         ax.plot([np.rad2deg(jump.alpha)] * 2, np.array([jump.below, jump.above]) / scale.size, color=DIM,
@@ -95,8 +98,8 @@ def plot_optimum(optimum: Optimum) -> Figure:
                label=end_label(end))
         for end in dict.fromkeys(piece.ended_by for piece in curve)
     ]  # fmt: skip
-    if any(piece.by_deformation.any() for piece in curve):
-        handles.append(Patch(label=BY_DEFORMATION, **DEFORMED))
+    if shares:
+        handles.append(Patch(label=AT_CONTACT, **REMOVED_AT_CONTACT))
     if optimum.jumps:
         handles.append(Line2D([], [], color=DIM, linestyle=(0, (2, 2)), linewidth=1.2, label="jump"))
     if np.isfinite(optimum.value) and optimum.kind != "none":
@@ -111,7 +114,7 @@ def plot_optimum(optimum: Optimum) -> Figure:
         optimum.objective if quantity is None else f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
     )
     _finish(ax, optimum)
-    fig.legend(handles=handles, loc="outside lower center", ncols=2)
+    legend_of_panel(ax, handles, 2)
     return fig
 
 

@@ -13,7 +13,7 @@ HISTORIES = (
 
 NOTHING = OTHER_ENDS[NO_CUT]
 
-BY_DEFORMATION = "of it by deformation"
+AT_CONTACT = "of it at contact, beside the cut"
 
 EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
 
