@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import erosion
 import platformdirs
 from sphinx.application import Sphinx
+
+import erosion
 
 HERE = Path(__file__).parent
 

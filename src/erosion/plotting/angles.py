@@ -16,7 +16,7 @@ from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
-from erosion.plotting.colors import REMOVED_AT_CONTACT, DIM, ENDS, INK
+from erosion.plotting.colors import DIM, ENDS, INK, REMOVED_AT_CONTACT
 from erosion.plotting.curves import describe
 from erosion.plotting.labels import AT_CONTACT, end_label
 from erosion.plotting.marks import mark_best, star
