@@ -346,7 +346,7 @@ def test_the_variant_that_made_the_data_comes_first(turning):
     assert ranking.fits[2].estimates == pytest.approx({"k": 3 * other["k"], "psi": other["psi"] / 3}, rel=1e-4)
     assert ranking.fits[0].leave_one_out < ranking.fits[1].leave_one_out
     assert "ΔAICc" in str(ranking)
-    assert "<th>left-out error [in³]</th>" in ranking._repr_html_()
+    assert "<th>left-out error [10⁻⁶ in³]</th>" in ranking._repr_html_()
 
 
 def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
@@ -408,7 +408,7 @@ def test_the_table_for_fluent_says_how_far_off_it_is(fit):
 def test_results_are_frozen_and_speak(fit):
     with pytest.raises(dataclasses.FrozenInstanceError):
         fit.problem = None
-    assert "linearized fitted to 50 rows of data" in str(fit)
+    assert "linearized: fitted to 50 rows of data" in str(fit)
     assert [row.name for row in fit.rows()] == ["k", "psi", "rms", "leave_one_out", "chi2", "aicc"]
     with pytest.raises(ValueError, match=r"`level` must be in \(0, 1\)"):
         fit.intervals(95.0)

@@ -139,7 +139,7 @@ def test_no_place_is_advised_for_a_product():
     assert fit.statements == (
         "sigma and cutting_fraction cannot be told apart: only sigma/cutting_fraction is determined. Fix one of them.",
     )
-    assert fit.rows()[1].value == f"{fit.estimates['sigma']:.4g}"
+    assert fit.rows()[1].value == f"{fit.estimates['sigma'] / 1e9:.4g}"
 
 
 def test_a_place_to_measure_is_one_where_the_parameter_acts():

@@ -1,10 +1,12 @@
 """`erosion calibrate` as a user types it."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
 
+from erosion import impact, load_model
 from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.case_files import dump_case, load_case
@@ -140,3 +142,65 @@ def test_tables_fit_a_terminal_of_80_characters(sand, monkeypatch, capsys):
     out = capsys.readouterr().out
     assert max(len(line) for line in out.splitlines()) <= 80
     assert "cutting_fraction" in out
+
+
+@pytest.fixture(scope="module")
+def aluminium(tmp_path_factory):
+    """Aluminium at all angles and two speeds in mg/kg, worn by cutting and deformation; and the case."""
+    folder = tmp_path_factory.mktemp("aluminium")
+    data, case = folder / "aluminium.csv", folder / "case.toml"
+    p = SAND.replace(sigma=0.4e9, k=1.5)
+    model = load_model("linearized-deformation").replace(energy_ratio=1.4, threshold=8.0)
+    rng, lines = np.random.default_rng(2), ["angle [deg], speed [m/s], mass_loss [mg/kg], uncertainty [mg/kg]"]
+    degrees = np.array([15, 20, 25, 30, 40, 50, 60, 75, 90.0])
+    for speed in (40.0, 80.0):
+        volume = impact(model, p.replace(alpha=np.deg2rad(degrees), v0=speed)).volume
+        loss = 0.3 * volume * 2700 / float(p.m) * 1e6
+        error = 0.03 * loss.max()
+        noisy = loss + error * rng.standard_normal(degrees.size)
+        lines += [f"{angle},{speed},{one:.2f},{error:.2f}" for angle, one in zip(degrees, noisy, strict=True)]
+    data.write_text("\n".join(lines))
+    case.write_text(dump_case(p.replace(k=2.0)))
+    words = ["calibrate", str(data), "--case", str(case), "--density", "2.7 g/cm^3", "--starts", "4"]
+    return [*words, "--free", "k,cutting_fraction,energy_ratio"]
+
+
+DEFORMATION = ["--model", "linearized-deformation"]
+
+
+def test_openfoam_is_refused_a_curve_that_it_cannot_have(aluminium, tmp_path, capsys):
+    coefficients, case = tmp_path / "erosionDict", tmp_path / "fitted.toml"
+    options = ["--openfoam", str(coefficients), "--write-case", str(case)]
+    assert _status([*aluminium, *DEFORMATION, *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "is not of that shape: the best coefficients are off by up to 6" in line
+    assert "is without limit" in line
+    assert "--fluent" in line
+    assert not coefficients.exists()
+    assert not case.exists()
+
+
+def test_openfoam_warns_of_a_curve_that_is_near(table, tmp_path, capsys):
+    options = ["--model", "rotating", "--free", "k,psi", "--starts", "1", "--openfoam", str(tmp_path / "erosionDict")]
+    assert _status(["calibrate", str(table), *options]) == 0
+    assert "warning: OpenFOAM knows Finnie's curve only: it is off by up to 4" in capsys.readouterr().err
+    linearized = ["--free", "k,psi", "--openfoam", str(tmp_path / "again"), *GUESS]
+    assert _status(["calibrate", str(table), *linearized]) == 0
+    assert "OpenFOAM" not in capsys.readouterr().err
+
+
+def test_a_written_case_comes_with_the_command_for_its_model(aluminium, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    options = [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
+    assert _status(options) == 0
+    captured = capsys.readouterr()
+    command = captured.out.split("the best angle of this fit: ")[1].strip()
+    assert command.startswith("erosion optimum --case fitted.toml --model linearized-deformation --set energy_ratio=1.")
+    assert command.endswith('--set "threshold=8 m/s"')
+    assert f"use it as `{command}`." in captured.err
+    assert f"# The best angle of this fit: {command}" in (tmp_path / "fitted.toml").read_text()
+    assert _status([*shlex.split(command)[1:], "--json"]) == 0
+    model = json.loads(capsys.readouterr().out)["model"]
+    assert _status([*options, "--json"]) == 0
+    fitted = result_of(capsys.readouterr().out)["estimates"]["energy_ratio"]
+    assert model["own_parameters"]["energy_ratio"]["value"] == pytest.approx(fitted, rel=1e-8)

@@ -5,17 +5,19 @@ K. Fluent takes any curve as a table of up to 30 points.
 """
 
 import dataclasses
+import string
 from typing import Any
 
 import numpy as np
 from scipy import optimize
 
 from erosion.calibration.conditions import MOST, conditions
+from erosion.calibration.least_squares import CalibrationError
 from erosion.calibration.result import Calibration
 from erosion.correlations import finnie_angle
 from erosion.engine.impact import impact
 from erosion.models import model_name
-from erosion.models.own_parameters import own_in_words
+from erosion.models.own_parameters import own_parameters
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import conversion_factor
@@ -24,6 +26,12 @@ from erosion.version import __version__
 _ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
 _MOST_POINTS = 30  # a piecewise-linear profile of Fluent has no more
 _POINTS = 20
+_NEAR, _FAR = (
+    0.02,
+    0.15,
+)  # misfits of Finnie's curve over the maximum: above the first it is said, above the last refused
+_PLAIN = {*string.ascii_letters, *string.digits, *"=./_-+:"}  # characters that a shell takes as they are
+_GREATEST_RATIO = 1e3  # K; with more, Finnie's curve no longer changes its shape
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +53,13 @@ class ParticleErosion:
     misfit: float
     rms: float
     comment: str
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence where Finnie's curve is clearly off; None where it is near."""
+        if self.misfit <= _NEAR:
+            return None
+        return f"OpenFOAM knows Finnie's curve only: it is off by up to {self.misfit:.1%} of the maximum."
 
     def text(self) -> str:
         """An entry for the `cloudFunctions` of a case's cloud properties."""
@@ -100,6 +115,10 @@ def to_openfoam(calibration: Calibration) -> ParticleErosion:
 
     ψ is kept as the calibration has it; only p ψ counts. Curves of `finnie` with β = ½ and
     no spin, and of `linearized` (with K = 3k), are of Finnie's shape exactly.
+
+    Raises:
+        CalibrationError: where the fitted curve is not of Finnie's shape: the best coefficients are off by more
+            than 15 % of its maximum, or K is without limit.
     """
     case = exported_case(calibration).to("si")
     volume = _volume(calibration, exported_case(calibration))
@@ -118,11 +137,18 @@ def to_openfoam(calibration: Calibration) -> ParticleErosion:
     ]  # fmt: skip
     best = min(fits, key=lambda fit: fit.cost)
     stress, ratio = np.exp(best.x)
+    misfit = float(np.abs(best.fun).max())
+    if misfit > _FAR or ratio > _GREATEST_RATIO:
+        limit = f" and K, {ratio:.1g}, is without limit" if ratio > _GREATEST_RATIO else ""
+        raise CalibrationError(
+            f"OpenFOAM knows Finnie's curve only, and {model_name(calibration.model)} is not of that shape: the best "
+            f"coefficients are off by up to {misfit:.1%} of the maximum{limit}; use a table for Fluent (--fluent)."
+        )
     return ParticleErosion(
         p=float(stress),
         psi=float(case.psi),
         K=float(ratio),
-        misfit=float(np.abs(best.fun).max()),
+        misfit=misfit,
         rms=float(np.sqrt(np.mean(best.fun**2))),
         comment=_comment(calibration),
     )
@@ -157,20 +183,36 @@ def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
     )
 
 
-def to_case(calibration: Calibration) -> str:
+def to_case(calibration: Calibration, path: str = "fitted.toml") -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
     What a case file has no field for, the model, its own parameters and the cutting fraction, is in comments.
+
+    Args:
+        calibration: the fit.
+        path: the file's, for the command in its comment.
     """
-    own = own_in_words(calibration.model)
     lines = _origin(calibration)
     if calibration.cutting_fraction != 1:
         lines.append(f"Volumes are those of a particle that cuts: {calibration.cutting_fraction:.4g} of them do.")
     lines += calibration.statements
-    if own:
-        lines.append(f"The model's own parameters: {own}")
+    lines.append(f"The best angle of this fit: {command(calibration, path)}")
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
     return _commented(text, "#") + dump_case(exported_case(calibration), calibration.title)
+
+
+def command(calibration: Calibration, path: str) -> str:
+    """The command that finds the best angle of a fit: a case file has neither the model nor its own parameters.
+
+    Args:
+        calibration: the fit.
+        path: of the case file that `to_case` has written.
+    """
+    words = ["erosion", "optimum", "--case", path, "--model", model_name(calibration.model)]
+    for name, parameter in own_parameters(calibration.model).items():
+        unit = parameter.quantity.unit(calibration.p.units)
+        words += ["--set", f"{name}={float(parameter.value):.9g}" + (f" {unit}" if unit != "1" else "")]
+    return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
 
 
 def exported_case(calibration: Calibration) -> Parameters:

@@ -99,13 +99,13 @@ def calibrate(
             starts=32 if starts is None else starts,
         )
         drawn = None if profile is None else ranking.best.profile(profile)
-    written = _write(ranking, level, outputs)
-    for statement in ranking.statements:
+    written, warnings = _write(ranking, level, outputs)
+    for statement in (*ranking.statements, *warnings):
         output.warn(statement)
     if json:
         _document(output, ranking, level, drawn)
     else:
-        _print(ranking, level, drawn, written)
+        _print(ranking, level, drawn, written, write_case)
 
 
 class _Outputs(NamedTuple):
@@ -157,31 +157,43 @@ def _dimension(name: str, models: Sequence[str]) -> "Dimension":
     return "1"
 
 
-def _write(ranking: "Ranking", level: float, outputs: _Outputs) -> list[Path]:
-    """Write the figure, the tables and the case that are asked for."""
-    from erosion.calibration import to_case, to_fluent, to_openfoam
+def _write(ranking: "Ranking", level: float, outputs: _Outputs) -> tuple[list[Path], list[str]]:
+    """Write the figure, the tables and the case that are asked for; gives their paths, and what they lack."""
+    from erosion.calibration import CalibrationError, to_case, to_fluent, to_openfoam
+    from erosion.calibration.export import command
     from erosion.files import write_whole
+    from erosion.models.own_parameters import own_parameters
 
-    written, best = [], ranking.best
-    with user_errors():
+    best, warnings = ranking.best, []
+    texts: list[tuple[Path, str]] = []
+    # What cannot be represented is refused before anything is written.
+    with user_errors(CalibrationError):
+        if outputs.openfoam is not None:
+            coefficients = to_openfoam(best)
+            texts.append((outputs.openfoam, coefficients.text()))
+            warnings += [coefficients.warning] if coefficients.warning else []
+        if outputs.fluent is not None:
+            texts.append((outputs.fluent, to_fluent(best).text()))
+        if outputs.case is not None:
+            texts.append((outputs.case, to_case(best, str(outputs.case))))
+            if {*best.names} & {*own_parameters(best.model)}:
+                warnings.append(
+                    f"{outputs.case} holds neither the model nor its own parameters: "
+                    f"use it as `{command(best, str(outputs.case))}`."
+                )
+        written = []
         if outputs.plot is not None:
             from erosion.plotting.calibrations import plot_calibration
             from erosion.plotting.style import save_plot
 
             written.append(save_plot(plot_calibration(ranking.fits, level), outputs.plot))
-        texts = (
-            (outputs.openfoam, lambda: to_openfoam(best).text()),
-            (outputs.fluent, lambda: to_fluent(best).text()),
-            (outputs.case, lambda: to_case(best)),
-        )
         for path, text in texts:
-            if path is not None:
-                write_whole(path, text().encode())
-                written.append(path)
-    return written
+            write_whole(path, text.encode())
+            written.append(path)
+    return written, warnings
 
 
-def _print(ranking: "Ranking", level: float, profile: "Profile | None", written: list[Path]) -> None:
+def _print(ranking: "Ranking", level: float, profile: "Profile | None", written: list[Path], case: Path | None) -> None:
     if _ranks_several(ranking):
         print_table(ranking.title, ranking.rows(), ranking.headings, numbers=(1, 2, 3))
     print_table(ranking.best.title, ranking.best.rows(level))
@@ -189,6 +201,10 @@ def _print(ranking: "Ranking", level: float, profile: "Profile | None", written:
         print_table(f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), numbers=(0, 1))
     for path in written:
         print(f"written: {path}")
+    if case is not None:
+        from erosion.calibration.export import command
+
+        print(f"the best angle of this fit: {command(ranking.best, str(case))}")
 
 
 def _ranks_several(ranking: "Ranking") -> bool:
