@@ -9,6 +9,7 @@ import erosion
 from erosion.calibration.forward import Forward
 from erosion.cli import _status
 from erosion.models import Linearized
+from tests.calibration.test_real_data import DENSITY, SAND
 from tests.cli.test_set_option import FILE
 from tests.documents import result_of
 from tests.models.test_own_parameters import FRICTION, MODEL, P
@@ -136,3 +137,50 @@ def test_with_deformation_the_linearized_cut_follows_angle_functions_of_tests(co
     fit = erosion.calibrate(model, P, {"angle [deg]": degrees, "erosion [-]": curve}, free=free)
     # A cut alone misses these curves by 0.23 to 0.26 of their maximum.
     assert np.sqrt(np.mean(fit.residuals**2)) < 0.05
+
+
+ALL_DEGREES = np.array([15, 25, 35, 50, 65, 90.0])
+
+
+@pytest.fixture(scope="module")
+def worn() -> erosion.Measurements:
+    """Aluminium at all angles and two speeds in mg/kg, worn by cutting and deformation above 8 m/s."""
+    model = erosion.load_model("linearized-deformation").replace(energy_ratio=1.4, threshold=8.0)
+    degrees, speeds = np.tile(ALL_DEGREES, 2), np.repeat([40.0, 80.0], ALL_DEGREES.size)
+    volume = erosion.impact(model, SAND.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    loss = volume * DENSITY / float(SAND.m) * 1e6
+    noisy = loss * (1 + 0.01 * np.random.default_rng(4).standard_normal(loss.size))
+    columns = {"angle [deg]": degrees, "speed [m/s]": speeds, "mass_loss [mg/kg]": noisy}
+    return erosion.read_measurements({**columns, "uncertainty [mg/kg]": 0.01 * loss}, "si")
+
+
+@pytest.mark.parametrize("start", [0.0, 5.0])
+def test_a_threshold_is_looked_for_among_the_normal_speeds_of_the_data(worn, start):
+    model = erosion.load_model("linearized-deformation").replace(threshold=start)
+    free = ["k", "energy_ratio", "threshold"]
+    fit = erosion.calibrate(model, SAND, worn, free, density=DENSITY, starts=2)
+    assert fit.bounds["threshold"] == pytest.approx((0.0, 80.0))
+    assert fit.problem.lower[2] < fit.problem.start[2] < fit.problem.upper[2]
+    assert abs(fit.estimates["threshold"] - 8.0) < 4 * fit.standard_errors["threshold"] < 4.0
+    bounds = {"threshold": (0.0, 40.0)}
+    again = erosion.calibrate(model, SAND, worn, free, density=DENSITY, starts=2, bounds=bounds)
+    assert again.bounds["threshold"] == pytest.approx(bounds["threshold"])
+    assert again.estimates == pytest.approx(fit.estimates, rel=1e-4)
+    with pytest.raises(ValueError, match="`bounds` must give threshold two ascending values in its range, but has"):
+        erosion.calibrate(model, SAND, worn, free, density=DENSITY, bounds={"threshold": (-1.0, 40.0)})
+
+
+def test_a_ranking_frees_in_each_model_what_it_has(worn):
+    options = {"density": DENSITY, "starts": 1, "models": ["linearized", "linearized-deformation"]}
+    free = ["k", "psi", "energy_ratio"]
+    bounds = {"energy_ratio": (0.5, 5.0), "k": (0.5, 9.0)}
+    ranking = erosion.rank_models(SAND, worn, free, bounds=bounds, **options)
+    assert [fit.names for fit in ranking.fits] == [("k", "psi", "energy_ratio"), ("k", "psi")]
+    for name, ends in bounds.items():
+        assert ranking.best.bounds[name] == pytest.approx(ends)
+    with pytest.raises(ValueError, match="'friction' is none of linearized, linearized-deformation"):
+        erosion.rank_models(SAND, worn, ["k", "friction"], **options)
+    with pytest.raises(ValueError, match="must name a parameter of each model, but linearized has no 'energy_ratio'"):
+        erosion.rank_models(SAND, worn, ["energy_ratio"], **options)
+    with pytest.raises(ValueError, match="`bounds` must name free parameters, but has 'r'"):
+        erosion.rank_models(SAND, worn, free, bounds={"r": (1.0, 2.0)}, **options)

@@ -204,3 +204,21 @@ def test_a_written_case_comes_with_the_command_for_its_model(aluminium, tmp_path
     assert _status([*options, "--json"]) == 0
     fitted = result_of(capsys.readouterr().out)["estimates"]["energy_ratio"]
     assert model["own_parameters"]["energy_ratio"]["value"] == pytest.approx(fitted, rel=1e-8)
+
+
+def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys):
+    options = ["--model", "linearized,linearized-deformation", "--bounds", "threshold=0:40 m/s,energy_ratio=0.5:5"]
+    words = [*aluminium[:-1], "k,cutting_fraction,energy_ratio,threshold"]
+    assert _status([*words, *options, "--json"]) == 0
+    first, second = result_of(capsys.readouterr().out)["ranking"]
+    assert list(first["estimates"]) == ["k", "cutting_fraction", "energy_ratio", "threshold"]
+    assert list(second["estimates"]) == ["k", "cutting_fraction"]
+    assert _status([*aluminium[:-1], "k,friction", *options[:2]]) == 2
+    line = "Option `--free` must name parameters of the models, but 'friction' is none of linearized, linearized-"
+    assert line in capsys.readouterr().err
+
+
+def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, capsys):
+    for ends in ("100:300 kip/in^2", "100 kip/in^2:300"):
+        assert _status(["calibrate", str(table), "--free", "k,sigma", "--bounds", f"sigma={ends}", "--json"]) == 0
+        assert result_of(capsys.readouterr().out)["bounds"]["sigma"] == pytest.approx([1e5, 3e5])

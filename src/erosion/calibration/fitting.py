@@ -40,7 +40,8 @@ def calibrate(
             "cutting_fraction".
         bounds: (least, greatest) of free parameters, in the case's units; by default a factor
             of 100 about the first guess, and of the spin ±2 v₀/r about it; of an own parameter
-            that starts at zero or below it, ±2 times its size (of zero: 1). The first guess is
+            that starts at zero or below it, ±2 times its size (of zero: 1), but not below its least
+            value; of an own speed with a least value, up to the data's greatest normal speed. The first guess is
             the case, but ψ, σ or the cutting fraction, the first of these that is free, is
             guessed from the size of the data.
         density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed

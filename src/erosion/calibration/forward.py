@@ -1,9 +1,10 @@
 """From free parameters to predicted erosion, with exact derivatives.
 
 Positive parameters q are fitted as θ = log q, the spin φ̇₀ as θ = φ̇₀ r/v₀ (of the case): then
-steps are of order 1 whatever the units, and nothing leaves its range. The range of a model's own
-parameters is not known here. One that starts above zero is fitted as its logarithm; any other is
-fitted in multiples of its size (`own_parameters.sizes`) and may change its sign.
+steps are of order 1 whatever the units, and nothing leaves its range. A model's own parameter that starts above
+zero is fitted as its logarithm; any other is fitted in multiples of its size (`own_parameters.sizes`) and may change
+its sign, unless it has a least value. A speed that has a least value is fitted in multiples of the greatest normal
+speed of the data, whatever it starts from.
 """
 
 import dataclasses
@@ -59,6 +60,19 @@ class Forward:
     def logarithmic(self) -> np.ndarray:
         """Whether each θ is a logarithm, shape (names,)."""
         return np.array([name not in self._units for name in self.names])
+
+    @property
+    def limits(self) -> np.ndarray:
+        """θ at the least and the greatest value that each parameter may have by its meaning, shape (names, 2)."""
+        own, limits = own_parameters(self.model), np.tile([-np.inf, np.inf], (len(self.names), 1))
+        for i, name in enumerate(self.names):
+            if name == FRACTION:
+                limits[i, 1] = 0.0
+            elif name in own and name in self._units:
+                limits[i, 0] = own[name].least / self._units[name]
+                if name in self._normal_speeds:
+                    limits[i, 1] = 1.0
+        return limits
 
     @property
     def start(self) -> np.ndarray:
@@ -149,7 +163,15 @@ class Forward:
         """Size of the parameters that are not fitted as logarithms: their value at θ = 1."""
         size, own = sizes(self.model, self.p), own_parameters(self.model)
         signed = [name for name in self.free if name in own and float(own[name].value) <= 0]
-        return {name: float(size[name]) for name in ("phidot0", *signed)}
+        return {name: float(size[name]) for name in ("phidot0", *signed)} | self._normal_speeds
+
+    @functools.cached_property
+    def _normal_speeds(self) -> dict[str, float]:
+        """The greatest normal speed of the data, by free own parameter that is a speed with a least value."""
+        own, rows = own_parameters(self.model), self.data.conditions
+        greatest = float(np.max(rows.get("v0", self.p.v0) * np.sin(rows["alpha"])))
+        bounded = [name for name in self.free if name in own and np.isfinite(own[name].least)]
+        return {name: greatest for name in bounded if own[name].quantity.dimension == "speed"}
 
 
 def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from scipy.stats import qmc
 from erosion.calibration.forward import FRACTION, SCALE, Forward
 from erosion.calibration.identifiability import identify
 from erosion.calibration.measurements import Measurements
+from erosion.models.own_parameters import own_parameters
 
 Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
 LOSSES: tuple[Loss, ...] = get_args(Loss)
@@ -22,6 +23,7 @@ LOSSES: tuple[Loss, ...] = get_args(Loss)
 _FOLLOWED = 5  # descents
 _THINNED = 500  # rows are enough to choose among valleys
 _WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds, by `logarithmic`: a factor of 100, a spin of 2 v₀/r
+_INSIDE = 0.1  # of the range, from a bound
 _SIZES = {SCALE: 1, "psi": -1, "sigma": -1, FRACTION: 1}  # powers of the erosion's size; V grows as 1/(σψ)
 _SIZED = 4  # steps to the size of the data: with rotation, ψ and σ change the shape of V(α) too
 _NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case, by `logarithmic`
@@ -119,17 +121,16 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
         ValueError: for bounds of no free parameter, or that make no sense.
     """
     signed = [name for name, log in zip(forward.names, forward.logarithmic, strict=True) if not log]
+    least = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
     for name, pair in bounds.items():
         if name not in forward.names:
             raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
         above = name != FRACTION or pair[-1] <= 1
-        if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name in signed) and above):
+        below = pair[0] >= least.get(name, -np.inf) if name in signed else pair[0] > 0
+        if not (len(pair) == 2 and pair[0] < pair[1] and below and above):
             raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
-    free = np.full(len(forward.names), np.inf)
-    lower, upper = -free, free
+    lower, upper = forward.limits.T
     for i, name in enumerate(forward.names):
-        if name == FRACTION:
-            upper[i] = 0.0
         if name in bounds:
             lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
     unbounded = Problem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
@@ -138,6 +139,9 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
     width[len(forward.free) :] = np.inf  # the scale has no bounds
     lower = np.where(lower == -np.inf, start - width, lower)
     upper = np.where(upper == np.inf, start + width, upper)
+    # A threshold of zero is at the end of its range: the fit begins inside.
+    at_least = ~forward.logarithmic & (start <= lower)
+    start[at_least] = (1 - _INSIDE) * lower[at_least] + _INSIDE * upper[at_least]
     return dataclasses.replace(unbounded, lower=lower, upper=upper, start=start)
 
 

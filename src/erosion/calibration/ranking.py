@@ -1,7 +1,7 @@
 """Several models: fitted to the same data, ranked by Akaike's criterion."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +9,13 @@ import numpy as np
 
 from erosion.arguments import Progress, no_progress
 from erosion.calibration.fitting import calibrate
+from erosion.calibration.forward import FRACTION
 from erosion.calibration.least_squares import CalibrationError
 from erosion.calibration.measurements import read_measurements
 from erosion.calibration.result import Calibration
 from erosion.models import load_model, model_name, usable_models
 from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import quantities
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.scales import Scale, table_scale
 from erosion.tables import Result, Row, format_number, to_plain
@@ -112,6 +114,7 @@ def rank_models(
     *,
     models: Sequence[CuttingModel | str | Path] | None = None,
     progress: Progress = no_progress,
+    bounds: Mapping[str, Sequence[float]] | None = None,
     **options: Any,
 ) -> Ranking:
     """Fit several models to the same data and order them by AICc.
@@ -119,11 +122,12 @@ def rank_models(
     Args:
         p: the case: the first guess of the free parameters, and the values of all others.
         data: as for `calibrate`.
-        free: the parameters to fit, the same for all models.
+        free: the parameters to fit; in each model those that it has.
         models: models, names or paths; every registered model without it.
         progress: called before each fit with "fitting" and the model's name, how many models are done, and how
             many there are.
-        options: `bounds`, `density`, `loss` and `starts` of `calibrate`.
+        bounds: as for `calibrate`; in each model those of its free parameters.
+        options: `density`, `cutting_fraction`, `loss` and `starts` of `calibrate`.
 
     Raises:
         ValueError: for arguments or data that cannot be used.
@@ -135,10 +139,13 @@ def rank_models(
     names = [str(model) for model in wanted if isinstance(model, (str, Path))]
     if not wanted or len(set(names)) != len(names):
         raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
-    for done, model in enumerate([load_model(source) for source in wanted]):
+    loaded = [load_model(source) for source in wanted]
+    for done, (model, own_free) in enumerate(zip(loaded, _free_in_each(loaded, free), strict=True)):
         progress(f"fitting {model_name(model)}", done, len(wanted))
+        # Bounds of what no model has are refused by `calibrate`.
+        within = {name: pair for name, pair in (bounds or {}).items() if name in own_free or name not in free}
         try:
-            fits.append(calibrate(model, p, measured, free, **options))
+            fits.append(calibrate(model, p, measured, own_free, bounds=within, **options))
         except CalibrationError as error:
             failures.append(f"{model_name(model)}: {error}")
     if not fits:
@@ -146,6 +153,28 @@ def rank_models(
     # Models of the same curve differ by rounding: they keep their order.
     fits.sort(key=lambda fit: round(fit.aicc, 3))
     return Ranking(tuple(fits), _ties(fits), tuple(failures))
+
+
+def _free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[Sequence[str]]:
+    """Of the free parameters, those that each model has.
+
+    Raises:
+        ValueError: for a name that no model has, and for a model that has none of them.
+    """
+    if len(models) == 1 or isinstance(free, str) or not isinstance(free, Sequence):
+        return [free] * len(models)
+    known = [{*quantities(model), FRACTION} for model in models]
+    names = [model_name(model) for model in models]
+    for name in free:
+        if not any(name in has for has in known):
+            raise ValueError(
+                f"Argument `free` must name parameters of the models, but {name!r} is none of {', '.join(names)}."
+            )
+    of_each: list[Sequence[str]] = [[name for name in free if name in has] for has in known]
+    for name, own_free in zip(names, of_each, strict=True):
+        if free and not own_free:
+            raise ValueError(f"Argument `free` must name a parameter of each model, but {name} has no {free[0]!r}.")
+    return of_each
 
 
 def _mark(fit: Calibration, name: str) -> str:

@@ -121,7 +121,7 @@ def _read_bounds(
     texts: Sequence[str], free: Sequence[str], models: Sequence[str], units: "System"
 ) -> dict[str, tuple[float, float]]:
     """Bounds such as "psi=0.01:0.3", by parameter, in the units of the case."""
-    from erosion.parameters.units import read_quantity
+    from erosion.parameters.units import read_quantity, unit_of
 
     bounds: dict[str, tuple[float, float]] = {}
     for text in texts:
@@ -134,6 +134,12 @@ def _read_bounds(
         if name in bounds:
             raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
         dimension = _dimension(name, models)
+        # "1:3 GPa" is from 1 GPa.
+        units_given = unit_of(least), unit_of(greatest)
+        if not units_given[0]:
+            least += units_given[1]
+        if not units_given[1]:
+            greatest += units_given[0]
         try:
             bounds[name] = (read_quantity(least, dimension, units), read_quantity(greatest, dimension, units))
         except ValueError as error:

@@ -103,8 +103,13 @@ def conversion_factor(dimension: Dimension, source: System, target: System) -> f
 
 def has_unit(text: str) -> bool:
     """Whether a quantity as text carries a unit."""
+    return bool(unit_of(text))
+
+
+def unit_of(text: str) -> str:
+    """The unit of a quantity as text; empty where it has none."""
     parts = _parts(text)
-    return parts is not None and bool(parts["unit"].strip())
+    return "" if parts is None else parts["unit"].rstrip()
 
 
 def example(dimension: Dimension, system: System) -> str:
