@@ -5,9 +5,11 @@ import pytest
 
 import erosion
 from erosion.calibration import Measurements, calibrate, rank_models, to_fluent, to_openfoam
+from erosion.calibration.advice import advise
 from erosion.calibration.conditions import conditions
 from erosion.calibration.export import exported_case
 from erosion.calibration.forward import Forward
+from erosion.calibration.least_squares import make_problem
 from erosion.calibration.numbers import rounded
 from erosion.calibration.patterns import find_patterns
 from erosion.models.closed_forms import LinearizedCut
@@ -163,7 +165,7 @@ def test_bounds_that_are_touched_are_marked():
     assert numbers["bounds"]["cutting_fraction"] == pytest.approx([0.2, 0.25])
     row = next(row for row in fit.rows() if row.name == "cutting_fraction")
     assert row.value == "0.25"
-    assert row.meaning.startswith("at its upper bound; 95%: 0.24")
+    assert row.meaning.startswith("at its upper bound; 95%, if the model were right: 0.24")
     assert row.meaning.endswith(" … 0.25000 (upper bound)")
     near = calibrate("linearized", SAND, measured(), ["k", "psi"], density=DENSITY, bounds={"k": (1.9, 1.99)})
     (end,) = [said for said in near.statements if said.startswith("The interval of k ends at")] or [""]
@@ -292,4 +294,38 @@ def test_models_that_fit_as_well_are_said_to():
 def test_a_ranking_marks_bounds():
     ranking = rank_models(SAND, measured(), ["k", "psi"], models=["linearized"], density=DENSITY,
                           bounds={"psi": (0.01, 0.3)}, starts=1)  # fmt: skip
-    assert "psi = 0.3 (at its upper bound)" in ranking.rows()[0].meaning
+    assert "psi = 0.3 (at its upper bound)" in ranking.rows()[0][-1]
+
+
+def test_the_growth_with_speed_is_said_with_its_exponent():
+    fit = calibrate("linearized", SAND, measured(power=0.3), ["k", "cutting_fraction"], density=DENSITY, starts=2)
+    said = next(said for said in fit.statements if said.startswith("Fit each speed alone: the model removes as v₀^2, "))
+    # Errors of 3 % in 12 rows of each speed.
+    assert float(said.rstrip(".").rsplit("^", 1)[1]) == pytest.approx(2.3, abs=0.05)
+
+
+def test_errors_of_a_fit_that_is_wrong_are_marked():
+    ranking = rank_models(SAND, measured(power=0.6), ["psi"], models=["linearized", "tan-alpha"], density=DENSITY)
+    assert ranking.statements[0].startswith("None of the models fits within the uncertainties: χ²/dof is ")
+    best = ranking.best
+    assert "95%, if the model were right: " in best.rows()[0].meaning
+    assert any("hold only if the model were right" in said for said in best.statements)
+    assert ranking.headings[3] == "χ²/dof"
+    shown = [float(row[3]) for row in ranking.rows()]
+    assert shown == pytest.approx([fit.chi2 / fit.degrees_of_freedom for fit in ranking.fits], rel=5e-3)
+    right = rank_models(SAND, measured(), ["psi"], models=["linearized", "tan-alpha"], density=DENSITY)
+    assert not any("None of the models" in said for said in right.statements)
+    assert "if the model" not in right.best.rows()[0].meaning
+    alone = {name: column for name, column in measured().items() if "uncertainty" not in name}
+    assert rank_models(SAND, alone, ["psi"], models=["linearized"], density=DENSITY).headings[3] == "rms [mg/kg]"
+
+
+def test_no_row_is_advised_that_the_data_has():
+    every = np.deg2rad(np.arange(5.0, 90.0, 5.0))
+    speeds = np.repeat(SPEEDS, every.size)
+    columns = {"angle [rad]": np.tile(every, 2), "speed [m/s]": speeds, "volume [mm^3]": np.ones(speeds.size)}
+    forward = Forward(erosion.load_model("linearized"), SAND, ("k",), erosion.read_measurements(columns, "si"), None)
+    problem = make_problem(forward, forward.data, {})
+    said = advise(problem, ["k"], np.log([[0.5], [4.0]]), 0.03)
+    assert said.startswith("Fix it, or measure at ")
+    assert said.endswith(("v₀ = 15 m/s.", "v₀ = 120 m/s."))

@@ -9,6 +9,7 @@ from erosion.calibration.least_squares import Problem
 
 _ANGLES = np.deg2rad(np.arange(5.0, 90.0, 5.0))
 _FACTORS = 0.5, 2.0  # of the least and the greatest speed of the data, which a laboratory may also have
+_SAME_ANGLE, _SAME_SPEED = np.deg2rad(1.0), 0.02  # of a row that is measured already; the speed relative
 _SEEN = 2.0  # standard deviations of a row, by which the two fits must differ there
 
 
@@ -28,11 +29,21 @@ def advise(problem: Problem, names: Sequence[str], allowed: np.ndarray, noise: f
         greatest = max(np.abs(first).max(), np.abs(second).max())
         if not greatest > 0:  # impacts failed, or there is no erosion
             continue
-        differs = np.abs(first - second) / (noise * greatest)
+        differs = np.where(_measured(problem, speed), 0.0, np.abs(first - second) / (noise * greatest))
         if differs.max() >= _SEEN:
             where = "" if speed is None else f" and {describe({'v0': speed}, problem.data.units)}"
             return f"{fixed}, or measure at {np.rad2deg(_ANGLES[np.argmax(differs)]):.0f}°{where}."
     return f"{fixed}."
+
+
+def _measured(problem: Problem, speed: float | None) -> np.ndarray:
+    """Whether the data has a row at each of `_ANGLES` and this speed, of the shape of `_ANGLES`."""
+    rows = problem.data.conditions
+    there = np.full(len(problem.data), True)
+    if speed is not None and "v0" in rows:
+        there = np.isclose(rows["v0"], speed, rtol=_SAME_SPEED)
+    near = np.abs(_ANGLES[:, None] - rows["alpha"]) < _SAME_ANGLE
+    return (near & there).any(axis=1)
 
 
 def _speeds(problem: Problem) -> list[float | None]:

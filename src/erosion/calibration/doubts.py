@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from erosion.calibration.advice import advise
+from erosion.calibration.conditions import conditions
 from erosion.calibration.numbers import rounded
 
 if TYPE_CHECKING:
@@ -65,7 +66,9 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
         rounded(end, high - low, 2) + (f" ({side} bound)" if f"interval at {side}" in touched else "")
         for side, end in (("lower", low), ("upper", high))
     ]
-    interval = f"{level:.0%}: {' … '.join(ends)}"
+    # Where the model does not fit, its errors come from uncertainties that do not explain the residuals.
+    condition = ", if the model were right" if is_poor(fit) else ""
+    interval = f"{level:.0%}{condition}: {' … '.join(ends)}"
     if name in fit.undecided:
         return rounded(estimate, np.inf), f"not decided by these data; {interval}"
     for side in ("lower", "upper"):
@@ -74,15 +77,41 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
     return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
 
 
+def is_poor(fit: "Calibration") -> bool:
+    """Whether the given uncertainties cannot explain the misfit."""
+    freedom = fit.degrees_of_freedom
+    return fit.data.uncertainty is not None and freedom > 0 and bool(stats.chi2.sf(fit.chi2, freedom) < _POOR)
+
+
 def sentences(fit: "Calibration") -> tuple[str, ...]:
     """All of them; none for a good fit."""
-    freedom, poor = fit.degrees_of_freedom, []
-    if fit.data.uncertainty is not None and freedom > 0 and stats.chi2.sf(fit.chi2, freedom) < _POOR:
-        poor = [
-            f"The model does not fit within the uncertainties: χ² is {fit.chi2:.4g} for {freedom} degrees of freedom."
-        ]
+    poor = [
+        f"The model does not fit within the uncertainties: χ² is {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees "
+        "of freedom. The errors and intervals hold only if the model were right."
+    ]
     patterns = [pattern.sentence for pattern in fit.patterns if pattern.seen]
-    return (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit), *poor, *patterns)
+    if any(pattern.over == "speed" and pattern.seen for pattern in fit.patterns):
+        patterns += _of_speed(fit)
+    return (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit), *(poor if is_poor(fit) else ()), *patterns)
+
+
+def _of_speed(fit: "Calibration") -> list[str]:
+    """The exponents of the speed in the model and in the data, with advice, where speeds alone tell rows apart."""
+    data, groups = fit.data, conditions(fit.data)
+    if "m" in data.conditions or len(groups) < 2:
+        return []
+    weight = fit.fitted / fit.problem.deviation**2
+    heights = [weight[group.rows] @ data.erosion[group.rows] / (weight[group.rows] @ fit.fitted[group.rows])
+               for group in groups]  # fmt: skip
+    if not min(heights) > 0:
+        return []
+    speeds = np.array([group.values["v0"] for group in groups])
+    of_data = np.polyfit(np.log(speeds), np.log(heights), 1)[0]
+    sums = [float(fit.curve(data.angle, {"v0": speed})[0].sum()) for speed in (speeds.min(), speeds.max())]
+    of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
+    alone = min(len(group.rows) for group in groups) > len(fit.names)
+    exponents = f"the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
+    return [f"Fit each speed alone: {exponents}" if alone else f"{exponents[0].upper()}{exponents[1:]}"]
 
 
 def _undetermined(fit: "Calibration") -> list[str]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import Progress, no_progress
+from erosion.calibration.doubts import is_poor
 from erosion.calibration.fitting import calibrate
 from erosion.calibration.forward import FRACTION
 from erosion.calibration.least_squares import CalibrationError
@@ -18,7 +19,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.scales import Scale, table_scale
-from erosion.tables import Result, Row, format_number, to_plain
+from erosion.tables import Result, format_number, to_plain
 
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
@@ -64,7 +65,14 @@ class Ranking(Result):
         """Sentences on models that cannot be distinguished, on failures, and on the best fit."""
         ties = [f"{', '.join(tie[:-1])} and {tie[-1]} give the same curve: these data cannot tell them apart."
                 for tie in self.ties]  # fmt: skip
-        return (*ties, *self._equals(), *self.failures, *self.best.statements)
+        return (*self._poor(), *ties, *self._equals(), *self.failures, *self.best.statements)
+
+    def _poor(self) -> tuple[str, ...]:
+        """A sentence where no one of several models fits."""
+        if len(self.fits) < 2 or not all(is_poor(fit) for fit in self.fits):
+            return ()
+        least = min(fit.chi2 / fit.degrees_of_freedom for fit in self.fits)
+        return (f"None of the models fits within the uncertainties: χ²/dof is {least:.3g} or more.",)
 
     def _equals(self) -> tuple[str, ...]:
         """A sentence on the models that fit as well as the best one, with other curves."""
@@ -74,20 +82,24 @@ class Ranking(Result):
         weights = " : ".join(f"{100 * weight:.0f}" for weight in self.weights[: len(near)])
         return (f"The data do not decide between {', '.join(near[:-1])} and {near[-1]}: their weights are {weights}.",)
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[tuple[str, ...]]:
         """A row for each model."""
         rows = []
         for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True):
             values = ", ".join(f"{key} = {value:.4g}{_mark(fit, key)}" for key, value in fit.estimates.items())
-            left_out = format_number(fit.leave_one_out, 4, self._scale().size)
-            rows.append(Row(name, f"{abs(fit.aicc - self.best.aicc):.2f}", f"{weight:.1%}", left_out, values))
+            size = self._scale().size
+            reduced = fit.data.uncertainty is not None
+            misfit = format_number(fit.chi2 / fit.degrees_of_freedom, 3) if reduced else format_number(fit.rms, 4, size)
+            left_out = format_number(fit.leave_one_out, 4, size)
+            rows.append((name, f"{abs(fit.aicc - self.best.aicc):.2f}", f"{weight:.1%}", misfit, left_out, values))
         return rows
 
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        unit = self._scale().unit
-        return ("model", "ΔAICc", "weight", "left-out error" + (f" [{unit}]" if unit else ""), "estimates")
+        unit = f" [{self._scale().unit}]" if self._scale().unit else ""
+        misfit = f"rms{unit}" if self.best.data.uncertainty is None else "χ²/dof"
+        return ("model", "ΔAICc", "weight", misfit, f"left-out error{unit}", "estimates")
 
     def _scale(self) -> Scale:
         """The unit in which errors read well."""

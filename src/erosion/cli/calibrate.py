@@ -28,19 +28,24 @@ if TYPE_CHECKING:
     from erosion.calibration.profiles import Profile
     from erosion.parameters.units import Dimension, System
 
+_DATA = (
+    'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or '
+    '"angle [deg], speed [m/s], mass_loss [mg/kg]" with --density.'
+)
+_FREE = 'Parameters to fit, of the case or the model\'s own: "k,cutting_fraction,energy_ratio"; "k,psi" without it.'
+_BOUNDS = 'Least and greatest values, of own parameters too: "psi=0.01:0.3,threshold=0:40 m/s".'
+
 
 def calibrate(
-    data: Annotated[Path, Parameter(help='CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]".')],
+    data: Annotated[Path, Parameter(help=_DATA)],
     file: CaseFile = None,
     /,
     *,
     case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
-    free: Annotated[list[str] | None, LISTED, Parameter(help='Parameters to fit; "k,psi" without it.')] = None,
-    bounds: Annotated[
-        list[str] | None, LISTED, Parameter(help='Least and greatest values: "psi=0.01:0.3,sigma=1 GPa:3 GPa".')
-    ] = None,
+    free: Annotated[list[str] | None, LISTED, Parameter(help=_FREE)] = None,
+    bounds: Annotated[list[str] | None, LISTED, Parameter(help=_BOUNDS)] = None,
     cutting_fraction: Annotated[
         float, Parameter(help='Share of the particles that cut, up to 1; "cutting_fraction" in --free fits it.')
     ] = 1.0,
@@ -201,7 +206,7 @@ def _write(ranking: "Ranking", level: float, outputs: _Outputs) -> tuple[list[Pa
 
 def _print(ranking: "Ranking", level: float, profile: "Profile | None", written: list[Path], case: Path | None) -> None:
     if _ranks_several(ranking):
-        print_table(ranking.title, ranking.rows(), ranking.headings, numbers=(1, 2, 3))
+        print_table(ranking.title, ranking.rows(), ranking.headings, numbers=(1, 2, 3, 4))
     print_table(ranking.best.title, ranking.best.rows(level))
     if profile is not None:
         print_table(f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), numbers=(0, 1))

@@ -1,6 +1,5 @@
 """Figures of fits: measurements, fitted curves with bands, and profiles."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,8 +26,8 @@ _DASHES: Sequence[Any] = (
     (0, (8, 3)),
     (0, (3, 1, 1, 1, 1, 1)),
 )
+_RIGHT = 92  # degrees, so that a mark at 90° is whole
 _MARKS = "os^Dv<>phX*P"
-_NOTE_WIDTH = 84  # characters of a note's line
 
 
 @house_style()
@@ -36,7 +35,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     """The data, the fitted curves with the bands of their uncertainty, and the first fit's residuals.
 
     Data of several speeds or masses has a colour for each, and a curve of each fit; a model is then
-    known by its dashes. What is doubtful in the first fit stands above the figure.
+    known by its dashes. A line above the figure says whether the first fit has warnings (`Calibration.statements`).
 
     Args:
         fits: fits to the same data, the best first; only the first six are drawn, because a reader
@@ -59,12 +58,14 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
     lower.set_ylabel("residuals")
     angle_axis(lower)
+    lower.set_xlim(0, _RIGHT)
     handles, labels = upper.get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), title=f"bands: {level:.0%}")
     if best.statements:
         whose = f"{model_name(best.model)}: " if len(fits) > 1 else ""
-        notes = [textwrap.fill(f"{whose}{said}", _NOTE_WIDTH) for said in best.statements]
-        upper.set_title("\n".join(notes), fontsize=7.5, loc="left")
+        count = len(best.statements)
+        note = f"{whose}{count} warning{'s' if count > 1 else ''}: see the text of the fit"
+        upper.set_title(note, fontsize=7.5, loc="left")
     unit = f"[{scale.unit}]" if scale.unit else ""
     _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", unit)
     return fig
