@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -158,7 +159,7 @@ def aluminium(tmp_path_factory):
         loss = 0.3 * volume * 2700 / float(p.m) * 1e6
         error = 0.03 * loss.max()
         noisy = loss + error * rng.standard_normal(degrees.size)
-        lines += [f"{angle},{speed},{one:.2f},{error:.2f}" for angle, one in zip(degrees, noisy, strict=True)]
+        lines += [f"{angle:g},{speed:g},{one:.2f},{error:.2f}" for angle, one in zip(degrees, noisy, strict=True)]
     data.write_text("\n".join(lines))
     case.write_text(dump_case(p.replace(k=2.0)))
     words = ["calibrate", str(data), "--case", str(case), "--density", "2.7 g/cm^3", "--starts", "4"]
@@ -231,3 +232,15 @@ def test_help_says_what_may_be_free_and_that_masses_are_read(monkeypatch, capsys
     assert "of the case or the model's own" in text
     assert "threshold=0:40 m/s" in text
     assert "mass_loss [mg/kg]" in text
+
+
+def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "96")
+    page = (Path(__file__).parents[2] / "docs" / "calibration.md").read_text()
+    _, data, _, case, *_ = aluminium
+    assert "\n".join(Path(data).read_text().splitlines()[:3]).replace(",", ", ").replace(",  ", ", ") in page
+    monkeypatch.chdir(Path(data).parent)
+    words = ["calibrate", Path(data).name, "--case", case, "--density", "2.7 g/cm^3", "--free"]
+    models = ["--model", "linearized,linearized-deformation"]
+    assert _status([*words, "k,cutting_fraction,energy_ratio,threshold", *models]) == 0
+    assert capsys.readouterr().out.strip() in page
