@@ -9,12 +9,13 @@ import signal
 import socket
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fastapi import Request
 from nicegui import app, background_tasks, ui
 
+from erosion.explorer.access import OnlyOwnPage
 from erosion.explorer.answers import Answers
 from erosion.explorer.computed import all_ready
 from erosion.explorer.preparation import Preparation
@@ -50,16 +51,12 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
     @ui.page("/", title="erosion explorer", dark=None)
     async def page(request: Request) -> None:
         ui.add_css(_STYLE)
-        complaint, state = "", service.start
-        try:
-            state = state.reading(request.query_params, list(service.summaries))
-        except ValueError as error:
-            complaint = f"The link cannot be used: {error}"
-        tab = Tab(service, state)
-        await ui.context.client.connected()
-        tab.begin()
-        if complaint:
-            tab.say(complaint)
+        ui.add_body_html("<noscript><p>The explorer needs JavaScript.</p></noscript>")
+        client = ui.context.client
+        # A crawler never connects. After a minute NiceGUI deletes its client; until then it costs next to nothing.
+        await client.connected()
+        if not client.is_deleted:
+            _open_tab(service, request.query_params)
 
     async def announce() -> None:
         await _listening(port)
@@ -67,6 +64,7 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         # Not earlier: compiling would slow the start of the server.
         all_ready(service.answers, service.start, service.preparation)
 
+    app.add_middleware(OnlyOwnPage)
     app.on_startup(lambda: background_tasks.create(announce()))
     # If a model still computes at the end, NiceGUI and Python would warn about the dropped work.
     warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
@@ -78,6 +76,19 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
     # When the interpreter ends, a thread that is still inside XLA would abort the process.
     atexit.register(os._exit, _INTERRUPTED)
     raise KeyboardInterrupt
+
+
+def _open_tab(service: Service, link: Mapping[str, str]) -> None:
+    """Fill the page with what its link asks for."""
+    complaint, state = "", service.start
+    try:
+        state = state.reading(link, list(service.summaries))
+    except ValueError as error:
+        complaint = f"The link cannot be used: {error}"
+    tab = Tab(service, state)
+    tab.begin()
+    if complaint:
+        tab.say(complaint)
 
 
 async def _listening(port: int) -> None:
