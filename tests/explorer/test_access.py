@@ -46,7 +46,7 @@ class Answer(NamedTuple):
     """Status, headers and text of an answer."""
 
     status: int
-    headers: Mapping[str, str]
+    headers: http.client.HTTPMessage
     text: str
 
 

@@ -21,6 +21,7 @@ from erosion.explorer.computed import all_ready
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab
+from erosion.explorer.wording import sentence
 from erosion.models import available_models, load_model
 from erosion.parameters.parameters import Parameters
 from erosion.trajectory.trajectory import TurnWarning
@@ -66,8 +67,9 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
 
     app.add_middleware(OnlyOwnPage)
     app.on_startup(lambda: background_tasks.create(announce()))
-    # If a model still computes at the end, NiceGUI and Python would warn about the dropped work.
-    warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
+    # If a model still computes at the end, NiceGUI and Python would warn about the dropped work. And numbers beyond
+    # all floats are on the page, not on the terminal.
+    warnings.simplefilter("ignore", RuntimeWarning)
     logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
     # The server ends by Ctrl+C only. The exception is lost if it comes while Python collects garbage.
     with contextlib.suppress(KeyboardInterrupt):
@@ -84,7 +86,7 @@ def _open_tab(service: Service, link: Mapping[str, str]) -> None:
     try:
         state = state.reading(link, list(service.summaries))
     except ValueError as error:
-        complaint = f"The link cannot be used: {error}"
+        complaint = f"The link cannot be used: {sentence(error)}"
     tab = Tab(service, state)
     tab.begin()
     if complaint:

@@ -47,8 +47,16 @@ class OwnNumber(NamedTuple):
             value = read_quantity(text, self.quantity.dimension, units)
         except ValueError as error:
             raise ValueError(f"Field `{self.key}` {error}.") from error
+        return self.with_value(value)
+
+    def with_value(self, value: float) -> "OwnNumber":
+        """Return the same parameter with another number.
+
+        Raises:
+            ValueError: if the number is not finite.
+        """
         if not np.isfinite(value):
-            raise ValueError(f"Field `{self.key}` must be a finite number, but is {text}.")
+            raise ValueError(f"Field `{self.key}` must be a finite number, but is {value}.")
         return self._replace(value=value)
 
 
@@ -109,7 +117,7 @@ class Case(NamedTuple):
         Raises:
             ValueError: for a number out of range.
         """
-        own = tuple(number._replace(value=changes.pop(number.key, number.value)) for number in self.own)
+        own = tuple(number.with_value(changes.pop(number.key, number.value)) for number in self.own)
         p = self.parameters().replace(**changes)
         validate(p)
         return Case.of(p, own)
@@ -131,14 +139,21 @@ class Case(NamedTuple):
         Raises:
             ValueError: one sentence that says what is wrong with the text.
         """
-        return self.reading({name: f"{text} deg" if name == "alpha" and _is_number(text) else text})
+        in_degrees = self.quantities()[name].dimension == "angle" and _is_number(text)
+        return self.reading({name: f"{text} deg" if in_degrees else text})
 
     def to(self, units: str) -> "Case":
-        """The same impact in another unit system."""
-        p = self.parameters().to(units)
+        """The same impact in another unit system.
+
+        Raises:
+            ValueError: for another name than those of the unit systems, and for a number too great for a float there.
+        """
+        with np.errstate(over="ignore"):
+            p = self.parameters().to(units)
+        validate(p)
         factors = [conversion_factor(number.quantity.dimension, self.units, p.units) for number in self.own]
         pairs = zip(self.own, factors, strict=True)
-        return Case.of(p, tuple(number._replace(value=number.value * factor) for number, factor in pairs))
+        return Case.of(p, tuple(number.with_value(number.value * factor) for number, factor in pairs))
 
     def at_any_angle(self) -> "Case":
         """One case for all angles: answers over the angle are kept by this case."""

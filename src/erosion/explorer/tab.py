@@ -16,7 +16,7 @@ from erosion.explorer.elements import Cut, Plot, Prose
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.sharing import Sharing
-from erosion.explorer.sliders import at_position, with_spin
+from erosion.explorer.sliders import ANGLES, SPINS, at_position, with_spin
 from erosion.explorer.state import State
 from erosion.explorer.threads import in_thread
 from erosion.explorer.views import VIEWS
@@ -111,19 +111,19 @@ class Tab:
             if name == "histories":
                 return Plot("400px", follows=True)
             if name == "spins":
-                return Plot("400px", on_pick=lambda s: self._go(self._with_case(with_spin(s, self.state.case))))
+                return Plot("400px", range_=SPINS, on_pick=self._pick_spin)
             if name == "sensitivities":
                 return Plot("400px")
-            return Plot("400px", on_pick=self._pick_angle)
+            return Plot("400px", range_=ANGLES, on_pick=self._pick_angle)
 
     def _stay_at(self, instant: float) -> None:
         self._go(dataclasses.replace(self.state, instant=instant))
 
     def _pick_angle(self, degrees: float) -> None:
-        self._go(self._with_case(at_position("alpha", degrees, self.state.case, self.service.start.case)))
+        self._controls.change(lambda case: at_position("alpha", degrees, case, self.service.start.case))
 
-    def _with_case(self, case: Any) -> State:
-        return dataclasses.replace(self.state, case=case)
+    def _pick_spin(self, s: float) -> None:
+        self._controls.change(lambda case: with_spin(s, case))
 
     def _go(self, state: State) -> None:
         """Change to another state and show it."""
