@@ -41,7 +41,9 @@ class Controls:
                     ui.menu_item(material, on_click=lambda _, metal=material: self._metal(metal))
             with ui.button("Spin").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
                 for s in SPIN_PRESETS:
-                    ui.menu_item(f"s = {s:g}".replace("-", "−"), on_click=lambda _, s=s: self.change(partial(with_spin, s)))
+                    ui.menu_item(
+                        f"s = {s:g}".replace("-", "−"), on_click=lambda _, s=s: self.change(partial(with_spin, s))
+                    )
             self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
             self._units.props('dense no-caps unelevated aria-label="Units"')
         self._fields = {name: self._field(name) for name in _ORDER}
@@ -83,7 +85,9 @@ class Controls:
 
     def _group(self, model: str) -> ui.element:
         """The fields of a model's own parameters."""
-        with ui.element("div").props(f'role=group aria-label="Parameters of {html.escape(model)}"') as group:
+        with ui.element("div").props("role=group") as group:
+            # The name of a plug-in's file may hold quotes and ends of lines, which a text of properties cannot.
+            group.props["aria-label"] = f"Parameters of {model}"
             ui.html(html.escape(model), tag="h2", sanitize=False)
             keys = [number.key for number in self._start.case.own if number.model == model]
             self._fields |= {key: self._field(key) for key in keys}

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
-from urllib.parse import urlencode
+from urllib.parse import unquote, urlencode
 
 import numpy as np
 
@@ -190,7 +190,12 @@ class State:
         """The state as the query of a link, exact to the last bit, without models that are not checked."""
         own = tuple(number for number in self.case.own if number.model in self.models)
         numbers = {name: repr(number) for name, number in self.case._replace(own=own).numbers().items()}
-        fields = {"units": self.case.units, **numbers, "models": ",".join(self.models), "shown": self.shown}
+        fields = {
+            "units": self.case.units,
+            **numbers,
+            "models": ",".join(map(_spelled, self.models)),
+            "shown": self.shown,
+        }
         if self.instant != 1:
             fields["instant"] = repr(self.instant)
         if self.dark is not None:
@@ -213,7 +218,7 @@ class State:
                 raise ValueError(f"Field `{name}` is unknown.")
         case = self.case.to(query.get("units", self.case.units))
         case = case.reading({name: text for name, text in query.items() if name in parameters})
-        checked = query["models"].split(",") if "models" in query else list(self.models)
+        checked = [unquote(name) for name in query["models"].split(",")] if "models" in query else list(self.models)
         shown = query.get("shown", self.shown if self.shown in checked else checked[0])
         for name in (*checked, shown):
             if name not in known:
@@ -227,6 +232,11 @@ class State:
             raise ValueError(f"Field `dark` must be 'true' or 'false', but is {dark!r}.")
         models = tuple(name for name in known if name in checked)
         return State(case, models, shown, float(instant), self.dark if dark is None else dark == _TEXTS[True])
+
+
+def _spelled(model: str) -> str:
+    """A model's name in a list with commas; few names of files hold one."""
+    return model.replace("%", "%25").replace(",", "%2C")
 
 
 def _is_number(text: str) -> bool:
