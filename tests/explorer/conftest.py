@@ -29,6 +29,11 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
+def free_of_pytest() -> dict[str, str]:
+    """The environment of a command: NiceGUI behaves differently where it believes that pytest runs it."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
+
+
 COMMAND = (sys.executable, "-m", "erosion")
 
 
@@ -37,10 +42,8 @@ def served(
     *options: str, command: Sequence[str] = COMMAND, errors: IO[str] | None = None
 ) -> Iterator[tuple[subprocess.Popen, str]]:
     """The running command, and the address that it prints; `errors` is a file for what it writes to stderr."""
-    # NiceGUI behaves differently where it believes that pytest runs it.
-    env = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
     arguments = [*command, "explore", "--no-browser", "--port", "0", *options]
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=errors, text=True, env=env)
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=errors, text=True, env=free_of_pytest())
     assert process.stdout is not None
     try:
         yield process, process.stdout.readline().strip()
