@@ -39,10 +39,10 @@ COMMAND = (sys.executable, "-m", "erosion")
 
 @contextlib.contextmanager
 def served(
-    *options: str, command: Sequence[str] = COMMAND, errors: IO[str] | None = None
+    *options: str, port: int = 0, command: Sequence[str] = COMMAND, errors: IO[str] | None = None
 ) -> Iterator[tuple[subprocess.Popen, str]]:
     """The running command, and the address that it prints; `errors` is a file for what it writes to stderr."""
-    arguments = [*command, "explore", "--no-browser", "--port", "0", *options]
+    arguments = [*command, "explore", "--no-browser", "--port", str(port), *options]
     process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=errors, text=True, env=free_of_pytest())
     assert process.stdout is not None
     try:

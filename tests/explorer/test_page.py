@@ -1,7 +1,6 @@
 """The explorer in a real browser."""
 
 import json
-import os
 import signal
 import socket
 import statistics
