@@ -1,11 +1,13 @@
 """Files that are there completely or not at all; full disks are in `bad_input/test_surroundings.py`."""
 
 import os
+import signal
+import threading
 from pathlib import Path
 
 import pytest
 
-from erosion.files import require_writable, write_whole, written_whole
+from erosion.files import require_writable, uninterrupted, write_whole, written_whole
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -78,3 +80,110 @@ def test_what_is_no_file_is_not_replaced(tmp_path: Path, check) -> None:
         assert caught.value.filename == str(path)
     assert (tmp_path / "pipe").is_fifo()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder", "pipe"]
+
+
+def test_a_link_is_written_through(tmp_path: Path) -> None:
+    folder = tmp_path / "far"
+    folder.mkdir()
+    (folder / "real.txt").write_bytes(b"old")
+    for link, target in (("one", folder / "real.txt"), ("two", tmp_path / "one"), ("dangling", folder / "new.txt")):
+        (tmp_path / link).symlink_to(target)
+    require_writable(tmp_path / "two")
+    write_whole(tmp_path / "two", b"newer")
+    write_whole(tmp_path / "dangling", b"new")
+    assert contents(folder) == {"real.txt": b"newer", "new.txt": b"new"}
+    assert all((tmp_path / link).is_symlink() for link in ("one", "two", "dangling"))
+
+
+@pytest.mark.parametrize("check", [require_writable, lambda path: write_whole(path, b"new")])
+def test_a_link_that_leads_nowhere_is_refused_by_its_name(tmp_path: Path, check) -> None:
+    (tmp_path / "ring").symlink_to(tmp_path / "ring")
+    (tmp_path / "lost").symlink_to(tmp_path / "missing" / "out.txt")
+    (tmp_path / "folder").symlink_to(tmp_path)
+    for name, message in (
+        ("ring", "Too many levels of symbolic links"),
+        ("lost", "No such file or directory"),
+        ("folder", "Is a directory"),
+    ):
+        with pytest.raises(OSError, match=message) as caught:
+            check(tmp_path / name)
+        assert caught.value.filename == str(tmp_path / name)
+        assert (tmp_path / name).is_symlink()
+
+
+def test_a_file_keeps_its_permissions(tmp_path: Path) -> None:
+    path = tmp_path / "private.txt"
+    path.touch(mode=0o600)
+    write_whole(path, b"secret")
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "kept.txt"
+    path.write_bytes(b"kept")
+    # The tests may run as root, who may write everything.
+    monkeypatch.setattr(os, "access", lambda file, mode: not (file == path and mode == os.W_OK))
+    for check in (require_writable, lambda path: write_whole(path, b"new")):
+        with pytest.raises(PermissionError) as caught:
+            check(path)
+        assert caught.value.filename == str(path)
+    assert path.read_bytes() == b"kept"
+
+
+def test_the_longest_name_that_the_system_takes_can_be_written(tmp_path: Path) -> None:
+    path = tmp_path / ("n" * 255)
+    require_writable(path)
+    write_whole(path, b"new")
+    path = tmp_path / ("λ" * 127)
+    write_whole(path, b"new")
+    assert path.read_bytes() == b"new"
+
+
+@pytest.fixture
+def heeds_ctrl_c():
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, usual)
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
+def test_a_second_interrupt_does_not_wait() -> None:
+    reached = []
+
+    def press(*names: str) -> None:
+        with uninterrupted():
+            for name in names:
+                os.kill(os.getpid(), signal.SIGINT)
+                reached.append(name)
+
+    with pytest.raises(KeyboardInterrupt):
+        press("first")
+    with pytest.raises(KeyboardInterrupt):
+        press("first", "second")
+    assert reached == ["first", "first"]
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
+def test_an_error_is_told_before_an_interrupt() -> None:
+    def fail() -> None:
+        with uninterrupted():
+            os.kill(os.getpid(), signal.SIGINT)
+            raise ValueError("inside")
+
+    with pytest.raises(ValueError, match="inside"):
+        fail()
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
+def test_signals_do_not_come_to_other_threads() -> None:
+    reached = []
+
+    def write() -> None:
+        with uninterrupted():
+            reached.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    thread.join()
+    assert reached == [signal.default_int_handler]

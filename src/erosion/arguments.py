@@ -33,6 +33,12 @@ def check_scalars(values: Mapping[str, Any], instead: str = "") -> None:
             raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
 
 
+def check_unmasked(name: str, value: Any) -> None:
+    """A `ValueError` where values are masked: all that computes with arrays ignores the mask."""
+    if np.ma.is_masked(value):
+        raise ValueError(f"Argument `{name}` must have no masked values; leave them out, or fill them with NaN.")
+
+
 def check_path(name: str, value: Any) -> Path:
     """The argument as a path; a `TypeError` or `ValueError` where it cannot be one."""
     if not isinstance(value, (str, Path)):

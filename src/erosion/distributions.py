@@ -24,8 +24,9 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import special
 
+from erosion.arguments import check_unmasked
 from erosion.parameters.scales import table_scale
-from erosion.parameters.units import Dimension, System, read_quantity
+from erosion.parameters.units import Dimension, System, has_unit, read_quantity, shown
 
 Number = float | int
 
@@ -215,6 +216,7 @@ class Samples(Distribution):
     source: str = "samples"
 
     def __post_init__(self) -> None:
+        check_unmasked("values", self.values)
         try:
             values = np.sort(np.asarray(self.values, float).reshape(-1))
         except (TypeError, ValueError):
@@ -276,11 +278,14 @@ def read_distribution(text: str, name: str, dimension: Dimension, system: System
     arguments = [part.strip() for part in call["arguments"].split(",")]
     fields = _fields(law)
     if len(arguments) != len(fields):
-        raise ValueError(f"must be {call['name']}({', '.join(fields)}), but is {text!r}")
-    values = [
-        read_quantity(argument, "1" if field in law.shapes else dimension, system)
-        for argument, field in zip(arguments, fields, strict=True)
-    ]
+        raise ValueError(f"must be {call['name']}({', '.join(fields)}), but is {shown(text)}")
+    dimensions: list[Dimension] = ["1" if field in law.shapes else dimension for field in fields]
+    given = list(zip(arguments, dimensions, strict=True))
+    # Everywhere else a bare number is in radians, but a law of 30 rad would pass for one of 30°.
+    if not all(has_unit(argument) for argument, of in given if of == "angle"):
+        spelled = ", ".join(f"{a}deg" if of == "angle" and not has_unit(a) else a for a, of in given)
+        raise ValueError(f"must have units in its angles, such as {call['name']}({spelled}), but is {shown(text)}")
+    values = [read_quantity(argument, of, system) for argument, of in given]
     try:
         return law(*values)
     except ValueError as error:
@@ -293,23 +298,52 @@ def read_samples(path: str | Path, name: str, dimension: Dimension, system: Syst
     Raises:
         ValueError: with a clause that starts with "must", to follow the parameter's name.
     """
+    heads, rows = _read_columns(path)
+    parts = [_HEAD.fullmatch(head) if len(head) <= _LONGEST_HEAD else None for head in heads]
+    columns = [i for i, part in enumerate(parts) if part is not None and part[1] == name]
+    if len(columns) != 1:
+        there = shown(", ".join(heads)).strip("'") or "none"
+        raise ValueError(f"must have one column `{name}` in {path}, whose columns are {there}")
+    part = parts[columns[0]]
+    unit = (part[2] or "") if part is not None else ""
+    values = []
+    for line, cells in rows:
+        text = f"{cells[columns[0]]} {unit}"
+        try:
+            if dimension == "angle" and not has_unit(text):
+                raise ValueError(f"must have a unit in the header, such as `{name} [deg]`")
+            values.append(read_quantity(text, dimension, system))
+        except ValueError as error:
+            raise ValueError(
+                f"must have a number in each row of column `{name}` in {path}, line {line} ({error})"
+            ) from error
+    if not values:
+        raise ValueError(f"must have a number in each row of column `{name}` in {path}, which has no rows")
+    return Samples(values, str(path))
+
+
+_HEAD = re.compile(r"\s*([\w.]+)\s*(?:\[(.*)\])?\s*")
+_LONGEST_HEAD = 300  # characters; the pattern's time grows with their square
+
+
+def _read_columns(path: str | Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The header of a CSV file, and the cells of each row with the number of its line; every row is as long."""
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            header, *rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)] or [[]]
+            reader = csv.reader(file, strict=True)
+            lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
     except OSError as error:
         raise ValueError(f"must name a CSV file, but {str(path)!r} cannot be read ({error.strerror})") from error
     except (ValueError, csv.Error) as error:
         raise ValueError(f"must name a CSV file, but {str(path)!r} is no table in UTF-8") from error
-    heads = [re.fullmatch(r"\s*([\w.]+)\s*(?:\[(.*)\])?\s*", head) for head in header]
-    columns = [i for i, head in enumerate(heads) if head is not None and head[1] == name]
-    if len(columns) != 1:
-        raise ValueError(f"must have one column `{name}` in {path}, whose columns are {', '.join(header) or 'none'}")
-    head = heads[columns[0]]
-    unit = (head[2] or "") if head is not None else ""
-    try:
-        return Samples([read_quantity(f"{row[columns[0]]} {unit}", dimension, system) for row in rows], str(path))
-    except (IndexError, ValueError) as error:
-        raise ValueError(f"must have a number in each row of column `{name}` in {path} ({error})") from error
+    (_, header), *rows = lines or [(1, [])]
+    for line, cells in rows:
+        if len(cells) != len(header):
+            raise ValueError(
+                f"must have as many cells in each row of {path} as in its header, {len(header)}, but line {line} has "
+                f"{len(cells)}; a decimal is written with a point"
+            )
+    return header, rows
 
 
 def _fields(law: Any) -> list[str]:

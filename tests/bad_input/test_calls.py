@@ -202,7 +202,11 @@ ROWS = [
         "Argument `free` must be a list of parameters, but is 3.",
     ),
     ("erosion.calibrate('finnie', P, DATA, free=[['k']])", "ValueError", "Argument `free` must name parameters (k"),
-    ("erosion.calibrate(OWN, P, DATA, free=['fricton'])", "ValueError", "inertia, friction), but has 'fricton'."),
+    (
+        "erosion.calibrate(OWN, P, DATA, free=['fricton'])",
+        "ValueError",
+        "inertia, friction, cutting_fraction), but has 'fricton'.",
+    ),
     (
         "erosion.calibrate('finnie', P, DATA, free=['friction'])",
         "ValueError",

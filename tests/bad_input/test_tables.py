@@ -18,7 +18,7 @@ HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
         ("volume [in^3]\n1\n", ", line 1, the header has no column `angle [deg]`."),
         ("angle [deg]\n1\n", "must have one column of erosion (volume, mass_loss, erosion), but has none."),
         ("angle [deg],volume [in^3],erosion [-]\n1,1,1\n", "but has volume and erosion."),
-        ("angle [deg],depth [mm]\n1,1\n", ", line 1, column 2: must be one of angle, volume,"),
+        ("angle [deg],depth [mm]\n1,1\n", "one column of erosion (volume, mass_loss, erosion), but has none."),
         ("angle [deg],angle [deg],erosion\n1,1,1\n", ", line 1, column 2: repeats the column `angle`."),
         ("angle [deg],volume\n1,1\n", "column 2: `volume` must carry its unit in brackets, as `volume [mm^3]`."),
         ("angle,volume [in^3]\n1,1\n", "line 1, column 1: `angle` must carry its unit in brackets, as `angle [deg]`."),

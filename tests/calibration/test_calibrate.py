@@ -125,7 +125,7 @@ def test_estimates_are_unbiased_and_intervals_cover():
 
 def test_a_product_is_reported_as_a_product():
     result = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "sigma"])
-    assert result.statements == ("psi and sigma cannot be told apart: only psi·sigma is determined.",)
+    assert result.statements == ("psi and sigma cannot be told apart: only psi·sigma is determined. Fix one of them.",)
     assert result.undetermined == ("psi", "sigma")
     assert result.standard_errors["psi"] == result.standard_errors["sigma"] == np.inf
     assert result.intervals()["psi"] == (0.0, np.inf)
@@ -142,7 +142,7 @@ def test_a_product_is_reported_as_a_product():
 
 def test_what_has_no_influence_is_said():
     result = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "r"], starts=2)
-    assert result.statements == ("r has no influence on these data and cannot be determined.",)
+    assert result.statements == ("r has no influence on these data and cannot be determined. Fix it.",)
     assert result.standard_errors["r"] == np.inf
     assert np.isfinite(result.standard_errors["psi"])
 
@@ -222,7 +222,7 @@ def test_a_free_scale_leaves_the_shape(fit):
     # The scale takes up the guess's wrong ψ.
     assert result.estimates["scale"] == pytest.approx(1e5 * 0.06 / fit.estimates["psi"], rel=1e-5)
     tied = calibrate("linearized", GUESS, table, ["k", "psi"], starts=1)
-    assert tied.statements == ("psi and scale cannot be told apart: only psi/scale is determined.",)
+    assert tied.statements == ("psi and scale cannot be told apart: only psi/scale is determined. Fix one of them.",)
 
 
 def test_speed_and_mass_by_row():

@@ -29,8 +29,9 @@ def test_a_plain_table(table):
         (HEAD.replace(",", ";") + "20,0;1,5;1\n30;2;1,0\n", "utf-8"),
         (HEAD.replace(", ", "\t") + "20\t1,5\t1\n30\t2.0\t1\n", "utf-8"),
         ('"angle [deg]","Volume [in^3]","UNCERTAINTY [in^3]"\n"20","1.5","1"\n30,2,1', "utf-8"),
+        ('"# sand, 60 m/s",,\n' + HEAD + '20,1.5,1\n  # a spare, not used\n"# nor, this",,\n30,2,1\n', "utf-8"),
     ],
-    ids=["byte order mark", "CRLF", "comments and blanks", "decimal commas", "tabs", "quotes"],
+    ids=["byte order mark", "CRLF", "comments and blanks", "decimal commas", "tabs", "quotes", "quoted comments"],
 )
 def test_what_spreadsheets_write(table, text, encoding):
     found = read_measurements(table(text, encoding), "inch-pound")
@@ -74,6 +75,17 @@ def test_a_million_rows_are_read_and_the_last_one_is_checked(table):
     assert time.perf_counter() - begin < 20
     with pytest.raises(MeasurementError, match="line 1000002, column 1"):
         read_measurements(table(HEAD + rows + "90.5,1,1\n"), "si")
+
+
+def test_columns_of_other_names_are_not_used_and_named(table):
+    text = "run,angle [deg],volume [in^3],operator,time [s]\nA1,20,1.5,Ann,\nA2,30,2,Bob,7\n"
+    measured = read_measurements(table(text), "inch-pound")
+    np.testing.assert_allclose(measured.erosion, [1.5, 2])
+    assert measured.unused == ("run", "operator", "time [s]")
+    with pytest.raises(MeasurementError, match=r"line 2, column 3 \(volume \[in\^3\]\) must be a number, but is 'x'"):
+        read_measurements(table(text.replace("1.5", "x")), "inch-pound")
+    columns = {"run": ["A1", "A2"], "angle [deg]": [20, 30], "erosion [-]": [1, 2]}
+    assert read_measurements(columns, "si").unused == ("run",)
 
 
 def test_columns_in_memory():

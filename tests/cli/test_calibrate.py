@@ -1,11 +1,15 @@
 """`erosion calibrate` as a user types it."""
 
+import json
+
 import numpy as np
 import pytest
 
 from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters.case_files import dump_case, load_case
 from erosion.parameters.parameters import TABLE_1
+from tests.calibration.test_real_data import SAND, measured
 from tests.documents import result_of
 
 pytestmark = pytest.mark.slow
@@ -72,3 +76,67 @@ def test_several_models_are_ranked(table, capsys):
     out = capsys.readouterr().out
     assert "ΔAICc" in out
     assert out.index("linearized") < out.index("tan-alpha")
+
+
+def test_columns_that_are_not_used_are_named(table, tmp_path, capsys):
+    text = "# from the lab\n" + "".join(f"{line},by hand\n" for line in table.read_text().splitlines())
+    path = tmp_path / "notes.csv"
+    path.write_text(text.replace("[in^3],by hand", "[in^3],how"))
+    assert _status(["calibrate", str(path), "--free", "k,psi", *GUESS]) == 0
+    assert capsys.readouterr().err == f"warning: {path}: columns that are not used: 'how'.\n"
+
+
+@pytest.fixture(scope="module")
+def sand(tmp_path_factory):
+    """Sand at two speeds in mg/kg, of which 30 % of the particles cut; and the case."""
+    folder = tmp_path_factory.mktemp("sand")
+    data, case = folder / "sand.csv", folder / "case.toml"
+    columns = measured()
+    rows = zip(*columns.values(), strict=True)
+    data.write_text("# 0.3 mm\n" + ",".join(columns) + "\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    case.write_text(dump_case(SAND.replace(v0=110.0)))
+    return ["calibrate", str(data), "--case", str(case), "--density", "7850 kg/m^3", "--starts", "2"]
+
+
+def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, capsys):
+    path = tmp_path / "fitted.toml"
+    options = ["--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:2 GPa,k=1:5"]
+    assert _status([*sand, *options, "--write-case", str(path), "--json"]) == 0
+    printed = result_of(capsys.readouterr().out)
+    assert printed["bounds"] == {"sigma": pytest.approx([1e9, 2e9]), "k": pytest.approx([1, 5])}
+    assert (printed["degrees_of_freedom"], len(printed["residuals"])) == (22, 24)
+    assert 10 < printed["chi2"] < 40
+    assert printed["rms"] == pytest.approx(np.sqrt(np.mean(np.square(printed["residuals"]))))
+    assert printed["cutting_fraction"] == 0.3
+    fitted = load_case(path)
+    assert float(fitted.sigma) == printed["estimates"]["sigma"] == pytest.approx(1.5e9, rel=0.05)
+    # The case was at 110 m/s, at which nothing was measured.
+    assert float(fitted.v0) == 60.0
+    assert "# Volumes are those of a particle that cuts: 0.3 of them do." in path.read_text()
+    assert _status(["run", "--case", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
+
+
+def test_bounds_that_are_touched_are_in_table_and_json(sand, capsys):
+    options = ["--free", "k,cutting_fraction", "--bounds", "cutting_fraction=0.05:0.1"]
+    assert _status([*sand, *options]) == 0
+    captured = capsys.readouterr()
+    assert "at its upper bound" in " ".join(captured.out.split())
+    assert "warning: cutting_fraction is at its upper bound, 0.1: its error means nothing." in captured.err
+    assert _status([*sand, *options, "--json"]) == 0
+    touched = result_of(capsys.readouterr().out)["bounds_touched"]
+    assert {"parameter": "cutting_fraction", "touches": ["estimate at upper", "interval at upper"]} in touched
+
+
+def test_what_a_ranking_says_is_in_its_json(sand, capsys):
+    assert _status([*sand, "--model", "linearized,finnie", "--json"]) == 0
+    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    assert warnings == ["linearized and finnie give the same curve: these data cannot tell them apart."]
+
+
+def test_tables_fit_a_terminal_of_80_characters(sand, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert _status([*sand, "--model", "rotating,linearized,tan-alpha", "--free", "k,cutting_fraction"]) == 0
+    out = capsys.readouterr().out
+    assert max(len(line) for line in out.splitlines()) <= 80
+    assert "cutting_fraction" in out

@@ -21,7 +21,7 @@ def start(step: float = FIRST) -> Control:
 @jax.jit
 def after_trial(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
     """As the integrator does it."""
-    trial = cut_end.look(control, before, after, list(zip((0.15, 0.92), within, strict=True)), error)
+    trial = cut_end.look(control, before, after, list(zip((0.15, 0.92), within, strict=True)), error, jnp.ones(()))
     return jax.lax.cond(
         cut_end.is_near_an_end(control, trial),
         lambda: cut_end.decide(control, trial, SCALE),

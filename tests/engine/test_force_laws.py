@@ -182,3 +182,43 @@ class Paired(erosion.models.ForceLaw):
 def test_a_field_may_be_a_named_tuple():
     model = erosion.models.Rotating(force=Paired())
     assert erosion.impact(model, P).volume == pytest.approx(erosion.impact("rotating", P).volume, rel=1e-9)
+
+
+class TwoLayers(erosion.models.ForceLaw):
+    """F_x = -c·depth·exp(v·tanh(w depth/r + b)), the weights as plain arrays."""
+
+    w: Any
+    b: Any
+    v: Any
+
+    def __call__(self, state, tip, p):
+        factor = jnp.exp(self.v @ jnp.tanh(self.w * (tip.depth / p.r) + self.b))
+        horizontal = -p.stiffness * tip.depth * factor
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+def test_plain_gradient_descent_under_jit_learns_a_force():
+    p, angles = P.replace(psi=0.2), np.deg2rad(np.linspace(4, 34, 8))
+    truth = erosion.load_model("models/saturating_lip.py").replace(reach=0.3)
+    measured = erosion.impact(truth, p.replace(alpha=angles)).volume
+
+    def loss(layers):
+        model = erosion.models.Rotating(force=TwoLayers(*layers))
+        volumes = jax.vmap(lambda alpha: erosion.volume(model, p.replace(alpha=alpha)))(angles)
+        return jnp.mean(jnp.log(volumes / measured) ** 2)
+
+    @jax.jit
+    def descend(layers):
+        value, slopes = jax.value_and_grad(loss)(layers)
+        return value, jax.tree.map(lambda layer, slope: layer - 0.2 * slope, layers, slopes)
+
+    random = np.random.default_rng(0)
+    layers = (jnp.array(2 * random.normal(size=4)), jnp.array(random.normal(size=4)), jnp.zeros(4))
+    value = before = float(descend(layers)[0])
+    for _ in range(300):
+        value, layers = descend(layers)
+    assert before > 0.25**2
+    assert value < 0.1**2

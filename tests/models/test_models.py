@@ -145,3 +145,13 @@ def test_a_closed_form_is_one_program(caplog):
     with jax.log_compiles():
         closed_form("linearized").state(t, P)
     assert sum("Finished XLA compilation" in record.message for record in caplog.records) == 1
+
+
+def test_a_state_shows_its_values():
+    p = erosion.TABLE_1.replace(v0=100.0, alpha=0.0)
+    assert repr(erosion.load_model("rotating").initial_state(p)) == (
+        "State(x=0, y=0, phi=1.5707963267948966, vx=100, vy=0, omega=0)"
+    )
+    states = erosion.State(*(np.array([0.0, 0.5]) for _ in range(6)))
+    assert repr(states).startswith("State(x=<[2] 0 … 0.5>, ")
+    assert "x=ShapeDtypeStruct" in repr(jax.eval_shape(erosion.load_model("rotating").initial_state, p))

@@ -5,6 +5,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
+from matplotlib.text import Text
 
 from erosion.calibration import calibrate
 from erosion.models.closed_forms import LinearizedCut
@@ -50,6 +51,48 @@ def test_data_fit_band_and_residuals(fit):
     corners = np.asarray(bands[0].get_paths()[0].vertices)
     assert corners[:, 1].max() == pytest.approx((erosion + 1.959964 * error).max() * 1e4)
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
+
+
+@pytest.fixture(scope="module")
+def at_two_speeds():
+    """Rows at two speeds in mg/kg, from a curve of another shape than the fitted one."""
+    speed = np.repeat([2000.0, 4000.0], 25)
+    p = TABLE_1.replace(alpha=np.deg2rad(DEGREES), v0=speed)
+    loss = np.asarray(LinearizedCut().volume(p)) / float(TABLE_1.m) * 1e-7 * np.exp(0.6 * np.sin(DEGREES / 12))
+    table = {"angle [deg]": DEGREES, "mass_loss [mg/kg]": loss * 1e6, "speed [in/s]": speed}
+    return calibrate("linearized", TABLE_1, table, ["k", "psi"], density=1e-7, starts=1)
+
+
+def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
+    upper, lower = plot_calibration([at_two_speeds, at_two_speeds]).axes
+    curves = [line for line in upper.get_lines() if len(np.asarray(line.get_xdata())) == 180]
+    assert len(curves) == 4
+    assert len({line.get_color() for line in curves}) == 2
+    heights = [np.asarray(line.get_ydata()).max() for line in curves[:2]]
+    assert heights[1] == pytest.approx(4 * heights[0])
+    bars = [one for one in upper.containers if isinstance(one, ErrorbarContainer)]
+    assert [one.get_label() for one in bars] == ["v₀ = 2000 in/s", "v₀ = 4000 in/s"]
+    assert [one.lines[0].get_color() for one in bars] == [line.get_color() for line in curves[:2]]
+    assert [np.asarray(one.lines[0].get_data()).shape for one in bars] == [(2, 25), (2, 25)]
+    assert [one.lines[0].get_color() for one in lower.containers if isinstance(one, ErrorbarContainer)] == [
+        line.get_color() for line in curves[:2]
+    ]
+
+
+def test_labels_and_notes_are_whole(at_two_speeds):
+    fig = plot_calibration([at_two_speeds])
+    upper = fig.axes[0]
+    assert upper.get_ylabel() == "$Δm/m$  mass loss per mass of erodent\n[mg/kg]"
+    notes = upper.get_title(loc="left")
+    assert notes.startswith("The residuals show a pattern over the angle: ")
+    fig.draw_without_rendering()
+    texts = [upper.yaxis.label, fig.axes[1].yaxis.label, upper.title]
+    texts += [text for text in upper.get_children() if isinstance(text, Text) and text.get_text() == notes]
+    assert len(texts) == 4
+    for text in texts:
+        box = text.get_window_extent()
+        assert fig.bbox.x0 <= box.x0 <= box.x1 <= fig.bbox.x1
+        assert fig.bbox.y0 <= box.y0 <= box.y1 <= fig.bbox.y1
 
 
 def test_a_profile_shows_where_it_crosses(fit):

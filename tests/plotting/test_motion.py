@@ -44,7 +44,7 @@ def test_histories_are_the_closed_form(cut: Trajectory) -> None:
 
 
 def test_path_points_down_into_the_target(cut: Trajectory) -> None:
-    ax = plot_path(new_axes()[1], cut)
+    ax = plot_path(cut, ax=new_axes()[1])
     x, depth = line(ax, "path of the tip")
     np.testing.assert_allclose(x, cut.x_tip * 1e3, rtol=1e-12)
     np.testing.assert_allclose(depth, cut.depth * 1e3, rtol=1e-12)

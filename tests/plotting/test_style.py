@@ -27,7 +27,7 @@ def test_style_does_not_depend_on_the_users_settings(cut: Trajectory, tmp_path) 
 
 def test_save_figure_writes_both_kinds(cut: Trajectory, tmp_path) -> None:
     fig, ax = new_axes()
-    plot_path(ax, cut)
+    plot_path(cut, ax=ax)
     assert [path.name for path in save_figure(fig, tmp_path / "v1.2")] == ["v1.2.svg", "v1.2.png"]
 
 

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,16 @@ def test_the_death_of_a_worker_is_no_matter(client, whole, tmp_path):
     dataset = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, progress=kill_one, **AXES)
     assert killed
     assert_same_bits(dataset.compute(), whole)
+
+
+def test_a_plug_in_is_given_by_its_path(client, tmp_path):
+    path = Path(__file__).parents[2] / "models" / "coulomb_tip.py"
+    with pytest.raises(
+        ValueError, match="`model` must be the path of a plug-in where a cluster computes, but is a model"
+    ):
+        sweep(erosion.load_model(path), P, store=tmp_path / "object.zarr", chunks=CHUNKS, **AXES)
+    stored = sweep(path, P, store=tmp_path / "path.zarr", chunks=CHUNKS, **AXES)
+    assert_same_bits(stored.compute(), sweep(path, P, **AXES))
 
 
 def test_workers_of_several_threads_are_refused(tmp_path):

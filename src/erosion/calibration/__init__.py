@@ -2,6 +2,7 @@
 
 from erosion.calibration.export import AngleTable as AngleTable
 from erosion.calibration.export import ParticleErosion as ParticleErosion
+from erosion.calibration.export import to_case as to_case
 from erosion.calibration.export import to_fluent as to_fluent
 from erosion.calibration.export import to_openfoam as to_openfoam
 from erosion.calibration.fitting import calibrate as calibrate

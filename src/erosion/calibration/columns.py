@@ -22,6 +22,7 @@ _EXAMPLES = {
     "speed": "speed [m/s]", "mass": "mass [mg]",
 }  # fmt: skip
 _HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+_LONGEST_HEAD = 300  # characters; the pattern's time grows with their cube
 _NO_UNIT = ("", "-", "–", "1")
 
 
@@ -46,22 +47,20 @@ class HeaderError(ValueError):
         self.index = index
 
 
-def read_header(cells: Sequence[str], units: System) -> list[Column]:
-    """The columns of a header.
+def read_header(cells: Sequence[str], units: System) -> list[Column | None]:
+    """The columns of a header; None for a column of another name, which is not used.
 
     Args:
         cells: "angle [deg]", "volume [in^3]", …
         units: the unit system to convert to.
 
     Raises:
-        HeaderError: for an unknown, repeated or missing column, or a unit that does not fit.
+        HeaderError: for a repeated or missing column, or a unit that does not fit.
     """
-    parts = [_HEADER.fullmatch(cell) for cell in cells]
+    parts = [_HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEAD else None for cell in cells]
     names = [re.sub(r"[\s-]+", "_", part["name"]).lower() if part else "" for part in parts]
-    for i, (name, cell) in enumerate(zip(names, cells, strict=True)):
-        if name not in COLUMNS:
-            raise HeaderError(i, f"must be one of {', '.join(COLUMNS)} with a unit in brackets, but is {cell!r}")
-        if name in names[:i]:
+    for i, name in enumerate(names):
+        if name in COLUMNS and name in names[:i]:
             raise HeaderError(i, f"repeats the column `{name}`")
     removals = [name for name in names if name in REMOVALS]
     if "angle" not in names:
@@ -72,10 +71,12 @@ def read_header(cells: Sequence[str], units: System) -> list[Column]:
     given = [(part["unit"] or "").strip() if part else "" for part in parts]
     at = names.index(removals[0])
     removal = _column(at, names[at], given[at], REMOVALS[names[at]], units)
-    columns = []
+    columns: list[Column | None] = []
     for i, (name, unit) in enumerate(zip(names, given, strict=True)):
         if i == at:
             columns.append(removal)
+        elif name not in COLUMNS:
+            columns.append(None)
         elif name == "uncertainty":
             columns.append(_column(i, name, unit, (removal.dimension,), units))
         else:

@@ -10,10 +10,14 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
+from erosion.calibration.conditions import MOST, conditions
 from erosion.calibration.result import Calibration
-from erosion.correlations import finnie
+from erosion.correlations import finnie_angle
 from erosion.engine.impact import impact
 from erosion.models import model_name
+from erosion.models.own_parameters import own_in_words
+from erosion.parameters.case_files import dump_case
+from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import conversion_factor
 from erosion.version import __version__
 
@@ -97,14 +101,14 @@ def to_openfoam(calibration: Calibration) -> ParticleErosion:
     ψ is kept as the calibration has it; only p ψ counts. Curves of `finnie` with β = ½ and
     no spin, and of `linearized` (with K = 3k), are of Finnie's shape exactly.
     """
-    case = calibration.p.to("si")
-    volume = _volume(calibration)
+    case = exported_case(calibration).to("si")
+    volume = _volume(calibration, exported_case(calibration))
     scale = float(case.m * case.v0**2 / case.psi)
     greatest = volume.max()
 
     def curve(coefficients: Any) -> np.ndarray:
         stress, ratio = np.exp(coefficients)
-        return scale / (stress * ratio) * np.asarray(finnie(_ANGLES, ratio))
+        return scale / (stress * ratio) * np.asarray(finnie_angle(_ANGLES, ratio))
 
     begin = np.log([scale / greatest / 3, float(case.k)])
     fits = [
@@ -132,7 +136,7 @@ def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
     """
     if not 2 <= points <= _MOST_POINTS:
         raise ValueError(f"Argument `points` must be from 2 to {_MOST_POINTS}, but is {points}.")
-    angles, volume = np.append(0.0, _ANGLES), np.append(0.0, _volume(calibration))
+    angles, volume = np.append(0.0, _ANGLES), np.append(0.0, _volume(calibration, exported_case(calibration)))
     curve = volume / volume.max()
     nodes = [0, len(angles) - 1]
     while True:
@@ -143,7 +147,7 @@ def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
         nodes = sorted({*nodes, int(np.argmax(error))})
         if len(nodes) < points and not error.any():
             break
-    case = calibration.p.to("si")
+    case = exported_case(calibration).to("si")
     return AngleTable(
         angle=angles[nodes],
         f=curve[nodes],
@@ -153,24 +157,79 @@ def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
     )
 
 
-def _volume(calibration: Calibration) -> np.ndarray:
-    """V over `_ANGLES` [m³] at the case's speed and mass."""
-    volume = impact(calibration.model, calibration.p.replace(alpha=_ANGLES)).volume
-    return volume * conversion_factor("volume", calibration.p.units, "si")
+def to_case(calibration: Calibration) -> str:
+    """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
+
+    What a case file has no field for, the model, its own parameters and the cutting fraction, is in comments.
+    """
+    own = own_in_words(calibration.model)
+    lines = _origin(calibration)
+    if calibration.cutting_fraction != 1:
+        lines.append(f"Volumes are those of a particle that cuts: {calibration.cutting_fraction:.4g} of them do.")
+    lines += calibration.statements
+    if own:
+        lines.append(f"The model's own parameters: {own}")
+    text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
+    return _commented(text, "#") + dump_case(exported_case(calibration), calibration.title)
+
+
+def exported_case(calibration: Calibration) -> Parameters:
+    """The fitted case at a speed and a mass that the data has.
+
+    They are those of most rows, of the greatest speed among equals; or the case's own, where the data has these.
+    """
+    p, groups = calibration.p, conditions(calibration.data)
+    own = [group for group in groups if all(np.isclose(float(getattr(p, name)), value, rtol=1e-3)
+                                            for name, value in group.values.items())]  # fmt: skip
+    chosen = max(own or groups, key=lambda group: (len(group.rows), *group.values.values()))
+    return p.replace(**chosen.values)
+
+
+def _volume(calibration: Calibration, p: Parameters) -> np.ndarray:
+    """Volume over `_ANGLES` [m³], per particle, of which a share cuts."""
+    volume = impact(calibration.model, p.replace(alpha=_ANGLES)).volume
+    return calibration.cutting_fraction * volume * conversion_factor("volume", p.units, "si")
 
 
 def _comment(calibration: Calibration) -> str:
-    """Model, data, estimates and warnings."""
-    lines = [
-        f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(calibration.data)} rows of "
-        f"{calibration.data.source}",
-        ", ".join(f"{name} = {value:.6g}" for name, value in calibration.estimates.items())
-        + f" ({calibration.p.units} units), at v0 = {float(calibration.p.to('si').v0):.6g} m/s",
-        *calibration.statements,
-    ]
+    """Model, data, estimates, speed and warnings."""
+    lines = _origin(calibration)
+    if calibration.cutting_fraction != 1:
+        lines.append(f"The cutting fraction {calibration.cutting_fraction:.4g} is part of what is written here.")
+    lines += calibration.statements
     if calibration.data.free_scale:
         lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
     return "\n".join(lines)
+
+
+def _origin(calibration: Calibration) -> list[str]:
+    """Model, data, estimates and speed."""
+    p, data = exported_case(calibration), calibration.data
+    return [
+        f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(data)} rows of {data.source}",
+        ", ".join(f"{name} = {value:.6g}" for name, value in calibration.estimates.items())
+        + f" ({p.units} units), at v0 = {float(p.to('si').v0):.6g} m/s",
+        *_other_speeds(calibration, p),
+    ]
+
+
+def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
+    """A sentence on the speed, where the data has speeds, and one on the other speeds or masses that it has."""
+    groups = [group for group in conditions(calibration.data, MOST) if group.values]
+    if not groups:
+        return []
+    lines = ["This speed is one of the data's." if "v0" in groups[0].values else "This mass is one of the data's."]
+
+    def over_energy(case: Parameters) -> np.ndarray:
+        return _volume(calibration, case) / float(case.m * case.v0**2)
+
+    here = over_energy(p)
+    differs = {group.label: np.abs(over_energy(p.replace(**group.values)) - here).max() / here.max()
+               for group in groups}  # fmt: skip
+    label = max(differs, key=lambda key: differs[key])
+    if len(groups) > 1:
+        lines.append(f"At {label} the volume over m V^2 differs from it by up to {differs[label]:.2%} of its maximum.")
+    return lines
 
 
 def _commented(text: str, mark: str) -> str:

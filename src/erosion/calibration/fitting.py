@@ -15,7 +15,7 @@ from erosion.models import load_model
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.units import UnitError, read_quantity
+from erosion.parameters.units import UnitError, example, has_unit, read_quantity, shown
 
 
 def calibrate(
@@ -26,6 +26,7 @@ def calibrate(
     *,
     bounds: Mapping[str, Sequence[float]] | None = None,
     density: float | str | None = None,
+    cutting_fraction: float = 1.0,
     loss: str = "linear",
     starts: int = 32,
 ) -> Calibration:
@@ -35,12 +36,17 @@ def calibrate(
         model: a model, its name, or the path of its file; the first guess of its own parameters.
         p: the case: the first guess of the free parameters, and the values of all others.
         data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
-        free: the parameters to fit, of the case or the model's own: ["k", "psi"].
+        free: the parameters to fit, of the case or the model's own: ["k", "psi"]; or
+            "cutting_fraction".
         bounds: (least, greatest) of free parameters, in the case's units; by default a factor
-            of 100 about the case, and of the spin ±2 v₀/r about it; of an own parameter that
-            starts at zero or below it, ±2 times its size (of zero: 1).
+            of 100 about the first guess, and of the spin ±2 v₀/r about it; of an own parameter
+            that starts at zero or below it, ±2 times its size (of zero: 1). The first guess is
+            the case, but ψ, σ or the cutting fraction, the first of these that is free, is
+            guessed from the size of the data.
         density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
             for data of mass loss.
+        cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
+            volumes are multiplied by it. The first guess where it is free.
         loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some
             rows may be far off (`scipy.optimize.least_squares`).
         starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
@@ -52,20 +58,28 @@ def calibrate(
     Raises:
         ValueError: for arguments or data that cannot be used (data: `MeasurementError`).
         CalibrationError: where the model's impacts fail.
+
+    References:
+        The cutting fraction: I. Finnie, Erosion of surfaces by solid particles, Wear 3 (1960)
+        87-103: about half of the particles cut in the idealized manner.
     """
     model = load_model(model)
     validate(p)
     require_one_impact(model, p)
     measured = read_measurements(data, p.units)
-    forward = Forward(model, p, check_free(free, measured, model), measured, _density(density, measured, p))
+    if not isinstance(cutting_fraction, (int, float, np.number)) or not 0 < cutting_fraction <= 1:
+        raise ValueError(f"Argument `cutting_fraction` must be above 0 and at most 1, but is {cutting_fraction!r}.")
+    names = check_free(free, measured, model)
+    forward = Forward(model, p, names, measured, _density(density, measured, p), float(cutting_fraction))
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
     starts = check_whole("starts", starts, 1)
-    needed = len(forward.names) + (measured.uncertainty is None)
+    needed = len(forward.names) + 1
     if len(measured) < needed:
+        parameters = f"{needed - 1} free parameter" + ("s" if needed > 2 else "")
         raise ValueError(
-            f"Argument `data` must have at least {needed} rows for {len(forward.names)} free parameters, "
-            f"but has {len(measured)}."
+            f"Argument `data` must have at least {needed} rows for {parameters}, as no degree of freedom "
+            f"is left otherwise, but has {len(measured)}."
         )
     if not np.any(measured.erosion):
         raise ValueError("Argument `data` must have erosion other than zero.")
@@ -81,6 +95,9 @@ def _density(density: float | str | None, data: Measurements, p: Parameters) -> 
             )
         return None
     if isinstance(density, str):
+        if not has_unit(density):
+            such_as = example("density", p.units)
+            raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {shown(density)}.")
         try:
             density = read_quantity(density, "density", p.units)
         except UnitError as error:

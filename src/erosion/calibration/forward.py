@@ -21,6 +21,8 @@ from erosion.parameters.parameters import QUANTITIES, Parameters
 
 SCALE = "scale"
 """The free parameter of data in units of its own: measured erosion over the model's volume."""
+FRACTION = "cutting_fraction"
+"""The share of the particles that cut as the model says, by which its volume is multiplied (Finnie 1960)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Forward:
         free: the free parameters.
         data: the measurements; only the kind of erosion matters here.
         density: of the target [density]; needed where mass losses were measured.
+        cutting_fraction: the share of the particles that cut, or its first guess where it is free.
     """
 
     model: CuttingModel
@@ -40,11 +43,17 @@ class Forward:
     free: tuple[str, ...]
     data: Measurements
     density: float | None
+    cutting_fraction: float = 1.0
 
     @property
     def names(self) -> tuple[str, ...]:
         """The free parameters, and the scale where that is free too."""
         return (*self.free, SCALE) if self.data.free_scale else self.free
+
+    @property
+    def of_impact(self) -> tuple[str, ...]:
+        """The free parameters of an impact: all but factors on its volume."""
+        return tuple(name for name in self.free if name != FRACTION)
 
     @property
     def logarithmic(self) -> np.ndarray:
@@ -54,7 +63,7 @@ class Forward:
     @property
     def start(self) -> np.ndarray:
         """θ of the case, shape (names,); 0 for the scale."""
-        of_case = {**values(self.model, self.p), SCALE: 1.0}
+        of_case = {**values(self.model, self.p), FRACTION: self.cutting_fraction, SCALE: 1.0}
         return self.theta({name: float(of_case[name]) for name in self.names})
 
     def theta(self, values: Mapping[str, float]) -> np.ndarray:
@@ -81,7 +90,7 @@ class Forward:
     def at(self, theta: np.ndarray) -> tuple[CuttingModel, Parameters]:
         """Model and case with the free parameters at θ."""
         values = self.values(theta)
-        return with_values(self.model, self.p, {name: values[name] for name in self.free})
+        return with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
 
     def predict(self, theta: np.ndarray, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """The erosion at θ and its derivatives.
@@ -93,15 +102,15 @@ class Forward:
         Returns:
             Erosion, shape (rows,), and ∂/∂θ, shape (rows, names); NaN where an impact failed.
         """
-        hits, factor = self._impacts(self.values(theta), conditions, derivatives=1)
+        hits, factor = self._impacts(self.values(theta), conditions, derivatives=1 if self.of_impact else 0)
         erosion = hits.volume * factor
-        slopes = self.slopes(theta)[: len(self.free)]
-        rates = [hits.dvolume[:, i] * slope * factor for i, slope in enumerate(slopes)]
-        if self.data.per_mass and "m" in self.free:
-            rates[self.free.index("m")] = rates[self.free.index("m")] - erosion
-        if self.data.free_scale:
-            rates.append(erosion)
-        return erosion, np.stack(rates, axis=-1)
+        slopes = dict(zip(self.names, self.slopes(theta), strict=True))
+        # Erosion is proportional to its factors, whose θ are logarithms.
+        rates: dict[str, Any] = dict.fromkeys(self.names, erosion)
+        rates |= {name: hits.dvolume[:, i] * slopes[name] * factor for i, name in enumerate(self.of_impact)}
+        if self.data.per_mass and "m" in rates:
+            rates["m"] = rates["m"] - erosion
+        return erosion, np.stack(list(rates.values()), axis=-1)
 
     def predict_many(self, thetas: np.ndarray, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
         """The erosion at several θ, in one batch.
@@ -123,12 +132,12 @@ class Forward:
         self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int
     ) -> tuple[Impact, Any]:
         """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
-        model, p = with_values(self.model, self.p, {name: values[name] for name in self.free})
+        model, p = with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
         p = p.replace(**conditions)
-        hits = impact(model, p, derivatives=derivatives, wrt=self.free)
-        factor = 1.0
+        hits = impact(model, p, derivatives=derivatives, wrt=self.of_impact) if derivatives else impact(model, p)
+        factor = values.get(FRACTION, self.cutting_fraction)
         if self.data.needs_density and self.density is not None:
-            factor = self.density
+            factor = factor * self.density
         if self.data.per_mass:
             factor = factor / np.asarray(p.m)
         if self.data.free_scale:
@@ -155,14 +164,17 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
     names = (free,) if isinstance(free, str) else tuple(free)
     known = quantities(model)
     for name in names:
-        if not isinstance(name, str) or name not in known:
-            raise ValueError(f"Argument `free` must name parameters ({', '.join(known)}), but has {name!r}.")
+        if not isinstance(name, str) or name not in (*known, FRACTION):
+            listed = ", ".join((*known, FRACTION))
+            raise ValueError(f"Argument `free` must name parameters ({listed}), but has {name!r}.")
         if name == SCALE:
             raise ValueError(f"Argument `free` must not name `{SCALE}`, as the factor of data in units of its own is.")
+        if name == FRACTION and name in known:
+            raise ValueError(f"Argument `free` must not name `{FRACTION}`, as the share of particles that cut is.")
         if name == "alpha" or name in data.conditions:
             raise ValueError(f"Argument `free` must not name `{name}`: the data has a column of it.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
     # So that an own parameter that cannot be an array is refused before anything is computed.
-    replaced(model, {name: np.zeros(1) for name in names if name not in QUANTITIES})
+    replaced(model, {name: np.zeros(1) for name in names if name not in (*QUANTITIES, FRACTION)})
     return names

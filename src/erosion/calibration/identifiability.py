@@ -8,6 +8,7 @@ these directions; the other singular vectors are the combinations that are deter
 import dataclasses
 from collections.abc import Sequence
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -16,6 +17,20 @@ from scipy.linalg import null_space
 _NOTHING = 1e-7  # of the prediction: influence of a parameter
 _NULL = 1e-6  # of the largest singular value
 _INVOLVED = 1e-4  # component of a parameter in a direction
+
+
+class Group(NamedTuple):
+    """Parameters that the data leaves open together.
+
+    Args:
+        names: of these parameters.
+        statement: a sentence on what is determined.
+        direction: a change of θ that leaves the prediction as it is, shape (n,).
+    """
+
+    names: tuple[str, ...]
+    statement: str
+    direction: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,13 +43,18 @@ class Identifiability:
         modes: directions of θ that are determined, each as long as one standard deviation
             for residuals of variance 1; shape (n, rank).
         undetermined: the names of the parameters that are not determined.
-        statements: a sentence for each group of undetermined parameters.
+        groups: of undetermined parameters.
     """
 
     covariance: np.ndarray
     modes: np.ndarray
     undetermined: tuple[str, ...]
-    statements: tuple[str, ...]
+    groups: tuple[Group, ...]
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """A sentence for each group of undetermined parameters."""
+        return tuple(group.statement for group in self.groups)
 
     @property
     def rank(self) -> int:
@@ -54,9 +74,9 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
     n = len(names)
     norms = np.linalg.norm(jacobian, axis=0)
     active = norms > _NOTHING * size
-    statements = [
-        f"{name} has no influence on these data and cannot be determined."
-        for name, counts in zip(names, active, strict=True)
+    groups = [
+        Group((name,), f"{name} has no influence on these data and cannot be determined.", direction)
+        for name, counts, direction in zip(names, active, np.eye(n), strict=True)
         if not counts
     ]
     undetermined = ~active
@@ -71,8 +91,9 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
             null = across[~determined].T
             involved = np.abs(null).max(axis=1) > _INVOLVED
             undetermined[index[involved]] = True
-            logs = null[involved] / (norms[active] * exponent[active])[involved][:, None]
-            statements += _ties([names[int(i)] for i in index[involved]], logs)
+            thetas = np.zeros((n, null.shape[1]))
+            thetas[index] = null / norms[active][:, None]
+            groups += _ties(names, index[involved], thetas, exponent)
     covariance = modes @ modes.T
     covariance[undetermined, :] = covariance[:, undetermined] = np.nan
     covariance[undetermined, undetermined] = np.inf
@@ -80,15 +101,16 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
         covariance,
         modes,
         tuple(name for name, flag in zip(names, undetermined, strict=True) if flag),
-        tuple(statements),
+        tuple(groups),
     )
 
 
-def _ties(names: list[str], null: np.ndarray) -> list[str]:
-    """A sentence for each group of names that null directions tie together; `null` is (names, directions)."""
+def _ties(all_names: Sequence[str], involved: np.ndarray, thetas: np.ndarray, exponent: np.ndarray) -> list[Group]:
+    """The groups of parameters that null directions of θ, shape (n, directions), tie together."""
+    names, null = [all_names[int(i)] for i in involved], thetas[involved] / exponent[involved][:, None]
     sparse = _reduced(null.T)
     determined = _reduced(null_space(null.T).T) if null.shape[1] < len(names) else np.zeros((0, len(names)))
-    sentences, remaining = [], list(range(len(names)))
+    groups, remaining = [], list(range(len(names)))
     while remaining:
         group = {remaining[0]}
         while True:
@@ -101,8 +123,17 @@ def _ties(names: list[str], null: np.ndarray) -> list[str]:
         products = [_product(names, row) for row in determined if any(abs(row[i]) > _INVOLVED for i in group)]
         tied = " and ".join((", ".join(names[i] for i in sorted(group)[:-1]), names[max(group)]))
         only = f"only {' and '.join(products)} {'is' if len(products) == 1 else 'are'} determined"
-        sentences.append(f"{tied} cannot be told apart: {only}.")
-    return sentences
+        direction = np.zeros(len(all_names))
+        members = sorted(group)
+        direction[involved[members]] = _within(null, members) * exponent[involved[members]]
+        groups.append(Group(tuple(names[i] for i in members), f"{tied} cannot be told apart: {only}.", direction))
+    return groups
+
+
+def _within(null: np.ndarray, members: list[int]) -> np.ndarray:
+    """A null direction of the members alone, which no direction ties to others; shape (members,)."""
+    strongest = np.linalg.svd(null[members], full_matrices=False)[0]
+    return strongest[:, 0]
 
 
 def _reduced(rows: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import optimize
 from scipy.stats import qmc
 
-from erosion.calibration.forward import Forward
+from erosion.calibration.forward import FRACTION, SCALE, Forward
 from erosion.calibration.identifiability import identify
 from erosion.calibration.measurements import Measurements
 
@@ -22,6 +22,8 @@ LOSSES: tuple[Loss, ...] = get_args(Loss)
 _FOLLOWED = 5  # descents
 _THINNED = 500  # rows are enough to choose among valleys
 _WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds, by `logarithmic`: a factor of 100, a spin of 2 v₀/r
+_SIZES = {SCALE: 1, "psi": -1, "sigma": -1, FRACTION: 1}  # powers of the erosion's size; V grows as 1/(σψ)
+_SIZED = 4  # steps to the size of the data: with rotation, ψ and σ change the shape of V(α) too
 _NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case, by `logarithmic`
 _HOPS = 10  # rounds of points about the best minimum
 _DRAWN, _DRAWN_HELD = 96, 24  # points of a round: about a start, which may be far off; about a profile's last point
@@ -51,6 +53,7 @@ class Problem:
         forward: the model.
         data: the measurements.
         lower, upper: bounds of θ, shape (names,).
+        start: θ of the first guess, of the data's size, shape (names,).
         loss: scipy's robust loss, "linear" for plain least squares.
         noise: residuals beyond so many standard deviations count less in a robust loss.
     """
@@ -59,6 +62,7 @@ class Problem:
     data: Measurements
     lower: np.ndarray
     upper: np.ndarray
+    start: np.ndarray
     loss: Loss = "linear"
     noise: float = 1.0
 
@@ -109,7 +113,7 @@ class Solution:
 
 
 def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequence[float]]) -> Problem:
-    """Bounds as θ.
+    """The first guess and the bounds, as θ.
 
     Raises:
         ValueError: for bounds of no free parameter, or that make no sense.
@@ -118,16 +122,23 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
     for name, pair in bounds.items():
         if name not in forward.names:
             raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
-        if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name in signed)):
+        above = name != FRACTION or pair[-1] <= 1
+        if not (len(pair) == 2 and pair[0] < pair[1] and (pair[0] > 0 or name in signed) and above):
             raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
-    start = forward.start
-    width = np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
-    width[len(forward.free) :] = np.inf  # the scale has no bounds
-    lower, upper = start - width, start + width
+    free = np.full(len(forward.names), np.inf)
+    lower, upper = -free, free
     for i, name in enumerate(forward.names):
+        if name == FRACTION:
+            upper[i] = 0.0
         if name in bounds:
             lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
-    return Problem(forward, data, lower, upper)
+    unbounded = Problem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
+    start = _of_data_size(unbounded.thinned(), unbounded.start[None])[0]
+    width = np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
+    width[len(forward.free) :] = np.inf  # the scale has no bounds
+    lower = np.where(lower == -np.inf, start - width, lower)
+    upper = np.where(upper == np.inf, start + width, upper)
+    return dataclasses.replace(unbounded, lower=lower, upper=upper, start=start)
 
 
 def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
@@ -141,7 +152,7 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
     solutions = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
     if not solutions:
         raise CalibrationError("The model could not be fitted: its impacts failed for every start.")
-    # Valleys whose depths differ by rounding are the same; the first start is nearest to the case.
+    # Valleys whose depths differ by rounding are the same; the first start is the first guess.
     least = min(solution.cost for solution in solutions)
     best = next(solution for solution in solutions if solution.cost <= least * (1 + rough) + 1e-20)
     if loss != "linear":
@@ -245,10 +256,9 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
 
 
 def _starts(problem: Problem, count: int) -> np.ndarray:
-    """The case, and the best of `count` points about it, shape (points, names)."""
-    forward = problem.forward
+    """The first guess, and the best of `count` points about it, shape (points, names)."""
+    forward, start = problem.forward, problem.start
     free = len(forward.free)
-    start = np.clip(forward.start, problem.lower, problem.upper)
     near = np.array([_NEAR[bool(logarithmic)] for logarithmic in forward.logarithmic[:free]])
     low, high = (
         np.maximum(start[:free] - near, problem.lower[:free]),
@@ -257,18 +267,26 @@ def _starts(problem: Problem, count: int) -> np.ndarray:
     spread = low + (high - low) * qmc.LatinHypercube(free, rng=0).random(max(count - 1, 0))
     begins = np.tile(start, (count, 1))
     begins[1:, :free] = spread
-    begins = _scaled(problem, begins)
+    begins = _of_data_size(problem, begins)
     costs = problem.costs(begins)
     ranked = [i for i in np.argsort(costs[1:]) + 1 if np.isfinite(costs[i])]
     return begins[[0, *ranked[: _FOLLOWED - 1]]]
 
 
-def _scaled(problem: Problem, thetas: np.ndarray) -> np.ndarray:
-    """Several θ, shape (points, names), each with the best scale where the scale is free."""
-    if not problem.data.free_scale:
+def _of_data_size(problem: Problem, thetas: np.ndarray) -> np.ndarray:
+    """Several θ, shape (points, names), each with erosion of the data's size if a parameter that sets it is free."""
+    names = problem.forward.names
+    name = next((name for name in _SIZES if name in names), None)
+    if name is None:
         return thetas
-    predicted = problem.forward.predict_many(thetas, problem.data.conditions)
-    weight = predicted / problem.deviation**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        best = thetas[:, -1] + np.log((weight @ problem.data.erosion) / np.sum(weight * predicted, axis=1))
-    return np.column_stack([thetas[:, :-1], np.where(np.isfinite(best), best, thetas[:, -1])])
+    thetas, at = thetas.copy(), names.index(name)
+    for _ in range(_SIZED):
+        predicted = problem.forward.predict_many(thetas, problem.data.conditions)
+        weight = predicted / problem.deviation**2
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            step = np.log((weight @ problem.data.erosion) / np.sum(weight * predicted, axis=1)) / _SIZES[name]
+        moved = np.clip(thetas[:, at] + np.where(np.isfinite(step), step, 0.0), problem.lower[at], problem.upper[at])
+        if np.array_equal(moved, thetas[:, at]):
+            break
+        thetas[:, at] = moved
+    return thetas

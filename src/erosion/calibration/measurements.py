@@ -4,19 +4,21 @@
     20,          1.8e-4,        2e-6
 
 Cells are separated by commas, or by semicolons or tabs, and then a comma in a number is a
-decimal comma. Lines that start with # are comments.
+decimal comma. Lines that start with # are comments. Columns of other names may stand there and are not used.
 """
 
 import array
 import csv
 import dataclasses
 import itertools
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from erosion.arguments import check_unmasked
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
@@ -26,6 +28,8 @@ _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
     "mass per mass": "erosion_ratio", "1": "relative_erosion",
 }  # fmt: skip
+
+_SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
 
 
 class MeasurementError(ValueError):
@@ -46,6 +50,7 @@ class Measurements:
         mass: mass of each erodent [mass]; None for the case's.
         units: the unit system of all of these.
         source: the file's name, for titles.
+        unused: the headings of the columns that are not used.
     """
 
     angle: np.ndarray
@@ -56,6 +61,7 @@ class Measurements:
     mass: np.ndarray | None
     units: System
     source: str
+    unused: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.angle)
@@ -105,6 +111,7 @@ def read_measurements(data: Any, units: str) -> Measurements:
             `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
             Each carries its unit; volume and mass loss may be per impact ([mm^3], [mg]) or
             per mass of erodent ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
+            Columns of other names are not read; `unused` of the result names them.
         units: the unit system to convert to.
 
     Raises:
@@ -126,9 +133,12 @@ def read_measurements(data: Any, units: str) -> Measurements:
 
 def _read_columns(table: dict[str, Any], system: System) -> Measurements:
     where = "Argument `data`"
+    for name, values in table.items():
+        check_unmasked(name, values)
     try:
         header = read_header(list(table), system)
-        columns = [np.atleast_1d(np.asarray(values, float)) for values in table.values()]
+        used = [values for values, column in zip(table.values(), header, strict=True) if column is not None]
+        columns = [np.atleast_1d(np.asarray(values, float)) for values in used]
     except HeaderError as error:
         at = "" if error.index is None else f": column {list(table)[error.index]!r}"
         raise MeasurementError(f"{where}{at} {error}.") from error
@@ -143,7 +153,7 @@ def _read_columns(table: dict[str, Any], system: System) -> Measurements:
 
     if not columns[0].size:
         raise MeasurementError(f"{where} has no rows.")
-    return _checked(header, columns, place, system, "data")
+    return _checked(header, columns, place, system, ("data", list(table)))
 
 
 def _read_file(path: Path, system: System) -> Measurements:
@@ -157,7 +167,7 @@ def _read_file(path: Path, system: System) -> Measurements:
 
 
 def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
-    numbered = ((i, text) for i, text in enumerate(file, start=1) if text.strip() and not text.startswith("#"))
+    numbered = ((i, text) for i, text in enumerate(file, start=1) if not _SKIPPED.match(text))
     first = next(numbered, None)
     if first is None:
         raise MeasurementError(f"{path}: is empty.")
@@ -169,14 +179,15 @@ def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
     except HeaderError as error:
         at = "the header" if error.index is None else f"column {error.index + 1}:"
         raise MeasurementError(f"{path}, line {line}, {at} {error}.") from error
-    numbers, lines = _numbers(rows, cells, delimiter, path)
+    used = [i for i, column in enumerate(header) if column is not None]
+    numbers, lines = _numbers(rows, cells, used, delimiter, path)
     if not lines:
         raise MeasurementError(f"{path}: has a header, but no rows of data.")
 
     def place(row: int, column: int) -> str:
         return _place(path, lines[row], column, cells)
 
-    return _checked(header, [np.frombuffer(column) for column in numbers], place, system, path.name)
+    return _checked(header, [np.frombuffer(column) for column in numbers], place, system, (path.name, cells))
 
 
 def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -198,22 +209,23 @@ def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> It
 
 
 def _numbers(
-    rows: Iterable[tuple[int, list[str]]], header: Sequence[str], delimiter: str, path: Path
+    rows: Iterable[tuple[int, list[str]]], header: Sequence[str], used: Sequence[int], delimiter: str, path: Path
 ) -> tuple[list[array.array], array.array]:
-    """The columns of numbers, and the line of each row."""
-    columns, lines, width = [array.array("d") for _ in header], array.array("q"), len(header)
+    """The columns of numbers that are used, and the line of each row."""
+    columns, lines, width = [array.array("d") for _ in used], array.array("q"), len(header)
     decimal_comma = delimiter != ","
     for line, cells in rows:
         if len(cells) != width:
             place = f"{path}, line {line}, column {min(len(cells), width) + (len(cells) > width)}"
             hint = "; columns of numbers with decimal commas are separated by semicolons" if len(cells) > width else ""
             raise MeasurementError(f"{place}: there are {len(cells)} cells for {width} columns{hint}.")
-        for index, cell in enumerate(cells):
+        for column, index in zip(columns, used, strict=True):
+            cell = cells[index]
             text = cell.replace(",", ".") if decimal_comma and "." not in cell else cell
             try:
                 if "_" in text:  # Python would read 1_000
                     raise ValueError
-                columns[index].append(float(text))
+                column.append(float(text))
             except ValueError:
                 hint = "" if decimal_comma or "," not in cell else " (with decimal commas, separate columns by ;)"
                 raise MeasurementError(
@@ -228,16 +240,17 @@ def _place(path: Path, line: int, column: int, header: Sequence[str]) -> str:
 
 
 def _checked(
-    header: Sequence[Column],
-    columns: Sequence[np.ndarray],
+    header: Sequence[Column | None],
+    numbers_of: Sequence[np.ndarray],
     place: Callable[[int, int], str],
     system: System,
-    source: str,
+    origin: tuple[str, Sequence[str]],
 ) -> Measurements:
-    """Columns in consistent units, every number in its range."""
+    """The used columns in consistent units, every number in its range; `origin` is the source and its headings."""
     arrays: dict[str, np.ndarray] = {}
-    removal = next(column for column in header if column.name in REMOVALS)
-    for index, (column, numbers) in enumerate(zip(header, columns, strict=True)):
+    used = [(index, column) for index, column in enumerate(header) if column is not None]
+    removal = next(column for _, column in used if column.name in REMOVALS)
+    for (index, column), numbers in zip(used, numbers_of, strict=True):
         values = numbers * column.factor
         good = np.isfinite(values)
         must = "must be a finite number"
@@ -257,5 +270,6 @@ def _checked(
         speed=arrays.get("speed"),
         mass=arrays.get("mass"),
         units=system,
-        source=source,
+        source=origin[0],
+        unused=tuple(name.strip() for name, column in zip(origin[1], header, strict=True) if column is None),
     )

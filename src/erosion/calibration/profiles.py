@@ -76,7 +76,7 @@ class Ridge:
         for side in (np.flatnonzero(offsets > 0), np.flatnonzero(offsets < 0)[::-1]):
             near = self.solution.theta
             for i in side:
-                refit = self._refit(offsets[i], near, unit)
+                refit = self.refit(offsets[i], near, unit)
                 near = near if refit is None else refit.theta
                 rises[i] = np.nan if refit is None else refit.cost - self.solution.cost
         return rises
@@ -97,7 +97,7 @@ class Ridge:
         inside, outside, near = 0.0, np.inf, self.solution.theta
         trial = min(abs(first), limit)
         for _ in range(_TRIALS):
-            refit = self._refit(sign * trial, near, height)
+            refit = self.refit(sign * trial, near, height)
             if refit is None:
                 return np.nan
             ratio = np.sqrt(max(refit.cost - self.solution.cost, 0.0) / height)  # linear where the rise is a parabola
@@ -119,7 +119,7 @@ class Ridge:
                 trial = (inside + outside) / 2
         return sign * (outside if outside < np.inf else trial)
 
-    def _refit(self, offset: float, near: np.ndarray, height: float) -> Solution | None:
+    def refit(self, offset: float, near: np.ndarray, height: float) -> Solution | None:
         """The best fit at an offset, from the better of two points: on the straight path, or near the last fit."""
         problem, at = self.problem, self.at
         place = self.solution.theta[at] + offset

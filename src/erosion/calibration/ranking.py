@@ -1,4 +1,4 @@
-"""Several models fitted to the same data, ranked by Akaike's criterion."""
+"""Several models: fitted to the same data, ranked by Akaike's criterion."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -15,9 +15,10 @@ from erosion.calibration.result import Calibration
 from erosion.models import load_model, model_name, usable_models
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import unit_name
-from erosion.tables import Result, Row, to_plain
+from erosion.parameters.scales import Scale, table_scale
+from erosion.tables import Result, Row, format_number, to_plain
 
+_EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
 
 
@@ -61,26 +62,34 @@ class Ranking(Result):
         """Sentences on models that cannot be distinguished, on failures, and on the best fit."""
         ties = [f"{', '.join(tie[:-1])} and {tie[-1]} give the same curve: these data cannot tell them apart."
                 for tie in self.ties]  # fmt: skip
-        return (*ties, *self.failures, *self.best.statements)
+        return (*ties, *self._equals(), *self.failures, *self.best.statements)
+
+    def _equals(self) -> tuple[str, ...]:
+        """A sentence on the models that fit as well as the best one, with other curves."""
+        near = [name for name, fit in zip(self.names, self.fits, strict=True) if fit.aicc - self.best.aicc < _EQUAL]
+        if {*near} <= {self.names[0], *self.tied_with(self.names[0])}:
+            return ()
+        weights = " : ".join(f"{100 * weight:.0f}" for weight in self.weights[: len(near)])
+        return (f"The data do not decide between {', '.join(near[:-1])} and {near[-1]}: their weights are {weights}.",)
 
     def rows(self) -> list[Row]:
         """A row for each model."""
         rows = []
         for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True):
-            values = ", ".join(
-                f"{key} = {value:.4g}" + (" (not determined)" if key in fit.undetermined else "")
-                for key, value in fit.estimates.items()
-            )
-            rows.append(
-                Row(name, f"{fit.aicc - self.best.aicc:.4g}", f"{weight:.1%}", f"{fit.leave_one_out:.4g}", values)
-            )
+            values = ", ".join(f"{key} = {value:.4g}{_mark(fit, key)}" for key, value in fit.estimates.items())
+            left_out = format_number(fit.leave_one_out, 4, self._scale().size)
+            rows.append(Row(name, f"{abs(fit.aicc - self.best.aicc):.2f}", f"{weight:.1%}", left_out, values))
         return rows
 
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        unit = unit_name(self.best.data.dimension, self.best.p.units)
+        unit = self._scale().unit
         return ("model", "ΔAICc", "weight", "left-out error" + (f" [{unit}]" if unit else ""), "estimates")
+
+    def _scale(self) -> Scale:
+        """The unit in which errors read well."""
+        return table_scale(self.best.data.dimension, self.best.p.units, self.best.leave_one_out)
 
     def to_dict(self, level: float = 0.95) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""
@@ -88,7 +97,7 @@ class Ranking(Result):
             {**fit.to_dict(level), "weight": weight, "tied_with": self.tied_with(name)}
             for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True)
         ]
-        return to_plain({"fits": fits, "failures": self.failures})
+        return to_plain({"fits": fits, "failures": self.failures, "warnings": self.statements})
 
     @property
     def title(self) -> str:
@@ -137,6 +146,16 @@ def rank_models(
     # Models of the same curve differ by rounding: they keep their order.
     fits.sort(key=lambda fit: round(fit.aicc, 3))
     return Ranking(tuple(fits), _ties(fits), tuple(failures))
+
+
+def _mark(fit: Calibration, name: str) -> str:
+    """What the estimate is worth, where that is little."""
+    if name in fit.undetermined:
+        return " (not determined)"
+    if name in fit.undecided:
+        return " (not decided)"
+    sides = [side for side in ("lower", "upper") if f"estimate at {side}" in fit.bounds_touched().get(name, ())]
+    return f" (at its {sides[0]} bound)" if sides else ""
 
 
 def _ties(fits: Sequence[Calibration]) -> tuple[tuple[str, ...], ...]:

@@ -2,15 +2,20 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from erosion.calibration.forward import SCALE
+from erosion.calibration import doubts
+from erosion.calibration.conditions import conditions
+from erosion.calibration.doubts import LEVEL
+from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.identifiability import Identifiability, identify
 from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
+from erosion.calibration.patterns import Pattern, are_noise, find_patterns
 from erosion.calibration.profiles import Profile, Ridge
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
@@ -18,14 +23,15 @@ from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
+from erosion.parameters.scales import table_scale
 from erosion.parameters.units import ascii_unit, unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
-_SCALE = Quantity("s", "measured over computed volume", "1")
-_LEVEL = 0.95  # of the intervals that standard errors are compared with
-_FACTOR = 1.5  # by which the two may differ without a warning
+_FACTORS = {
+    FRACTION: Quantity("c", "share of the particles that cut", "1"),
+    SCALE: Quantity("s", "measured over computed volume", "1"),
+}
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
-_POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +67,11 @@ class Calibration(Result):
         return self.problem.forward.at(self.solution.theta)[1]
 
     @property
+    def cutting_fraction(self) -> float:
+        """The share of the particles that cut: the estimate, or what was given."""
+        return self.estimates.get(FRACTION, self.problem.forward.cutting_fraction)
+
+    @property
     def estimates(self) -> dict[str, float]:
         """The best value of each free parameter, in the case's units."""
         return self.problem.forward.values(self.solution.theta)
@@ -76,7 +87,7 @@ class Calibration(Result):
     def covariance(self) -> np.ndarray:
         """Covariance of the estimates, shape (names, names); infinite and NaN where not determined."""
         slopes = self.problem.forward.slopes(self.solution.theta)
-        return self._covariance * np.outer(slopes, slopes)
+        return self.covariance_of_theta * np.outer(slopes, slopes)
 
     @property
     def correlation(self) -> np.ndarray:
@@ -85,7 +96,7 @@ class Calibration(Result):
             errors = np.sqrt(np.diag(self.covariance))
             return self.covariance / np.outer(errors, errors)
 
-    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+    def intervals(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
         """A confidence interval of each parameter, by its profile likelihood.
 
         The interval reaches to where χ² has risen by `rise(level)` with all other parameters
@@ -98,10 +109,10 @@ class Calibration(Result):
         with np.errstate(over="ignore"):
             return {
                 name: (float(values(name, theta + low)), float(values(name, theta + high)))
-                for name, theta, (low, high) in zip(self.names, self.solution.theta, self._ends(level), strict=True)
+                for name, theta, (low, high) in zip(self.names, self.solution.theta, self.ends(level), strict=True)
             }
 
-    def rise(self, level: float = 0.95) -> float:
+    def rise(self, level: float = LEVEL) -> float:
         """The rise of χ² from the minimum to the ends of the intervals of `level`."""
         tail = (1 + _checked_level(level)) / 2
         if self.data.uncertainty is not None:
@@ -117,6 +128,17 @@ class Calibration(Result):
     def residuals(self) -> np.ndarray:
         """Measured less fitted, shape (rows,)."""
         return self.data.erosion - self.fitted
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals, in the data's dimension."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    @property
+    def noise(self) -> float:
+        """The typical standard deviation of a row over the greatest fitted erosion."""
+        deviation = float(np.median(self.problem.deviation)) * np.sqrt(self._variance)
+        return deviation / float(np.abs(self.fitted).max())
 
     @property
     def chi2(self) -> float:
@@ -169,35 +191,47 @@ class Calibration(Result):
     @property
     def statements(self) -> tuple[str, ...]:
         """Warnings about this fit, in sentences; empty for a good fit."""
-        sentences = list(self.identifiability.statements)
-        theta, problem = self.solution.theta, self.problem
-        for at, name in enumerate(self.names):
-            if name in self.undetermined:
-                continue
-            for side, bound in (("lower", problem.lower[at]), ("upper", problem.upper[at])):
-                if abs(theta[at] - bound) < 1e-6:
-                    value = problem.forward.from_theta(name, bound)
-                    sentences.append(f"{name} is at its {side} bound, {value:.6g}: its error means nothing.")
-                    break
-            else:
-                sentences += self._misshapen(at)
-        freedom = self.degrees_of_freedom
-        if self.data.uncertainty is not None and freedom > 0 and stats.chi2.sf(self.chi2, freedom) < _POOR:
-            sentences.append(
-                f"The model does not fit within the uncertainties: χ² is {self.chi2:.4g} "
-                f"for {freedom} degrees of freedom."
-            )
-        return tuple(sentences)
+        return doubts.sentences(self)
 
-    def curve(self, alpha: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The fitted erosion at angles α [rad], at the case's speed and mass, with its standard error.
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """The parameters whose intervals are so wide, a factor of 20, that their estimates say little."""
+        return doubts.undecided(self)
+
+    @functools.cached_property
+    def patterns(self) -> tuple[Pattern, ...]:
+        """Tests of the residuals for patterns over angle, speed and mass; none where they are rounding errors."""
+        if not are_noise(self.residuals, self.data.erosion):
+            return ()
+        return find_patterns(self.data, self.residuals / self.problem.deviation, conditions(self.data))
+
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """The least and the greatest value that each parameter may take."""
+        problem, value = self.problem, self.problem.forward.from_theta
+        return {
+            name: (float(value(name, low)), float(value(name, high)))
+            for name, low, high in zip(self.names, problem.lower, problem.upper, strict=True)
+        }
+
+    def bounds_touched(self, level: float = LEVEL) -> dict[str, tuple[str, ...]]:
+        """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
+        return doubts.bounds_touched(self, level)
+
+    def curve(self, alpha: Any, at: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """The fitted erosion at angles α [rad], with its standard error.
+
+        Args:
+            alpha: α [rad], of any shape.
+            at: other parameters of the case than its own, such as {"v0": 60.0}.
 
         Returns:
             Erosion and one standard deviation of it (of the fit, without the noise of a
             measurement), each of the shape of `alpha`.
         """
         angles = np.atleast_1d(np.asarray(alpha, float))
-        erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles})
+        others = {name: np.full(angles.shape, value) for name, value in (at or {}).items()}
+        erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles, **others})
         # Directions without influence on any row have no influence on the curve either.
         spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
         errors = np.sqrt(spread * self._variance)
@@ -218,7 +252,7 @@ class Calibration(Result):
             raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
         at, forward = self.names.index(name), self.problem.forward
         best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
-        reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self._ends(_LEVEL)[at]]
+        reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self.ends(LEVEL)[at]]
         offsets = np.outer(reach, np.linspace(0.0, 1.0, points // 2 + 1))
         offsets = np.unique(np.clip(offsets, low - best, high - best))
         rise = self._ridge(at).rises(offsets, self._variance / 2)
@@ -229,44 +263,53 @@ class Calibration(Result):
             )
         return Profile(name, values, 2 * rise / self._variance)
 
-    def rows(self, level: float = 0.95) -> list[Row]:
+    def rows(self, level: float = LEVEL) -> list[Row]:
         """Estimates with standard errors and intervals of `level`."""
+        quantity_of = {**quantities(self.model), **_FACTORS}
         rows = []
-        errors, ranges = self.standard_errors, self.intervals(level)
-        quantity_of = {**quantities(self.model), SCALE: _SCALE}
-        for name, value in self.estimates.items():
+        for name in self.names:
             quantity = quantity_of[name]
-            low, high = ranges[name]
-            meaning = (
-                "not determined by these data" if name in self.undetermined else f"{level:.0%}: {low:.6g} … {high:.6g}"
-            )
-            rows.append(Row(name, quantity.symbol, f"{value:.6g} ± {errors[name]:.2g}",
-                            unit_name(quantity.dimension, self.p.units), meaning))  # fmt: skip
-        unit = unit_name(self.data.dimension, self.p.units)
-        rows.append(Row("rms", "", format_number(np.sqrt(np.mean(self.residuals**2)), 5), unit, "of the residuals"))
-        rows.append(Row("leave_one_out", "", format_number(self.leave_one_out, 5), unit, "rms at rows left out"))
+            scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
+            value, meaning = doubts.in_words(self, name, level, scale.size)
+            rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
+        scale = table_scale(self.data.dimension, self.p.units, self.rms)
+        rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
+        left_out = format_number(self.leave_one_out, 4, scale.size)
+        rows.append(Row("leave_one_out", "", left_out, scale.unit, "rms at rows left out"))
         if self.data.uncertainty is not None:
             rows.append(
-                Row("chi2", "χ²", format_number(self.chi2, 5), "", f"{self.degrees_of_freedom} degrees of freedom")
+                Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
             )
-        rows.append(Row("aicc", "", format_number(self.aicc, 6), "", "Akaike's criterion, for few data"))
+        rows.append(Row("aicc", "", format_number(self.aicc, 5), "", "Akaike's criterion, for few data"))
         return rows
 
     @property
     def title(self) -> str:
         """The model and the data."""
-        return f"{model_name(self.model)} fitted to {len(self.data):,} rows of {self.data.source}"
+        return f"{model_name(self.model)}: fitted to {len(self.data):,} rows of {self.data.source}"
 
-    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """Model and case with the estimates, their errors, intervals of `level`, and the quality of the fit."""
         numbers = {
             "rows": len(self.data),
+            "cutting_fraction": self.cutting_fraction,
             "estimates": self.estimates,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals(level),
             "level": level,
             "correlation": self.correlation,
             "undetermined": self.undetermined,
+            "undecided": self.undecided,
+            "bounds": self.bounds,
+            "bounds_touched": [
+                {"parameter": name, "touches": marks} for name, marks in self.bounds_touched(level).items()
+            ],
+            "noise": "estimated from the residuals" if self.data.uncertainty is None else "given",
+            "chi2": self.chi2,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "rms": self.rms,
+            "residuals": self.residuals,
+            "patterns": [{**dataclasses.asdict(pattern), "seen": pattern.seen} for pattern in self.patterns],
             "aicc": self.aicc,
             "leave_one_out": self.leave_one_out,
             "erosion_unit": self.erosion_unit,
@@ -280,7 +323,7 @@ class Calibration(Result):
         return ascii_unit(unit_name(self.data.dimension, self.p.units))
 
     @property
-    def _covariance(self) -> np.ndarray:
+    def covariance_of_theta(self) -> np.ndarray:
         """Covariance of θ, shape (names, names)."""
         return self.identifiability.covariance * self._variance
 
@@ -299,39 +342,33 @@ class Calibration(Result):
     @functools.cached_property
     def _rank_at_first(self) -> int:
         """Number of determined combinations of parameters at the first guess; 0 where impacts fail there."""
-        start = self.problem.forward.start
+        start = self.problem.start
         residuals, jacobian = self.problem.residuals(start)
         if not np.all(np.isfinite(jacobian)):
             return 0
         return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.deviation).rank
 
-    def _misshapen(self, at: int) -> list[str]:
-        """A sentence where the standard error differs from the interval."""
-        name, (low, high) = self.names[at], self._ends(_LEVEL)[at]
-        if np.isnan(high - low):
-            return [f"The interval of {name} has an end that is not known: the model fails on the way to it."]
-        width = 2 * np.sqrt(self.rise(_LEVEL) * self._covariance[at, at])
-        if _FACTOR * (high - low) < width:
-            return [f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."]
-        if high - low > _FACTOR * width:
-            return [f"{name} is known less well than its standard error says: see its interval."]
-        return []
-
-    def _ends(self, level: float) -> list[tuple[float, float]]:
+    def ends(self, level: float) -> list[tuple[float, float]]:
         """The intervals as distances of θ from the estimates."""
         if level not in self._offsets:
             rise = self.rise(level)
             self._offsets[level] = [self._crossings(at, rise) for at in range(len(self.names))]
         return self._offsets[level]
 
+    def allowed(self, at: int) -> np.ndarray:
+        """The best fits with one parameter at either end of its interval, as θ; shape (2, names)."""
+        ends = [self._ridge(at).refit(end, self.solution.theta, self.rise() * self._variance / 2)
+                for end in self.ends(LEVEL)[at]]  # fmt: skip
+        return np.array([self.solution.theta if refit is None else refit.theta for refit in ends])
+
     @functools.cached_property
     def _offsets(self) -> dict[float, list[tuple[float, float]]]:
-        """The results of `_ends` so far, by level."""
+        """The results of `ends` so far, by level."""
         return {}
 
     def _crossings(self, at: int, rise: float) -> tuple[float, float]:
         """The offsets of one parameter, below and above, at which χ² has risen by `rise`."""
-        width, height = float(np.sqrt(rise * self._covariance[at, at])), rise * self._variance / 2
+        width, height = float(np.sqrt(rise * self.covariance_of_theta[at, at])), rise * self._variance / 2
         if width in (0.0, np.inf):
             return -width, width
         ridge = self._ridge(at)

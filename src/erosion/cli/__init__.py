@@ -24,8 +24,10 @@ from erosion.cli.optimum import optimum
 from erosion.cli.options import InputError, sentence
 from erosion.cli.report import report
 from erosion.cli.run import run
+from erosion.cli.spelling import spell_out
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
+from erosion.cli.validate import validate
 from erosion.cli.verify import verify
 from erosion.version import __version__
 
@@ -42,7 +44,7 @@ app = cyclopts.App(
 )
 for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)
-for verb in (models, verify):  # which have no case
+for verb in (models, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 
 
@@ -51,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Modules and traced programs, hundreds of thousands of objects, live as long as the process does:
     # to look for garbage among them as often as is usual, and once more at the exit, takes half a second.
     gc.set_threshold(_ALLOCATIONS)
+    spell_out()
     status = _status(sys.argv[1:] if arguments is None else arguments)
     gc.freeze()
     sys.exit(status)
@@ -76,6 +79,8 @@ def _status(arguments: Sequence[str]) -> int:
         return 0
     except KeyboardInterrupt as error:
         return _say(130, str(error) or "interrupted")
+    except SystemExit as error:
+        return _say(1, f"A model's own code ended the program, with sys.exit({error.code!r}).")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
         _let_go(sys.stdout)

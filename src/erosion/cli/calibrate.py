@@ -1,19 +1,23 @@
 """`erosion calibrate`: a model against measured erosion."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import (
-    CaseOptions,
+    AllAngles,
+    CaseFile,
     InputError,
     JsonOption,
     WholeOption,
+    load,
     require_outputs,
     start_engine,
     user_errors,
+    with_file,
 )
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
@@ -22,16 +26,24 @@ from erosion.cli.set_option import SetOption, load_set, settings
 if TYPE_CHECKING:
     from erosion.calibration import Calibration, Ranking
     from erosion.calibration.profiles import Profile
+    from erosion.parameters.units import Dimension, System
 
 
 def calibrate(
     data: Annotated[Path, Parameter(help='CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]".')],
+    file: CaseFile = None,
     /,
     *,
-    case: CaseOptions | None = None,
+    case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
     free: Annotated[list[str] | None, LISTED, Parameter(help='Parameters to fit; "k,psi" without it.')] = None,
+    bounds: Annotated[
+        list[str] | None, LISTED, Parameter(help='Least and greatest values: "psi=0.01:0.3,sigma=1 GPa:3 GPa".')
+    ] = None,
+    cutting_fraction: Annotated[
+        float, Parameter(help='Share of the particles that cut, up to 1; "cutting_fraction" in --free fits it.')
+    ] = 1.0,
     density: Annotated[str | None, Parameter(help='Of the target, for mass losses: "2.7 g/cm^3".')] = None,
     loss: Annotated[
         str, Parameter(help='"linear"; "soft_l1", "huber", "cauchy" or "arctan" with outliers.')
@@ -42,29 +54,36 @@ def calibrate(
     plot: Annotated[Path | None, Parameter(help="Draw data, fits and band into this file (.svg, .png, .pdf).")] = None,
     openfoam: Annotated[Path | None, Parameter(help="Write OpenFOAM ParticleErosion coefficients.")] = None,
     fluent: Annotated[Path | None, Parameter(help="Write the angle function as a piecewise-linear table.")] = None,
+    write_case: Annotated[Path | None, Parameter(help="Write the best fit as a case file, for --case.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Fit a model's parameters to measured erosion, or rank several models.
 
     Without --model, the model is linearized.
     """
-    case = case or CaseOptions()
-    p = case.parameters()
+    options = with_file(case, file)
+    options.refuse_angle("the angles are those of the data")
+    p = options.parameters()
     if not 0 < level < 1:
         raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
     names = ["linearized"] if model is None else chosen_models(model)
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
-    require_outputs(openfoam, fluent, plot=plot, inputs=(data, case.case))
+    outputs = _Outputs(plot, openfoam, fluent, write_case)
+    require_outputs(openfoam, fluent, write_case, plot=plot, inputs=(data, options.case, *names))
     start_engine()
     from erosion.calibration import rank_models, read_measurements
     from erosion.calibration.forward import SCALE
 
     chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
     free = ["k", "psi"] if free is None else free
+    output = Output("calibrate", p, options.case, json=json)
     with user_errors(), progress_bar("reading") as progress:
         measured = read_measurements(data, p.units)
+        if measured.unused:
+            output.warn(f"{data}: columns that are not used: {', '.join(map(repr, measured.unused))}.")
         along = (*free, SCALE) if measured.free_scale else free
+        limits = _read_bounds(bounds or (), along, names, p.units)
         if profile is not None and profile not in along:
             raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
         ranking = rank_models(
@@ -73,13 +92,14 @@ def calibrate(
             free,
             models=chosen,
             progress=progress,
+            bounds=limits,
             density=density,
+            cutting_fraction=cutting_fraction,
             loss=loss,
             starts=32 if starts is None else starts,
         )
         drawn = None if profile is None else ranking.best.profile(profile)
-    written = _write(ranking, level, plot, openfoam, fluent)
-    output = Output("calibrate", p, case.case, json=json)
+    written = _write(ranking, level, outputs)
     for statement in ranking.statements:
         output.warn(statement)
     if json:
@@ -88,30 +108,82 @@ def calibrate(
         _print(ranking, level, drawn, written)
 
 
-def _write(
-    ranking: "Ranking", level: float, plot: Path | None, openfoam: Path | None, fluent: Path | None
-) -> list[Path]:
-    """Write the figure and the tables that are asked for."""
-    from erosion.calibration import to_fluent, to_openfoam
+class _Outputs(NamedTuple):
+    """The files that are asked for."""
+
+    plot: Path | None
+    openfoam: Path | None
+    fluent: Path | None
+    case: Path | None
+
+
+def _read_bounds(
+    texts: Sequence[str], free: Sequence[str], models: Sequence[str], units: "System"
+) -> dict[str, tuple[float, float]]:
+    """Bounds such as "psi=0.01:0.3", by parameter, in the units of the case."""
+    from erosion.parameters.units import read_quantity
+
+    bounds: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, equals, ends = (part.strip() for part in text.partition("="))
+        least, colon, greatest = (part.strip() for part in ends.partition(":"))
+        if not (name and equals and least and colon and greatest):
+            raise InputError(f'Option `--bounds` must be such as "psi=0.01:0.3", but is {text!r}.')
+        if name not in free:
+            raise InputError(f"Option `--bounds` must name free parameters ({', '.join(free)}), but has {name!r}.")
+        if name in bounds:
+            raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
+        dimension = _dimension(name, models)
+        try:
+            bounds[name] = (read_quantity(least, dimension, units), read_quantity(greatest, dimension, units))
+        except ValueError as error:
+            raise InputError(f"Option `--bounds`, {name}, {error}.") from error
+        if not bounds[name][0] < bounds[name][1]:
+            raise InputError(f"Option `--bounds` must give {name} two ascending values, but is {text!r}.")
+    return bounds
+
+
+def _dimension(name: str, models: Sequence[str]) -> "Dimension":
+    """What a parameter is measured in: of an impact, of one of the models, or a factor."""
+    from erosion.models.own_parameters import own_parameters
+    from erosion.parameters.quantities import QUANTITIES
+
+    if name in QUANTITIES:
+        return QUANTITIES[name].dimension
+    for model in models:
+        own = own_parameters(load(model))
+        if name in own:
+            return own[name].quantity.dimension
+    return "1"
+
+
+def _write(ranking: "Ranking", level: float, outputs: _Outputs) -> list[Path]:
+    """Write the figure, the tables and the case that are asked for."""
+    from erosion.calibration import to_case, to_fluent, to_openfoam
     from erosion.files import write_whole
 
-    written = []
+    written, best = [], ranking.best
     with user_errors():
-        if plot is not None:
+        if outputs.plot is not None:
             from erosion.plotting.calibrations import plot_calibration
             from erosion.plotting.style import save_plot
 
-            written.append(save_plot(plot_calibration(ranking.fits, level), plot))
-        for path, export in ((openfoam, to_openfoam), (fluent, to_fluent)):
+            written.append(save_plot(plot_calibration(ranking.fits, level), outputs.plot))
+        texts = (
+            (outputs.openfoam, lambda: to_openfoam(best).text()),
+            (outputs.fluent, lambda: to_fluent(best).text()),
+            (outputs.case, lambda: to_case(best)),
+        )
+        for path, text in texts:
             if path is not None:
-                write_whole(path, export(ranking.best).text().encode())
+                write_whole(path, text().encode())
                 written.append(path)
     return written
 
 
 def _print(ranking: "Ranking", level: float, profile: "Profile | None", written: list[Path]) -> None:
     if _ranks_several(ranking):
-        print_table(ranking.title, ranking.rows(), ranking.headings)
+        print_table(ranking.title, ranking.rows(), ranking.headings, numbers=(1, 2, 3))
     print_table(ranking.best.title, ranking.best.rows(level))
     if profile is not None:
         print_table(f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), numbers=(0, 1))
@@ -138,7 +210,7 @@ def _document(output: Output, ranking: "Ranking", level: float, profile: "Profil
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
              for name, quantity in quantities(fit.model).items()}  # fmt: skip
-    units |= dict.fromkeys(("rms", "leave_one_out"), ranking.best.erosion_unit)
+    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
     output.document(content, {name: fit.model for name, fit in fits.items()}, units)
 
 

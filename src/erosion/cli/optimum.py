@@ -55,13 +55,12 @@ def optimum(
     Jumps of the volume and the ends of the range are compared too.
     """
     options = with_file(case, file)
-    if "alpha" in options.given():
-        raise InputError("Option `--alpha` has no meaning here: all angles are searched, or those of --alpha-range.")
+    options.refuse_angle("all angles are searched, or those of --alpha-range")
     with working("searching all angles"):
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)
         between = None if alpha_range is None else _angles(alpha_range, p)
-        require_outputs(plot=plot, inputs=(options.case,))
+        require_outputs(plot=plot, inputs=(options.case, model))
         start_engine()
         from erosion.optimum.alpha_max import alpha_max, alpha_min
 
@@ -78,7 +77,7 @@ def optimum(
         rates = best.sensitivities if sensitivities else {}
     output = Output("optimum", p, options.case, json=json)
     if not best.certified:
-        output.warn("some impacts could not be computed: a greater value may have been missed")
+        output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if json:
         described = ("model", "own_parameters", "parameters", "units")
         result = {name: value for name, value in best.to_dict().items() if name not in described}

@@ -89,6 +89,11 @@ class CaseOptions:
             validate(p)
         return p
 
+    def refuse_angle(self, reason: str) -> None:
+        """An `InputError` where --alpha is given to a verb that takes no angle."""
+        if "alpha" in self.given():
+            raise InputError(f"Option `--alpha` has no meaning here: {reason}.")
+
     def without_changes(self) -> "CaseOptions":
         """The case file and what holds for all of it."""
         return CaseOptions(case=self.case, units=self.units, material=self.material)
@@ -153,13 +158,13 @@ def read_whole(number: Any) -> int:
 WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: read_whole(tokens[0].value))]
 
 
-def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Sequence[Path | None] = ()) -> None:
+def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Sequence[Any] = ()) -> None:
     """Know before computing that what a verb is to write can be written, each into a file of its own.
 
     Args:
         outputs: files that are replaced.
         plot: a figure's file.
-        inputs: files that must stay as they are.
+        inputs: what the verb reads, whose files must stay as they are: paths, models by name or path, texts of laws.
 
     Raises:
         InputError: one sentence naming the file.
@@ -174,10 +179,29 @@ def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Seq
         for path in outputs:
             if path is not None:
                 require_writable(path)
-    named = [path.resolve() for path in (*inputs, plot, *outputs) if path is not None]
+    written = [path for path in (plot, *outputs) if path is not None]
+    require_apart(written, inputs)
+    named = [path.resolve() for path in written]
     for i, path in enumerate(named):
         if path in named[:i]:
             raise InputError(f"{path}: is named twice, but every file must be another.")
+
+
+def require_apart(outputs: Sequence[Path], inputs: Sequence[Any]) -> None:
+    """Refuse to write a file, or into a folder, that the verb reads; arguments as of `require_outputs`.
+
+    Raises:
+        InputError: one sentence naming the file.
+    """
+    texts = [
+        re.sub(r"\s*samples\s*\((.*)\)\s*", r"\1", str(given), flags=re.S) for given in inputs if given is not None
+    ]
+    # What is too long for a path, as a long list of values, is none.
+    read = [Path(text.strip()) for text in texts if len(text) < 4096 and "\0" not in text]
+    for path in outputs:
+        for file in read:
+            if path.resolve() in (file.resolve(), *file.resolve().parents):
+                raise InputError(f"{path}: must not be written, because {file} is read.")
 
 
 def load(name: str) -> "CuttingModel":
@@ -213,17 +237,10 @@ def _as_option(argument: re.Match[str]) -> str:
 
 
 def start_engine() -> None:
-    """Keep what XLA compiles (closed forms, correlations, `simulate`) in the user's cache folder for the next start."""
-    import jax
-    import platformdirs
+    """Make ready to compute: what XLA compiles is kept for the next start."""
+    from erosion.cli.kept_programs import keep_programs
 
-    # Whoever says where JAX is to keep its programs decides for themselves, as the tests do.
-    if jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        with contextlib.suppress(OSError):
-            folder = platformdirs.user_cache_path("erosion", ensure_exists=True)
-            jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
-            # However small: reading any program takes a fraction of the time that compiling it does.
-            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    keep_programs()
 
 
 def print_json(content: Mapping[str, Any]) -> None:

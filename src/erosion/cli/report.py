@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from erosion.cli.lists import LISTED
-from erosion.cli.options import CaseFile, CaseOptions, start_engine, user_errors, with_file
+from erosion.cli.options import CaseFile, CaseOptions, require_apart, start_engine, user_errors, with_file
 from erosion.cli.progress import progress_bar
 
 
@@ -31,9 +31,10 @@ def report(
     options = with_file(case, file)
     p = options.parameters()
     start_engine()
-    from erosion.report.page import chosen_questions, make_folders, write_report
+    from erosion.report.page import PARTS, chosen_questions, make_folders, write_report
 
     name = "Table 1" if options.case is None else options.case.stem
+    require_apart([output / part for part in PARTS], (options.case,))
     with user_errors():
         chosen_questions(only)
         make_folders(output)

@@ -32,7 +32,7 @@ def run(
     with working("computing"):
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)
-        require_outputs(plot=plot, inputs=(options.case,))
+        require_outputs(plot=plot, inputs=(options.case, model))
         from erosion.trajectory.path import path
 
         trajectory = path(chosen, p)

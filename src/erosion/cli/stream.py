@@ -64,9 +64,10 @@ def stream(
     section = options.section("stream", ("model", "n", "seed", "points", "set"))
     p, laws = _case_and_laws(options, section)
     count = _count(options, section) if n is None else n
-    require_outputs(plot=plot, inputs=(options.case,))
     given = settings(own, section, f"{options.case}: `set` of [stream]")
     name = model or section.get("model", "linearized")
+    texts = {**options.texts("stream", section), **given}.values()
+    require_outputs(plot=plot, inputs=(options.case, name, *(text for _, text in texts)))
     chosen, own_laws = _model_and_laws(name, given, p)
     number = section.get("seed", 0) if seed is None else seed
     printed = Output("stream", p, options.case, json=json, seed=number)

@@ -65,9 +65,9 @@ def sweep(
     options = with_file(case, file)
     section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum", "set"))
     _require_store(output, clustered=not (workers is scheduler is chunks is None))
-    require_outputs(plot=plot, inputs=(options.case,))
     p, axes = _case_and_axes(options, section)
     chosen = _chosen(model, options, section)
+    require_outputs(plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
     values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
     from erosion.sweeps.grid import make_grid

@@ -52,6 +52,14 @@ class _Batch(NamedTuple):
         _compute(self.program, [*self.leaves, rtol], lanes, self.outputs)
 
     @property
+    def is_known(self) -> np.ndarray:
+        """Whether all numbers of a lane are finite, shape (lanes,)."""
+        known = np.ones(self.tolerance.size, bool)
+        for leaf, shape in zip(self.leaves, self.program.inputs, strict=False):
+            known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
+        return known
+
+    @property
     def outputs(self) -> list[np.ndarray]:
         """The arrays in the order of the program's results."""
         results = self.results
@@ -91,7 +99,37 @@ def integrate(
     batch.run(np.arange(lanes), np.asarray(rtol))
     if again:
         _repeat(batch, np.flatnonzero(batch.tolerance < rtol), rtol)
+    if order:
+        _with_fewer_derivatives(batch, order, directions, rtol, again=again)
     return batch.results
+
+
+def _with_fewer_derivatives(
+    batch: _Batch, order: int, directions: tuple[str | PerLane, ...], rtol: float, *, again: bool
+) -> None:
+    """Integrate lanes that failed with derivatives again with fewer: their volume may exist although these do not.
+
+    The derivatives that are not computed are NaN.
+    """
+    results = batch.results
+    lost = np.flatnonzero(has_no_result(batch.layout, results.outcome) & batch.is_known)
+    if not lost.size:
+        return
+    numbers = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost)
+    along = tuple(each if isinstance(each, str) or not np.ndim(each) else each[lost] for each in directions)
+    # Along two directions the first derivatives are two integrations.
+    lower = [
+        integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again)
+        for each in ([(direction,) for direction in along] if order == 2 else [()])
+    ]
+    results.outcome[lost], results.trials[lost] = lower[0].outcome, lower[0].trials
+    for name in ("time", "volume"):
+        parts, (of_first, *of_other) = getattr(results, name), [getattr(each, name) for each in lower]
+        parts.value[lost] = of_first.value
+        if order == 2:
+            parts.first[lost] = of_first.first
+            for other in of_other:
+                parts.other[lost] = other.first
 
 
 def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:

@@ -13,6 +13,7 @@ _LANDED = 1e-6  # of a step: this near the lowest point of an event function, it
 _STRAIGHT = 0.5  # of its slope at a step's end: an event function keeps at least as much up to an expected zero
 _STEEP = 0.02  # of its slopes in a step: an event function that is flatter may turn before zero
 _CONVERGED = 1e-3  # of a step: the cubic's zero is known when Newton's method would move by less
+_CREST = 3e-3  # of a step: this near a highest point, it is where the step begins or ends
 _NONE = 1e-200  # instead of no slope
 _LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)², unless `is_crooked`
 _LOOKS = (0.25, 0.5, 0.75)  # of a step: where the cubic of a crooked function is asked
@@ -88,6 +89,18 @@ def dip_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[
     harmless = lowest > jnp.maximum(_LOW * (jnp.abs(from_) + jnp.abs(to)), 2 * error) * width**2
     place = jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
     return place, jnp.where(within, lowest, jnp.inf)
+
+
+@jax.jit
+def crest_in_step(start: Ends, end: Ends, length: Scalar) -> Scalar:
+    """Where in the step (0 to 1) the cubic through both ends has its highest point, or 2."""
+    mean = (end.value - start.value) / length
+    a, b = 3 * (start.rate + end.rate - 2 * mean), 2 * (3 * mean - 2 * start.rate - end.rate)
+    # The rate start.rate + b θ + a θ² has one zero between a positive and a negative end.
+    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * start.rate, 0.0))
+    theta = jnp.where(b <= 0, 2 * start.rate / (root - b), -(root + b) / (2 * a))
+    crests = (start.rate > 0) & (end.rate < 0) & (theta > _CREST) & (theta < 1 - _CREST)
+    return jnp.where(crests, theta, 2.0)
 
 
 @jax.jit

@@ -12,7 +12,15 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from erosion.array_types import Flag, Scalar
-from erosion.engine.crossings import Ends, cubic_error, dip_in_step, expected_fall, is_crooked, may_hide_a_fall
+from erosion.engine.crossings import (
+    Ends,
+    crest_in_step,
+    cubic_error,
+    dip_in_step,
+    expected_fall,
+    is_crooked,
+    may_hide_a_fall,
+)
 from erosion.engine.step_control import (
     ADVANCING,
     ARRIVED,
@@ -31,6 +39,9 @@ _NEAR_FLAT = 1e-3  # the same for a flat one
 _SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
+_ROUGH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
+_LONG = 1e-3  # of the time scale: a shorter step is already there for a kink
+_SHORT_OF_IT = 0.999  # of the way to an expected event
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
 
 
@@ -55,20 +66,33 @@ def look(
     end: Sequence[Ends],
     within: Sequence[tuple[float, Sequence[Scalar]]],
     error: Scalar,
+    scale: Scalar,
+    *,
+    rough: bool = False,
 ) -> Trial:
-    """What a trial says about events; `within` holds their values at some shares of the step."""
+    """What a trial says about events; `within` holds their values at some shares of the step.
+
+    Where the motion is `rough`, a step ends at the deepest point of a cut as it does at a dip: between two stages
+    the tip may go behind a kink, and return unseen.
+    """
     errors = [
         cubic_error(*each, control.trial, [(theta, values[i]) for theta, values in within])
         for i, each in enumerate(zip(start, end, strict=True))
     ]
     dips = [dip_in_step(*each, control.trial, error) for *each, error in zip(start, end, errors, strict=True)]
+    places = [dip for dip, _ in dips]
+    if rough:
+        # Where a force jumps, an event function may turn at once: steps that short need not end there.
+        long = control.trial > _LONG * scale
+        crests = [crest_in_step(*each, control.trial) for each in zip(start, end, strict=True)]
+        places += [jnp.where(long, crest, 2.0) for crest in crests]
     past = _any(event.value <= 0 for event in end)
     ahead = jnp.where(control.mode == LOCATING, control.high, _AHEAD * control.trial)
     return Trial(
         error=error,
         start=start,
         end=end,
-        dip=functools.reduce(jnp.minimum, [dip for dip, _ in dips]),
+        dip=functools.reduce(jnp.minimum, places),
         lowest=functools.reduce(jnp.minimum, [lowest for _, lowest in dips]),
         past=past,
         imminent=_any(event.value < -_IMMINENT * control.trial * event.rate for event in end),
@@ -85,8 +109,10 @@ def is_near_an_end(control: Control, trial: Trial) -> Flag:
     return (control.mode == LOCATING) | (advancing & (trial.past | trial.imminent | crooked | (trial.dip < 1)))
 
 
-def decide(control: Control, trial: Trial, scale: Scalar) -> tuple[Control, Flag]:
+def decide(control: Control, trial: Trial, scale: Scalar, *, rough: bool = False) -> tuple[Control, Flag]:
     """The control after a trial near an event, and whether the impact moves to the trial's end.
+
+    Where the motion is `rough`, it may not be defined past its end, and a step towards it ends a little before it.
 
     Where a dip may reach below zero, the next step ends there before anything else is decided. Where a body
     turns by radians within a step, the cubic says little: the step is too long if an event may be in it.
@@ -105,12 +131,13 @@ def decide(control: Control, trial: Trial, scale: Scalar) -> tuple[Control, Flag
     left = expected - control.trial
     size = jnp.minimum(jnp.minimum(scale, control.step), control.time + control.trial)
     flat = jnp.where(uncertainty <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
-    ended = fits & (jnp.abs(left) <= jnp.where(steep, _NEAR * size, flat))
+    near = jnp.maximum(_NEAR * size, _ROUGH_NEAR * scale) if rough else _NEAR * size
+    ended = fits & (jnp.abs(left) <= jnp.where(steep, near, flat))
     # An impact that locates moves on as well, or it would look at both sides of a dip for ever.
     accepted = fits & ~past & ~ended
 
     step = jnp.where(locating, control.step, next_step(control, trial.error, good))
-    aim = jnp.where(past, expected, left)
+    aim = jnp.where(past, expected, _SHORT_OF_IT * left if rough else left)
     length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
     after = counted(control, trial.lowest, good | too_long, accepted | ended)._replace(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),

@@ -12,7 +12,7 @@ from erosion.arguments import check_tolerance
 from erosion.array_types import PerImpact
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
-from erosion.engine.outcomes import end_names, has_no_result
+from erosion.engine.outcomes import NO_DERIVATIVES, end_names, has_no_result
 from erosion.engine.variational import Derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
@@ -32,11 +32,11 @@ class Impact(Result):
 
     Args:
         model, p: what was computed.
-        volume: removed volume [volume]; NaN where `ended_by` is "failed" or "unfinished".
+        volume: removed volume [volume]; NaN only where `ended_by` is "failed" or "unfinished".
         t_c: end of the cut [s]; 0 where nothing is cut.
         outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
-        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None. With several names there
-            is a last axis over them.
+        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None; NaN where it does not exist, see
+            `no_derivatives`. With several names there is a last axis over them.
         d2volume: ∂²V/∂q² [volume per unit of q, squared], or None; with several names there are two
             last axes, the matrix ∂²V/∂q_i∂q_j.
         wrt: the parameter(s) of the derivatives.
@@ -59,10 +59,26 @@ class Impact(Result):
         """
         return np.array(end_names(self.model))[self.outcome]
 
+    @functools.cached_property
+    def no_derivatives(self) -> np.ndarray | np.bool_:
+        """Whether derivatives that were asked for are not known although the volume is; bool.
+
+        They do not exist, or cannot be computed, where the force jumps within the cut or where its rate is
+        infinite. Across a kink they are computed.
+        """
+        missing = np.zeros(np.shape(self.volume), bool)
+        for part in (self.dvolume, self.d2volume):
+            if part is not None:
+                missing |= np.isnan(part).any(axis=tuple(range(np.ndim(self.volume), np.ndim(part))))
+        return (missing & np.isfinite(self.volume))[()]
+
     def rows(self) -> list[Row]:
         """The results as rows of a table."""
         rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
         rows.append(result_row("volume", self.volume, self.p.units))
+        if np.any(self.no_derivatives):
+            share = f"{np.sum(self.no_derivatives):,} of {np.size(self.no_derivatives):,}"
+            rows.append(Row("no_derivatives", "", share, "", NO_DERIVATIVES))
         if self.wrt == "alpha":
             derivatives = {"dvolume": self.dvolume, "d2volume": self.d2volume}
             return rows + [

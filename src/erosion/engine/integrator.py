@@ -15,9 +15,11 @@ from jax import lax
 from erosion.array_types import Flag, ModelState, Number, Scalar
 from erosion.engine import cut_end, step_control
 from erosion.engine.crossings import Ends
+from erosion.engine.kinks import Rows, corrected, is_broken
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import AFTER_ARRIVED, AFTER_FAILED, AFTER_NO_CUT, AFTER_UNFINISHED
 from erosion.engine.reduction import WholeMotion, reduced
+from erosion.engine.smoothness import may_have_kinks
 from erosion.engine.step_control import ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control, eighth_root
 from erosion.engine.tableau import B_CHECK, B_ERROR, A, B
 from erosion.engine.variational import Cut, Derivatives, Direction, Variational, at_event
@@ -32,9 +34,11 @@ _DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
 _GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
-
-Rows = list[Scalar]
-"""The state with its derivatives, as plain numbers, one member after the other."""
+_ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
+_SOON = 1e-3  # of the time scale: what a row changes within it counts as its size
+_MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at contact is taken this much later
+_INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
+_SHARE = 0.98  # of the way to it is a step, by Newton's method
 
 
 class Lane(NamedTuple):
@@ -79,6 +83,7 @@ class Problem:
     ) -> None:
         self.layout, self.numbers = layout, list(numbers)
         motion = WholeMotion if whole else reduced(layout)
+        self.order, self.rough = order, may_have_kinks(layout)
         named = all(isinstance(direction, str) for direction in directions)
         places = () if named else directions
 
@@ -110,6 +115,11 @@ class Problem:
         def events(numbers: Sequence[Number], rows: Rows) -> list[Scalar]:
             return motion(*layout.joined(numbers)).events(self.members(rows)[0])
 
+        @jax.jit
+        def motion_rate(numbers: Sequence[Number], rows: Rows) -> Rows:
+            return jax.tree.leaves(motion(*layout.joined(numbers)).rate(self.members(rows)[0]))
+
+        self.motion_rate = functools.partial(motion_rate, self.numbers)
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)
         self.rate_and_events = functools.partial(rate_and_events, self.numbers, places)
@@ -144,7 +154,7 @@ def solve(
     problem = Problem(layout, numbers, order, directions, whole=whole)
     model, p = layout.joined(numbers)
     scale = model.scales(p).time
-    slope, events = problem.rate_and_events(problem.initial)
+    slope, events = _at_contact(problem, scale)
     # 0·NaN and 0·∞ are NaN: this finds them also in parameters that the motion does not depend on.
     zero = sum(jnp.sum(0.0 * number) for number in numbers)
     zero = zero + sum(0.0 * row for row in (*problem.initial, *slope)) + 0.0 * scale
@@ -159,7 +169,26 @@ def solve(
         lambda lane: _try_step(problem, scale, rtol, until, lane),
         lane,
     )
-    return _finish(problem, lane, rtol)
+    return _finish(problem, lane, scale, rtol)
+
+
+def _at_contact(problem: Problem, scale: Scalar) -> tuple[Rows, list[Ends]]:
+    """Rate and events at contact; where √0 makes a rate 0·∞, its limit."""
+    slope, events = problem.rate_and_events(problem.initial)
+    if not problem.rough:
+        return slope, events
+
+    def limit() -> tuple[Rows, list[Ends]]:
+        known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
+        later = [u + _MOMENT * scale * k for u, k in zip(problem.initial, known, strict=True)]
+        rates, ends = problem.rate_and_events(later)
+        return rates, [Ends(event.value, end.rate) for event, end in zip(events, ends, strict=True)]
+
+    return lax.cond(_all_finite(slope), lambda: (slope, events), limit)
+
+
+def _all_finite(rows: Rows) -> Flag:
+    return functools.reduce(jnp.logical_and, map(jnp.isfinite, rows))
 
 
 def _begins(events: Sequence[Ends], time: Scalar) -> Flag:
@@ -176,16 +205,21 @@ def _try_step(problem: Problem, scale: Scalar, rtol: Scalar, until: Scalar | Non
     state, stages, within = _step(problem, lane.state, lane.slope, h)
     slope, events = problem.rate_and_events(state)
     stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
-    error = _error(problem, lane, state, stages, h) / (_SLACK * rtol)
+    error = _error(problem, lane, state, stages, h, scale) / (_SLACK * rtol)
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
-    trial = cut_end.look(lane.control, lane.events, events, within, error)
+    trial = cut_end.look(lane.control, lane.events, events, within, error, scale, rough=problem.rough)
     control, moved = lax.cond(
         cut_end.is_near_an_end(lane.control, trial),
-        lambda: cut_end.decide(lane.control, trial, scale),
+        lambda: cut_end.decide(lane.control, trial, scale, rough=problem.rough),
         lambda: step_control.go_on(lane.control, trial.error, trial.lowest, scale),
     )
+    if problem.rough and problem.order:
+        broken = is_broken(problem, lane.state, stages, h, scale) & moved
+        control = control._replace(mode=jnp.where(broken, step_control.FAILED, control.mode))
+    if problem.rough and problem.order == 2:
+        state, slope = corrected(problem, (lane.state, lane.slope), (state, slope), stages, h, scale)
     after = (events, state, slope)
     kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, (lane.events, lane.state, lane.slope))
     return Lane(_within(control, until), *kept)
@@ -226,17 +260,19 @@ def _weighted(weights: Iterable[float], slopes: Sequence[Scalar]) -> Scalar:
     return sum(terms[1:], terms[0])
 
 
-def _error(problem: Problem, lane: Lane, state: Rows, stages: list[Rows], h: Scalar) -> Scalar:
+def _error(problem: Problem, lane: Lane, state: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Scalar:
     """The largest error of a row, relative to the row's size in this step.
 
-    The size of a derivative's row is at least that of the row which it differentiates.
+    The size of a derivative's row is at least that of the row which it differentiates. What a row soon changes
+    by counts as well: a row that starts as a power of time has the same relative error in any first step.
     """
     sizes: list[Scalar] = [np.float64(_TINY)] * problem.width
     error = 0.0 * h
     for first in range(0, len(state), problem.width):
         rows = range(first, first + problem.width)
         for i, row in enumerate(rows):
-            sizes[i] = _size(lane.state[row], state[row], h * stages[row][0], sizes[i])
+            moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(_SOON * scale * stages[row][-1]))
+            sizes[i] = _size(lane.state[row], state[row], moved, sizes[i])
         # The volume that another step of this length would remove counts as well: most cuts go on.
         of_volume = stages[rows[-1]]
         sizes[-1] = sizes[-1] + jnp.abs(h * of_volume[-1])
@@ -250,7 +286,7 @@ def _error(problem: Problem, lane: Lane, state: Rows, stages: list[Rows], h: Sca
 
 @jax.jit
 def _size(before: Scalar, after: Scalar, moved: Scalar, least: Scalar) -> Scalar:
-    return jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), jnp.maximum(jnp.abs(moved), least))
+    return jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), jnp.maximum(moved, least))
 
 
 @jax.jit
@@ -264,18 +300,18 @@ def _checked_error(error: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Sca
     return jnp.maximum(error, _CHECK * check * eighth_root(check))
 
 
-def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
+def _finish(problem: Problem, lane: Lane, scale: Scalar, rtol: Scalar) -> Solution:
     """The results where an impact ended, those at contact where nothing is cut; NaN where one of them is not finite."""
     control, equations = lane.control, problem.equations
-    state = _short_step(problem, lane.state, lane.slope, control.left)
+    left, state, moves = _to_the_end(problem, lane, scale)
     slope, events = problem.rate_and_events(state)
     ended = control.mode == ENDED
     cut = ended & (control.event != NOT_BEGUN)
     event, remaining = cut_end.first_fall(control, events)
     remaining = jnp.where(cut, remaining, 0.0)
-    rows = [u + remaining * k for u, k in zip(state, slope, strict=True)]
+    rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
     members = problem.members(rows)
-    time = control.time + control.left + remaining
+    time = control.time + left + remaining
     end = at_event(equations, members, event, time)
     at_contact = equations.of(lambda cut, _: cut.volume, problem.members(problem.initial))
     volume = jax.tree.map(lambda cut, alone: jnp.where(event == NOT_BEGUN, alone, cut), end.volume, at_contact)
@@ -293,6 +329,8 @@ def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
     factor = jnp.where(amplified, _DOUBT / end.amplification, 1.0)
     factor = jnp.where(control.margin < _GRAZE * rtol, jnp.minimum(factor, 1 / _GRAZE), factor)
     factor = jnp.where(control.trials > _MANY_STEPS, jnp.minimum(factor, _MANY_FACTOR), factor)
+    if problem.rough:
+        factor = jnp.minimum(factor, _ROUGH_FACTOR)
     state_of = getattr(equations.at(problem.numbers), "state", None)
     return Solution(
         outcome=outcome.astype(np.int8),
@@ -302,6 +340,38 @@ def _finish(problem: Problem, lane: Lane, rtol: Scalar) -> Solution:
         state=None if state_of is None else state_of(members[0]),
         trials=lax.convert_element_type(control.trials, np.int16),
     )
+
+
+def _to_the_end(problem: Problem, lane: Lane, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
+    """The time from the last trial to the end, the state there, and whether it may move to the event itself.
+
+    A force such as depth^1.5 is not defined above the surface. Where the step to the end would find that, Newton's
+    method for the event ends a little before it.
+    """
+    left = lane.control.left
+    state = _short_step(problem, lane.state, lane.slope, left)
+    if not problem.rough:
+        return left, state, jnp.asarray(True)
+
+    def remaining(events: list[Ends]) -> Scalar:
+        return sum(jnp.where(lane.control.event == i, -end.value / end.rate, 0.0) for i, end in enumerate(events))
+
+    def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
+        passed, rows, slope, fall = at
+        length = _SHARE * fall
+        rows = _short_step(problem, rows, slope, length)
+        slope, events = problem.rate_and_events(rows)
+        return passed + length, rows, slope, remaining(events)
+
+    def inside() -> tuple[Scalar, Rows, Flag]:
+        start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
+        passed, rows, *_ = lax.while_loop(lambda at: at[-1] > _INSIDE * scale, nearer, start)
+        return passed, rows, jnp.asarray(False)
+
+    slope, events = problem.rate_and_events(state)
+    event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
+    defined = _all_finite([*state, *slope, *problem.rate(event)])
+    return lax.cond(defined, lambda: (left, state, jnp.asarray(True)), inside)
 
 
 def _short_step(problem: Problem, state: Rows, slope: Rows, h: Scalar) -> Rows:

@@ -26,6 +26,9 @@ OTHER_ENDS: Mapping[str, str] = {
 }
 """The ends that are no events, with a sentence on each."""
 
+NO_DERIVATIVES = "the volume is right, but a jump or an infinite rate of the force leaves it without these derivatives"
+"""Of an impact that has a result where fewer derivatives are asked for."""
+
 
 def end_names(model: CuttingModel) -> tuple[str, ...]:
     """What `ended_by` may say for a model: its events, then "no-cut", "failed", "unfinished".

@@ -33,8 +33,9 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
 
     Use it inside `jit`, `vmap`, `grad`, `jacfwd`, `hessian` and their compositions up to second order,
     with respect to any leaf of `p` or of the model, arrays included. Event times are differentiated
-    exactly. Nothing is checked here: an impact that fails gives NaN, and parameters out of range
-    (see `validate`) give numbers without meaning.
+    exactly. Nothing is checked here: an impact that fails gives NaN, a derivative that does not exist is NaN
+    (`erosion.impact` says where, by `no_derivatives`), and parameters out of range (see `validate`) give
+    numbers without meaning.
 
     Args:
         model: a model, its name, or the path of its file.

@@ -8,8 +8,10 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+import llvmlite
 import llvmlite.binding as llvm
 
+from erosion.lanes import kept
 from erosion.lanes.vector_ir import ENTRY
 
 # LLVM's code generator at its level 0 takes a third of the time of level 1, and makes code that takes 1.2 to 1.3 times
@@ -66,12 +68,17 @@ class _Compiled:
     def __init__(self, text: str, target: Target | None, level: int) -> None:
         self.level = level
         cpu, features = this_machine() if target is None else target
-        module = llvm.parse_assembly(text)
         machine = _triple().create_target_machine(cpu=cpu, features=features, opt=level, jit=True)
-        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        key = kept.key_of(text, cpu, features, str(level), machine.triple, llvmlite.__version__)
+        code = kept.read(key)
+        if code is None:
+            module = llvm.parse_assembly(text)
+            module.triple, module.data_layout = machine.triple, str(machine.target_data)
+            code = machine.emit_object(module)
+            kept.write(key, code)
         # MCJIT needs a module to start from, so it gets an empty one; the code is added as an object file.
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(machine.emit_object(module)))
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
         address, whole = ctypes.c_void_p, ctypes.c_int64
         # ctypes releases Python's lock during a call.

@@ -82,8 +82,8 @@ def _given(
     model_of, numbers = model
     try:
         return jax.eval_shape(lambda numbers, *rest: method(model_of(numbers), *rest), numbers, *arguments)
-    # A model's own code may raise anything.
-    except Exception as error:
+    # A model's own code may raise anything, and may ask to end the program.
+    except (Exception, SystemExit) as error:
         said = " ".join(str(error).split())
         short = said if len(said) <= 200 else said[:200] + " …"
         raise _FlawError(f"`{name}` fails: {type(error).__name__}: {short.rstrip('.')}") from error

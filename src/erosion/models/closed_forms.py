@@ -10,8 +10,9 @@ P = k/(1 + 1/β), because the torque slows the tip as well.
 """
 
 import abc
+import functools
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -23,13 +24,21 @@ from erosion.models.base import NO_CUT, ZERO, ClosedForm, Events, State
 from erosion.models.deformation import Deformation, NoDeformation
 from erosion.models.trigonometry import UPRIGHT
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.precision import require_xla
 
 _Method = TypeVar("_Method", bound=Callable[..., Broadcast | State | Events])
 
 
 def _traced_once(method: _Method) -> _Method:
     """The method as one program: `jax.jit`, with the method's signature left as it is."""
-    return cast(_Method, jax.jit(method))
+    program = jax.jit(method)
+
+    @functools.wraps(method)
+    def call(*arguments: Any, **named: Any) -> Any:
+        require_xla()
+        return program(*arguments, **named)
+
+    return cast(_Method, call)
 
 
 class SineCut(ClosedForm):

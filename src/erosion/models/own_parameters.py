@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from erosion.arguments import check_scalars
+from erosion.arguments import check_scalars, check_unmasked
 from erosion.array_types import Number
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
 from erosion.parameters.quantities import Quantity
@@ -96,6 +96,7 @@ def replaced(model: _Model, changes: Mapping[str, object]) -> _Model:
         if name not in own:
             has = ", ".join(own) or "none"
             raise TypeError(f"Argument `{name}` is not an own parameter of {type(model).__name__}; it has {has}.")
+        check_unmasked(name, value)
         if not _is_number(value, many=True):
             raise TypeError(f"Argument `{name}` must be a number, but is {value!r}.")
         if np.ndim(value) and not _is_declared(model, own[name].path):

@@ -1,9 +1,10 @@
 """Models by name: the built-in ones, those of installed packages, and files by path."""
 
 import functools
+import hashlib
 import importlib.metadata
-import importlib.util
 import inspect
+import os
 import sys
 import types
 from collections.abc import Callable, Collection, Mapping
@@ -13,9 +14,11 @@ from pathlib import Path
 import equinox as eqx
 
 from erosion.arguments import check_path
+from erosion.correlations import CORRELATIONS
 from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.check import flaw
+from erosion.models.correlated import Correlated, correlated
 from erosion.models.deformation import ProportionalDeformationWear
 from erosion.models.finnie import Finnie
 from erosion.models.forces import TanAlpha, VelocityAligned
@@ -28,6 +31,10 @@ from erosion.tables import Record, to_plain
 
 ENTRY_POINT_GROUP = "erosion.models"
 """A package offers a model as an entry point here: its name, and a model or a class of one."""
+
+
+PLUG_IN = "erosion_plugin_"
+"""How the name of a plug-in file's module begins."""
 
 
 class ModelError(ValueError):
@@ -121,6 +128,17 @@ def _built_in_model(name: str) -> CuttingModel:
     return BUILT_IN[name].make()
 
 
+@functools.cache
+def _correlated(name: str) -> CuttingModel:
+    """A correlation with its default target, or with another after a colon: "dnv:duplex"."""
+    correlation, colon, material = name.partition(":")
+    targets = CORRELATIONS[correlation].materials
+    if colon and material not in targets:
+        known = f"one of {', '.join(targets)}" if targets else "left out"
+        raise ModelError(f"Model {name!r}: the target after the colon must be {known}.")
+    return correlated(correlation, material if colon else None)
+
+
 def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     """A model by registered name, or by the path of a Python file.
 
@@ -128,7 +146,8 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     can be made without arguments. Loading a file runs it: load only what you trust.
 
     Args:
-        name: "rotating", "models/my_model.py", or a model, which is returned as it is.
+        name: "rotating", "models/my_model.py", a correlation such as "dnv" or "dnv:duplex" (see
+            `erosion.models.correlated`), or a model, which is returned as it is.
 
     Raises:
         ModelError: one sentence on what is wrong with the name, the file or the model.
@@ -139,17 +158,21 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         raise ModelError(f"Argument `model` must be a model, its name or a path, but is {name!r}.")
     if str(name) in BUILT_IN:
         return _built_in_model(str(name))
+    if str(name).partition(":")[0] in CORRELATIONS:
+        return _correlated(str(name))
     if str(name).endswith(".py"):
         return _file(Path(name))[0]
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name == str(name):
             return _from_entry_point(entry)
-    known = ", ".join(available_models())
+    known = ", ".join((*available_models(), *CORRELATIONS))
     raise ModelError(f"There is no model {str(name)!r}; known are {known}, and Python files by path (…/model.py).")
 
 
 def model_name(model: CuttingModel) -> str:
     """The registered name of a model; else its class, with those of its parts that are a plug-in's."""
+    if isinstance(model, Correlated):
+        return model.label
     for name, info in BUILT_IN.items():
         if _same(info.make(), model):
             return name
@@ -200,18 +223,27 @@ def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:
 
 
 def _import_file(path: Path) -> types.ModuleType:
+    """Run a file as a module. Python's own import might run what it compiled of an older text.
+
+    The module keeps its text as `__source_bytes__`, from which a store's identity is made: the file may change.
+    """
     if not path.is_file():
         raise ModelError(f"{path}: there is no such model file.")
-    module_name = "erosion_plugin_" + "".join(c if c.isalnum() else "_" for c in str(path.resolve()))
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    if spec is None or spec.loader is None:
-        raise ModelError(f"{path}: is not a Python file.")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
     try:
-        spec.loader.exec_module(module)
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    place = path.absolute()
+    # Of its own for each file and each text, so that a class's module is always the one that it was made in.
+    key = hashlib.sha256(os.fsencode(place) + b"\0" + content).hexdigest()[:16]
+    module = types.ModuleType(PLUG_IN + key)
+    module.__file__ = str(place)
+    module.__dict__["__source_bytes__"] = content
+    sys.modules[module.__name__] = module
+    try:
+        exec(compile(content, str(place), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
-        del sys.modules[module_name]
+        del sys.modules[module.__name__]
         raise ModelError(f"{path}: cannot be imported: {_said(error)}.") from error
     return module
 

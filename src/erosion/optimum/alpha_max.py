@@ -28,10 +28,13 @@ from erosion.optimum.maxima import SHALLOWEST as SHALLOWEST
 from erosion.optimum.maxima import TIGHT, Maxima, Search
 from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
+from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, quantity_row, result_row
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.scales import table_scale
 from erosion.tables import Record, Result, Row, format_number, largest_of, to_plain
+
+NOT_CERTIFIED = "impacts failed or have no derivatives: a better angle may have been missed"
 
 _TOGETHER = 1000  # cases that are searched at once: some 100 MB
 
@@ -54,7 +57,8 @@ class Optimum(Result):
         volume: V there [volume].
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
             `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
-            slope jumps through zero), "plateau" (one of many angles with the same value), or
+            slope jumps through zero), "plateau" (one of many angles with the same value),
+            "unresolved" (the greatest value, known to 1e-6 rad at best, where derivatives do not exist), or
             "none": nothing is ever cut, or, where `ended_by` is "failed", nothing could be computed.
         ended_by: how the cut ends there.
         side: the side of a jump, "below" or "above"; else "".
@@ -64,7 +68,7 @@ class Optimum(Result):
         jumps: all discontinuities, a tuple of `Jump` by angle.
         regimes: how the cut ends over the whole range, a tuple of `Regime` by angle.
         iterations: rounds of refinement plus Newton steps of the answer.
-        certified: False where an impact failed, so that a better angle may have been missed.
+        certified: False where an impact failed or has no derivatives, so that a better angle may have been missed.
         integrand: the model whose "volume" is the objective; `model` itself for the volume.
     """
 
@@ -116,6 +120,9 @@ class Optimum(Result):
         ]
         if self.objective != "volume":
             rows.append(self.value_row(self.value))
+        if not np.all(self.certified):
+            share = f"{np.sum(self.certified):,} of {np.size(self.certified):,}" if np.ndim(self.certified) else "no"
+            rows.append(Row("certified", "", share, "", NOT_CERTIFIED))
         return rows
 
     def to_dict(self) -> Record:
@@ -151,7 +158,12 @@ class Optimum(Result):
             return f"just {self.side} a jump" + ("" if self.attained else ", not reached")
         if self.kind == "boundary":
             return "an end of the range" if self.attained else "approached as α → 0, not reached"
-        return {"interior": "dV/dα = 0", "plateau": "the same over a range of angles"}.get(str(self.kind), "")
+        explained = {
+            "interior": "dV/dα = 0",
+            "plateau": "the same over a range of angles",
+            "unresolved": "the greatest value that was computed",
+        }
+        return explained.get(str(self.kind), "")
 
 
 def alpha_max(
@@ -206,6 +218,7 @@ def _optimum(
     *,
     least: bool,
 ) -> Optimum:
+    require_float64()
     model = load_model(model)
     require_parameters(p)
     name, integrand = _integrand(model, objective)

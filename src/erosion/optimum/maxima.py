@@ -19,6 +19,7 @@ TIGHT = 1e-11  # relative tolerance of a polished maximum
 _LOOSE = 1e-9  # relative tolerance of the search
 _BESIDE = 1e-6  # rad; a maximum nearer to a jump is the jump's own
 _LEVEL = 1e-6  # of a function's size, per rad²; with less curvature it is level
+_FLAT = 1e-6  # of a function's size, per rad: a plateau is no steeper
 _MANY = 100  # cases; for fewer it takes longer to compile a program without derivatives than it saves
 _ALPHA = list(QUANTITIES).index("alpha")
 _GRID = 64  # first angles between 0.02 rad and π/2
@@ -31,7 +32,7 @@ class Candidate:
     Args:
         alpha: its angle [rad]; of a jump 1e-9 beside the jump.
         value: the objective there.
-        kind: "interior", "jump", "boundary", "kink" or "plateau"; see `Optimum`.
+        kind: "interior", "jump", "boundary", "kink", "plateau" or "unresolved"; see `Optimum`.
         ended_by: how the cut ends there.
         side: the side of a jump in angle, "below" or "above"; else "".
         attained: whether `value` is reached. At a jump the impact that just grazes belongs
@@ -91,7 +92,7 @@ class Maxima:
         candidates: best first, at least one.
         jumps, regimes: by angle.
         rounds: of refinement.
-        certified: whether every impact succeeded.
+        certified: whether every impact succeeded, with its derivatives.
     """
 
     candidates: tuple[Candidate, ...]
@@ -184,12 +185,13 @@ class Search:
         return [of_case.negated() for of_case in maxima] if self.least else maxima
 
     def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
-        cutting = [candidate for candidate in candidates if candidate.ended_by != NO_CUT or self.least]
-        if not cutting:
-            # Where impacts failed it is not known whether anything is cut.
+        # An impact that cuts nothing may remove something at contact.
+        removing = [each for each in candidates if each.ended_by != NO_CUT or each.value != 0 or self.least]
+        if not removing:
+            # Where impacts failed it is not known whether anything is removed.
             value, ended_by = (0.0, NO_CUT) if certified else (np.nan, "failed")
             return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
-        return tuple(sorted(cutting, key=lambda candidate: -candidate.value))
+        return tuple(sorted(removing, key=lambda candidate: -candidate.value))
 
     def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: str | bool | int) -> Candidate:
         defaults = {"side": "", "attained": True, "steps": 0}
@@ -230,9 +232,9 @@ class Search:
         low, high = (self.objective(_LOOSE)(cells.low.case, cells.middle + sign * aside) for sign in (-1, 1))
         candidates = []
         for i, case in enumerate(low.case):
-            if low.value[i] > high.value[i] and low.slope[i] >= 0:
+            if low.value[i] > high.value[i] and not low.slope[i] < 0:
                 side, higher, lower = "below", low, high
-            elif high.value[i] > low.value[i] and high.slope[i] <= 0:
+            elif high.value[i] > low.value[i] and not high.slope[i] > 0:
                 side, higher, lower = "above", high, low
             else:
                 continue
@@ -273,7 +275,7 @@ class Search:
         """By case, the best node where it is above all candidates.
 
         There the function is level; or it falls so steeply from a jump that it is lower already
-        at the candidate beside the jump.
+        at the candidate beside the jump; or it has no derivatives, so that no search found its maximum.
         """
         nodes = scanned.nodes
         jumps = self._nearest_jump(nodes, scanned, jumped)
@@ -287,10 +289,28 @@ class Search:
                 if abs(aside) < _BESIDE:
                     side = "above" if aside > 0 else "below"
                     candidate = self._candidate(nodes, i, kind="jump", side=side, attained=False)
-                else:
+                elif abs(nodes.slope[i]) <= _FLAT * scanned.size[case]:
                     candidate = self._candidate(nodes, i, kind="plateau")
+                else:
+                    candidate = self._by_values(nodes, int(i))
                 plateaus.append((case, candidate))
         return plateaus
+
+    def _by_values(self, nodes: Nodes, i: int) -> Candidate:
+        """The greatest value between the neighbours of a node, without derivatives."""
+        near = np.flatnonzero(nodes.case == nodes.case[i])
+        near = near[np.abs(near - i) <= 1]
+        low, high = float(nodes.alpha[near[0]]), float(nodes.alpha[near[-1]])
+        evaluate = self.objective(_LOOSE)
+        best, steps = nodes.take(np.array([i])), 0
+        while high - low > _BESIDE:
+            angles = np.linspace(low, high, 17)
+            new = evaluate(np.full(angles.size, nodes.case[i]), angles)
+            steps += 1
+            j = int(np.argmax(np.nan_to_num(new.value, nan=-np.inf)))
+            best = max(best, new.take(np.array([j])), key=lambda node: node.value[0])
+            low, high = angles[max(j - 1, 0)], angles[min(j + 1, 16)]
+        return self._candidate(best, 0, kind="unresolved", steps=steps)
 
     def _limit(self, first: Candidate) -> Candidate:
         """The supremum as α → 0, continued from the shallowest node."""

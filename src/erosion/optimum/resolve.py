@@ -29,8 +29,8 @@ class Nodes(NamedTuple):
     Args:
         case: the number of the function.
         alpha: the angle [rad].
-        value, slope, curve: the function and its derivatives by the angle [per rad, per rad²];
-            NaN where the impact failed.
+        value, slope, curve: the function and its derivatives by the angle [per rad, per rad²]; NaN where
+            the impact failed, the derivatives also where they do not exist.
         time: the end of the cut [s].
         outcome: how the cut ends, as an index of the model's `end_names`.
     """
@@ -88,7 +88,8 @@ class Scan(NamedTuple):
         narrow: the cells that hold a jump or a change of outcome; 4e-10 rad wide, or up to 3e-8
             where cutting begins.
         size: the largest magnitude of each function; shape (cases,).
-        unresolved: number of cells of each case that are neither, because impacts failed; shape (cases,).
+        unresolved: number of cells of each case that are neither, because impacts failed or have no derivatives;
+            shape (cases,).
         rounds: how often cells of each case were split; shape (cases,).
     """
 
@@ -157,8 +158,10 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
         cells = Cells(nodes.take(low), nodes.take(high))
         resolved = is_resolved(cells, size[cells.low.case])
         computed = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
+        # Without derivatives nothing says how often to split, but a change of outcome is found all the same.
+        blind = ~np.isfinite(cells.low.curve + cells.high.curve) & ~cells.outcome_changes
         thin = ~resolved & (cells.width <= _SUSPECT)
-        lost = ~resolved & (~computed | (~thin & (used[cells.low.case] > _MAX_NODES)))
+        lost = ~resolved & (~computed | (~thin & (blind | (used[cells.low.case] > _MAX_NODES))))
         np.add.at(unresolved, cells.low.case[lost], 1)
         smooth.append(np.stack([low[resolved], high[resolved]]))
         narrow.append(np.stack([low[thin & computed], high[thin & computed]]))
@@ -264,7 +267,7 @@ def _slope_of(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:
 def is_jump(cells: Cells, size: np.ndarray) -> np.ndarray:
     """Whether the function jumps within narrow cells; shape (cells,)."""
     change = np.abs(cells.high.value - cells.low.value)
-    allowed = 4 * cells.width * (np.abs(cells.low.slope) + np.abs(cells.high.slope))
+    allowed = 4 * cells.width * np.nan_to_num(np.abs(cells.low.slope) + np.abs(cells.high.slope))
     return change > allowed + _JUMP * size
 
 

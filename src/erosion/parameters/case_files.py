@@ -14,7 +14,7 @@ from typing import Any
 
 from erosion.arguments import check_path
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
-from erosion.parameters.units import check_system, has_unit, unit_name
+from erosion.parameters.units import check_system, has_unit, shown, unit_name
 
 TEXT_KEYS = ("title", "units")
 SECTIONS = ("sweep", "stream")
@@ -97,13 +97,13 @@ def _parameters(table: dict[str, object]) -> Parameters:
     for name, value in table.items():
         if name in TEXT_KEYS:
             if not isinstance(value, str):
-                raise ValueError(f"Field `{name}` must be text in quotes, but is {value!r}.")
+                raise ValueError(f"Field `{name}` must be text in quotes, but is {shown(value)}.")
         elif name in SECTIONS and isinstance(value, dict):
             continue
         elif name in QUANTITIES and isinstance(value, (int, float, str)):
             quantities[name] = value
         elif name in QUANTITIES:
-            raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {value!r}.")
+            raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {shown(value)}.")
         else:
             raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join((*TEXT_KEYS, *QUANTITIES))}.")
     units = table.get("units")
@@ -120,9 +120,10 @@ def _parameters(table: dict[str, object]) -> Parameters:
 def _require_units(quantities: dict[str, int | float | str]) -> None:
     for name, value in quantities.items():
         bare = not isinstance(value, str) or not has_unit(value)
+        number = shown(value).strip("'")
         if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):
             raise ValueError(
-                f"Field `{name}` is the bare number {value}, but the file names no `units`; "
+                f"Field `{name}` is the bare number {number}, but the file names no `units`; "
                 'write units = "inch-pound" or "si", or give the quantity a unit.'
             )
 

@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from erosion.arguments import check_scalars
+from erosion.arguments import check_scalars, check_unmasked
 from erosion.array_types import Broadcast
 from erosion.parameters.materials import MATERIALS
 from erosion.parameters.quantities import QUANTITIES, quantity_row
@@ -38,6 +38,7 @@ def _float64(value: object) -> Array | np.ndarray:
         return jnp.asarray(value, jnp.float64)
     if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
         raise TypeError(f"Parameters must be numbers or arrays, but one is {value!r}.")
+    check_unmasked("parameters", value)
     try:
         array = np.asarray(value)
     except ValueError:  # lists of several lengths

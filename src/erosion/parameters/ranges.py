@@ -7,9 +7,10 @@
 
 import numpy as np
 
-from erosion.parameters.units import Dimension, System, UnitError, read_quantity
+from erosion.parameters.units import Dimension, System, UnitError, read_quantity, shown
 
 STEEPEST = np.pi / 2  # rad; the angle of attack of a perpendicular impact
+_LONGEST_COUNT = 100  # digits; Python reads no number of more than a few thousand
 QUARTER_DEGREES = np.linspace(0, STEEPEST, 361)[1:]
 """Every quarter of a degree up to 90°, shape (360,) [rad]."""
 
@@ -38,15 +39,17 @@ def read_axis(value: object, dimension: Dimension, system: System) -> np.ndarray
 
 def _range(text: str, dimension: Dimension, system: System) -> np.ndarray:
     first, last, number, *spacing = (part.strip() for part in text.split(":")) if text.count(":") > 1 else ("",) * 3
-    if not number.isdecimal() or int(number) < 2 or spacing not in ([], ["log"]):
-        raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {text!r}')
+    if not number.isdecimal() or len(number) > _LONGEST_COUNT or int(number) < 2 or spacing not in ([], ["log"]):
+        raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {shown(text)}')
     begin, end = (read_quantity(part, dimension, system) for part in (first, last))
+    if not np.isfinite([begin, end]).all():
+        raise UnitError(f"must have finite ends, but is {shown(text)}")
     if spacing and begin * end <= 0:
-        raise UnitError(f"must have ends of one sign, other than zero, for even ratios, but is {text!r}")
+        raise UnitError(f"must have ends of one sign, other than zero, for even ratios, but is {shown(text)}")
     try:
         return (np.geomspace if spacing else np.linspace)(begin, end, int(number))
     except (MemoryError, ValueError) as error:
-        raise UnitError(f"must have values that fit into the memory, but is {text!r}") from error
+        raise UnitError(f"must have values that fit into the memory, but is {shown(text)}") from error
 
 
 def _one(value: object, dimension: Dimension, system: System) -> float:

@@ -6,12 +6,13 @@ tables and axis labels.
 """
 
 import functools
+import math
 import re
 import tokenize
 import types
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
     import pint
@@ -64,11 +65,11 @@ class UnitError(ValueError):
 
 
 def check_system(units: str) -> System:
-    """Return `units` if it names a unit system, else raise `ValueError`."""
+    """The unit system that `units` names, in small or capital letters ("SI"), else raise `ValueError`."""
     for system in SYSTEMS:
-        if units == system:
+        if isinstance(units, str) and units.lower() == system:
             return system
-    raise ValueError(f"Argument `units` must be one of {', '.join(map(repr, SYSTEMS))}, but is {units!r}.")
+    raise ValueError(f"Argument `units` must be one of {', '.join(map(repr, SYSTEMS))}, but is {shown(units)}.")
 
 
 def unit_name(dimension: Dimension, system: System) -> str:
@@ -102,7 +103,7 @@ def conversion_factor(dimension: Dimension, source: System, target: System) -> f
 
 def has_unit(text: str) -> bool:
     """Whether a quantity as text carries a unit."""
-    parts = _QUANTITY.fullmatch(text)
+    parts = _parts(text)
     return parts is not None and bool(parts["unit"].strip())
 
 
@@ -126,16 +127,17 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     article = "an" if dimension[0] == "a" else "a"
     expected = f"{article} {dimension if unit else 'pure number'} such as {example(dimension, system)}"
     # Number and unit are taken apart here: pint reads "44 00 in" as a product.
-    parts = _QUANTITY.fullmatch(text)
+    parts = _parts(text)
     if parts is None:
-        raise UnitError(f"must be {expected}, but {text!r} cannot be read")
-    number, given = float(parts["number"]), parts["unit"].strip()
+        raise UnitError(f"must be {expected}, but {shown(text)} cannot be read")
+    number, given = float(parts["number"]), _POWERLESS.sub(r"\1^\2", parts["unit"].strip())
     if not given:
         return number
     try:
+        _check_powers(pint.util.string_preprocessor(given))
         units = registry.parse_units(given)
         if units.dimensionality == registry.parse_units(unit or "dimensionless").dimensionality:
-            _check_angles(set(units._units), dimension, f"must be {expected}, but is {text!r}")
+            _check_angles(dict(units._units), dimension, f"must be {expected}, but is {text!r}")
         return float(registry.Quantity(number, units).to(unit or "dimensionless").magnitude)
     except pint.errors.DimensionalityError as error:
         dimensions = _dimension_of(registry.parse_units(given).dimensionality)
@@ -148,17 +150,47 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
 
 
+def shown(value: Any) -> str:
+    """A value as a message shows it; of a long one the beginning."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:40]}… ({len(text):,} characters)"
+
+
+def _parts(text: str) -> re.Match[str] | None:
+    """Number and unit of a quantity; None where it cannot be one."""
+    return None if len(text) > _LONGEST else _QUANTITY.fullmatch(text)
+
+
+def _check_powers(units: str) -> None:
+    """Refuse what pint would compute for ever, "9**9**9**9": it takes powers of numbers and powers of powers too."""
+    exponents = [_EXPONENT.match(units, sign.end()) for sign in re.finditer(r"\*\*|\^", units)]
+    if any(exponent is None for exponent in exponents):
+        raise ValueError("an exponent is no small number")
+    # Powers in brackets may be raised again: together they raise no more than this.
+    if math.prod(max(1.0, float(exponent[1] or exponent[2])) for exponent in exponents if exponent) > _GREATEST_POWER:
+        raise ValueError("the exponents are too great")
+
+
+_LONGEST = 200  # characters of a quantity, of which any that a person types has far fewer
+_GREATEST_POWER = 100
+# "m3" for m³, which pint takes for a name. It knows no unit of letters and one digit, 2 or 3.
+_POWERLESS = re.compile(r"(?<![\w])([^\W\d_]+)([23])(?!\w)")
+# One or two digits before the point, or in brackets also a ratio of two such; no other power follows.
+_EXPONENT = re.compile(
+    r"\s*(?:[+-]?\s*(\d{1,2}(?:\.\d*)?)|\(\s*[+-]?\s*(\d{1,2}(?:\.\d*)?)(?:/\d{1,2})?\s*\))(?![\w.])(?!\s*(?:[\w.(^]|\*\*))"
+)
+
 _ANGLES = {"radian", "milliradian", "degree", "arcminute", "arcsecond", "turn", "gradian"}
 _SPINS = {*_ANGLES, "revolutions_per_minute", "revolutions_per_second"}
 
 
-def _check_angles(units: set[str], dimension: Dimension, complaint: str) -> None:
-    """Refuse what pint takes for a pure number: an angle for one, or cycles (Hz) for radians."""
-    if dimension == "1" or (dimension in ("mass per mass", "rate") and units & _SPINS):
+def _check_angles(units: Mapping[str, Any], dimension: Dimension, complaint: str) -> None:
+    """Refuse what pint takes for a pure number: an angle for one, its square for itself, or cycles (Hz) for radians."""
+    if dimension == "1" or (dimension in ("mass per mass", "rate") and _SPINS & units.keys()):
         raise UnitError(complaint)
-    if dimension == "angle" and not units <= _ANGLES:
+    if dimension == "angle" and (not units.keys() <= _ANGLES or list(units.values()) != [1]):
         raise UnitError(complaint)
-    if dimension == "angular speed" and not units & _SPINS:
+    if dimension == "angular speed" and sum(power for unit, power in units.items() if unit in _SPINS) != 1:
         raise UnitError(complaint)
 
 

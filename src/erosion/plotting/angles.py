@@ -19,9 +19,9 @@ from erosion.plotting.colors import DIM, ENDS, INK
 from erosion.plotting.curves import describe
 from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best, star
-from erosion.plotting.style import house_style, new_axes, typeset
+from erosion.plotting.style import axes_or_new, house_style, legend_of_panel, typeset
 
-_MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_"}
+_MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_", "unresolved": "v"}
 
 
 class Piece(NamedTuple):
@@ -56,11 +56,12 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
 
 
 @house_style()
-def plot_optimum(optimum: Optimum) -> Figure:
+def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     """The objective over the angle, with the regimes, the jumps, the candidates and the optimum.
 
     Args:
         optimum: for scalar parameters.
+        ax: where to draw; without it, in a new figure.
 
     Raises:
         ValueError: for a batch of optima.
@@ -69,7 +70,7 @@ def plot_optimum(optimum: Optimum) -> Figure:
         raise ValueError(
             f"Argument `optimum` must be of one set of parameters, but has the shape {np.shape(optimum.kind)}."
         )
-    fig, ax = new_axes(6.2, 4.4)
+    fig, ax = axes_or_new(ax, 6.2, 4.4)
     curve = pieces(optimum)
     quantity = RESULTS[MEASURES[optimum.objective]] if optimum.objective in MEASURES else None
     dimension = "1" if quantity is None else quantity.dimension
@@ -101,7 +102,7 @@ def plot_optimum(optimum: Optimum) -> Figure:
         optimum.objective if quantity is None else f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
     )
     _finish(ax, optimum)
-    fig.legend(handles=handles, loc="outside lower center", ncols=2)
+    legend_of_panel(ax, handles, 2)
     return fig
 
 

@@ -17,7 +17,15 @@ from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import DIM, ENDS, INK, PALETTE
 from erosion.plotting.labels import EVENT_LABELS, HISTORIES, NOTHING, end_label
-from erosion.plotting.style import angle_axis, house_style, legend_below, new_figure, typeset
+from erosion.plotting.style import (
+    angle_axis,
+    axes_or_new,
+    house_style,
+    legend_below,
+    legend_of_panel,
+    new_figure,
+    typeset,
+)
 from erosion.trajectory.trajectory import Trajectory
 
 MARKS = {
@@ -70,8 +78,9 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
 
 
 @house_style()
-def plot_path(ax: Axes, trajectory: Trajectory) -> Axes:
+def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     """The tip's path with the depth downward; the removed area is filled (Laverty, Figure 8)."""
+    _, ax = axes_or_new(ax, 5.6, 3.4)
     p, x, depth = trajectory.p, trajectory.x_tip, trajectory.depth
     along = readable_scale("length", p.units, _largest(x))
     down = readable_scale("length", p.units, max(_largest(depth), trajectory.max_depth))
@@ -87,7 +96,7 @@ def plot_path(ax: Axes, trajectory: Trajectory) -> Axes:
     ax.set_ylim(1.22 * deepest, -0.12 * deepest)
     ax.set_xlabel(f"x of the tip, {HISTORIES[0][2].meaning}  [{along.unit}]")
     ax.set_ylabel(f"depth of the tip  [{down.unit}]")
-    legend_below(ax, columns=4)
+    legend_of_panel(ax, ax.get_legend_handles_labels()[0], 4)
     return ax
 
 
@@ -96,7 +105,7 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     """One impact of any model: the tip's path, and below it the tip's four histories."""
     fig = new_figure(6.2, 7.6)
     halves: Any = fig.subfigures(2, 1, height_ratios=(0.4, 0.6))
-    plot_path(halves[0].subplots(), trajectory)
+    plot_path(trajectory, ax=halves[0].subplots())
     plot_histories(halves[1], trajectory)
     p, turn = trajectory.p, trajectory.turn
     turned = f", turned by {np.rad2deg(turn):.4g}°".replace("-", "−") if math.isfinite(turn) and turn else ""

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,16 +18,16 @@ from erosion.plotting.colors import ENDS, INK, STYLES
 from erosion.plotting.curves import Best, broken, describe
 from erosion.plotting.labels import end_label
 from erosion.plotting.marks import mark_best
-from erosion.plotting.style import house_style, new_axes, new_figure, typeset
+from erosion.plotting.style import axes_or_new, house_style, legend_of_panel, new_figure, typeset
 from erosion.sweeps.grid import in_words
 
 
 @house_style()
-def plot_comparison(comparison: xr.Dataset) -> Figure:
+def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure:
     """V(α) of several models, broken at jumps. A star marks each maximum; it is hollow if V only approaches it."""
     models = [str(name) for name in comparison.model.values]
     rows = -(-len(models) // 2)
-    fig, ax = new_axes(6.6, 4.4 + 0.22 * rows)
+    fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * rows)
     volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
     scale = readable_scale("volume", _units(comparison), float(np.nanmax(comparison.volume_max)))
     handles = []
@@ -44,7 +45,7 @@ def plot_comparison(comparison: xr.Dataset) -> Figure:
     ax.set_xlim(0 if degrees[0] < 1 else degrees[0], degrees[-1])
     ax.set_ylim(bottom=0, top=1.06 * float(np.nanmax(comparison.volume_max)) / scale.size)
     _angle_axis(ax.xaxis)
-    fig.legend(handles=handles, loc="outside lower center", ncols=1 if len(models) < 4 else 2)
+    legend_of_panel(ax, handles, 1 if len(models) < 4 else 2)
     return fig
 
 

@@ -7,11 +7,12 @@ change their style. Saved files hold no dates and no random ids: the same result
 import contextlib
 import io
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -69,6 +70,25 @@ def new_axes(width: float = 5.4, height: float = 3.7) -> tuple[Figure, Axes]:
     fig = new_figure(width, height)
     with house_style():
         return fig, fig.subplots()
+
+
+def axes_or_new(ax: Axes | None, width: float, height: float) -> tuple[Figure, Axes]:
+    """The axes that the caller gives, with their figure, or those of an empty figure."""
+    if ax is None:
+        return new_axes(width, height)
+    fig = ax.get_figure(root=True)
+    if fig is None:
+        raise ValueError("Argument `ax` must be axes of a figure, but their figure is gone.")
+    return fig, ax
+
+
+def legend_of_panel(ax: Axes, handles: Sequence[Artist], columns: int) -> None:
+    """A legend below a figure of one panel, or below one panel of several."""
+    fig: Any = ax.figure
+    if len(fig.axes) == 1:
+        fig.legend(handles=handles, loc="outside lower center", ncols=columns)
+    else:
+        ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)
 
 
 def render(fig: Figure, suffix: str, *, transparent: bool = False) -> bytes:

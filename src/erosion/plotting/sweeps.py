@@ -13,17 +13,18 @@ from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import INK, PALETTE
-from erosion.plotting.style import house_style, new_axes
+from erosion.plotting.style import axes_or_new, house_style, legend_of_panel
 
 _FEW = 6
 """Curves that a reader distinguishes easily; an axis with more values makes a map."""
 
 
-def plot_sweep(sweep: xr.Dataset) -> Figure:
+def plot_sweep(sweep: xr.Dataset, *, ax: Axes | None = None) -> Figure:
     """The volume of a sweep: curves over one axis, or a map if both axes have many values.
 
     Args:
         sweep: of one or two dimensions. If it has more, select from it: `sweep.isel(v0=0)`.
+        ax: where to draw; without it, in a new figure.
 
     Raises:
         ValueError: for a sweep of other dimensions.
@@ -31,7 +32,7 @@ def plot_sweep(sweep: xr.Dataset) -> Figure:
     numeric = sorted((dim for dim in sweep.dims if sweep[dim].dtype.kind == "f"), key=lambda dim: -sweep.sizes[dim])
     many = [dim for dim in numeric if sweep.sizes[dim] > _FEW]
     if len(sweep.dims) == 2 and len(many) == 2:
-        fig, ax = new_axes(6.2, 4.4)
+        fig, ax = axes_or_new(ax, 6.2, 4.4)
         plot_volume_map(ax, sweep, *(str(dim) for dim in sweep.dims))
         return fig
     if not numeric or len(sweep.dims) > 2:
@@ -39,7 +40,7 @@ def plot_sweep(sweep: xr.Dataset) -> Figure:
         raise ValueError(
             f"A sweep must have one or two dimensions, one of them a parameter, to be drawn; this is {shape}."
         )
-    fig, ax = new_axes(6.2, 4.4)
+    fig, ax = axes_or_new(ax, 6.2, 4.4)
     plot_volume_family(ax, sweep, str(numeric[0]))
     return fig
 
@@ -61,10 +62,9 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
     ax.set_ylabel(f"{RESULTS['volume'].symbol}  {RESULTS['volume'].meaning}  [{scale.unit}]")
     ax.set_ylim(bottom=0)
     ax.margins(x=0)
-    figure: Any = ax.figure
     shown = slice(None, None, max(1, (len(curves) - 1) // (_FEW - 1)))
-    handles, names = ax.get_legend_handles_labels()
-    figure.legend(handles[shown], names[shown], loc="outside lower center", ncols=min(3, len(names[shown])))
+    handles = ax.get_legend_handles_labels()[0][shown]
+    legend_of_panel(ax, handles, min(3, len(handles)))
     return ax
 
 

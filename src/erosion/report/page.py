@@ -73,6 +73,10 @@ def write_report(
         return _write(Case(p, case_name), keys, out, progress)
 
 
+PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
+"""What a report writes into its folder."""
+
+
 def make_folders(out: Path) -> None:
     """Make the folders of a report; an `OSError` of one sentence where they cannot be made."""
     with _naming(out):

@@ -15,12 +15,13 @@ from scipy import stats
 from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
-from erosion.files import require_writable
+from erosion.files import Trace, require_writable, trace
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.precision import require_float64
+from erosion.storage.fingerprint import fingerprint
 from erosion.storage.identity import identity
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.streams.nozzle import best_nozzle_angle
@@ -139,13 +140,14 @@ def prepare_stream(
     particles = Particles(model, p, laws)
     path = options.path
     if path is None:
-        return StreamJob(particles, options, {}, None)
-    laws_in_words = ", ".join(f"{name} {law!r}" for name, law in laws.items())
+        return StreamJob(particles, options, {}, None, None)
+    laws_in_words = ", ".join(f"{name} {law} {fingerprint(law, name)}" for name, law in laws.items())
     points = f"{options.points} {options.seed}, {options.rtol}"
     described = identity({"stream": model}, p, distributions=laws_in_words, points=points)
-    begun = Tally.from_dataset(read_netcdf(path, described)) if path.exists() else None
+    since = trace(path)
+    begun = None if since is None else Tally.from_dataset(read_netcdf(path, described))
     require_writable(path)
-    return StreamJob(particles, options, described, begun)
+    return StreamJob(particles, options, described, begun, since)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,12 +159,14 @@ class StreamJob:
         options: see `stream`.
         identity: of the store.
         begun: the tally that the store holds already.
+        since: the trace of the store's file when it was read.
     """
 
     particles: Particles
     options: StreamOptions
     identity: Mapping[str, str]
     begun: Tally | None
+    since: Trace
 
     def run(self, progress: Progress = no_progress) -> Stream:
         """Compute the stream; progress and errors as of `stream`."""
@@ -173,7 +177,15 @@ class StreamJob:
             result = self._evaluated(tally, ends, progress)
         except KeyboardInterrupt:
             raise self._interrupted(tally, ends) from None
-        self._save(result)
+        except Exception:
+            # The particles took longer to compute than to write.
+            if tally is not None and tally is not self.begun:
+                self._save(Stream(self.particles, tally, ends))
+            raise
+        try:
+            self._save(result)
+        except KeyboardInterrupt:
+            raise StreamInterrupted(f"interrupted after all of {result.n:,} particles", result) from None
         return result
 
     @property
@@ -220,7 +232,7 @@ class StreamJob:
 
     def _save(self, result: Stream) -> None:
         if self.options.path is not None:
-            write_netcdf(result.to_dataset(), self.options.path, self.identity)
+            write_netcdf(result.to_dataset(), self.options.path, self.identity, self.since)
 
 
 def _tally(particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol: float) -> Tally:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_tolerance
+from erosion.arguments import check_tolerance, check_unmasked
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
 from erosion.models import load_model, model_name
@@ -24,7 +24,8 @@ from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import System, ascii_unit, derivative_unit
-from erosion.storage.identity import digest, identity
+from erosion.storage.fingerprint import digest, fingerprint
+from erosion.storage.identity import identity
 from erosion.sweeps.chunks import Region
 from erosion.version import __version__
 
@@ -33,7 +34,7 @@ PAIR = "pair"
 """The dimension of paired axes."""
 
 _ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
-KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none")
+KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none", "unresolved")
 """Meanings of the codes 0, 1, … in `alpha_max_kind`; see `Optimum.kind`."""
 
 
@@ -86,11 +87,19 @@ class Outputs:
 
 
 @dataclasses.dataclass(frozen=True)
+class Named:
+    """A model that any process finds by its name or path, and its digest when the grid was made."""
+
+    name: str | Path
+    digest: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Grid:
     """A rectangle of impacts.
 
     Args:
-        models: the label of each model, and the model, its name or its path.
+        models: the label of each model, and the model, or its name and digest.
         compared: whether "model" is a dimension (else there is one model).
         p: the case, all scalars; the axes replace some of its values.
         axes: parameter name, of the case or every model's own, to its values, shape (n,).
@@ -100,7 +109,7 @@ class Grid:
         own: values, for all models, of own parameters that are no axes.
     """
 
-    models: Mapping[str, Model]
+    models: "Mapping[str, CuttingModel | Named]"
     compared: bool
     p: Parameters
     axes: Mapping[str, np.ndarray]
@@ -296,7 +305,7 @@ def _pairs(paired: Sequence[str], axes: Mapping[str, np.ndarray]) -> tuple[str, 
     return tuple(paired)
 
 
-def _common(models: Mapping[str, Model], wanted: Sequence[str]) -> list[str]:
+def _common(models: "Mapping[str, CuttingModel | Named]", wanted: Sequence[str]) -> list[str]:
     """The parameters that all models have, of the case and their own; the wanted ones must be among them."""
     names = {label: list(quantities(_loaded(model))) for label, model in models.items()}
     for name in wanted:
@@ -307,35 +316,50 @@ def _common(models: Mapping[str, Model], wanted: Sequence[str]) -> list[str]:
     return [name for name in first if all(name in of_model for of_model in names.values())]
 
 
-def _labelled_models(models: Any) -> dict[str, Model]:
-    for model in models:
-        load_model(model)
+def _labelled_models(models: Any) -> "dict[str, CuttingModel | Named]":
+    sources = [_source(model) for model in models]
     labels = [model_name(model) if isinstance(model, CuttingModel) else str(model) for model in models]
     if not models:
         raise ValueError("Argument `model` must be a model or several, but is an empty list.")
     if len(set(labels)) != len(labels):
         raise ValueError(f"Argument `model` must hold models of different names, but has {', '.join(labels)}.")
-    # Another process, with another working directory, must find a model's file.
-    sources = [Path(str(model)).resolve() if str(model).endswith(".py") else model for model in models]
     return dict(zip(labels, sources, strict=True))
 
 
-def _loaded(model: Model) -> CuttingModel:
-    """The model; the same object each time, because JAX compiles again for each new class."""
+def _loaded(model: "CuttingModel | Named") -> CuttingModel:
+    """The model; the same object each time, because JAX compiles again for each new class.
+
+    Raises:
+        RuntimeError: where this process finds another model by that name than the sweep was begun with.
+    """
     if isinstance(model, CuttingModel):
         return model
-    file = Path(model)
-    return _load_once(model, file.read_bytes() if file.suffix == ".py" and file.is_file() else b"")
+    if model not in _known:
+        loaded = load_model(model.name)
+        if fingerprint(loaded) != model.digest:
+            raise RuntimeError(f"{model.name}: is another model than that which the sweep was begun with.")
+        _known[model] = loaded
+    return _known[model]
 
 
-@functools.cache
-def _load_once(model: str | Path, content: bytes) -> CuttingModel:
-    return load_model(model)
+_known: "dict[Named, CuttingModel]" = {}
+
+
+def _source(model: Model) -> "CuttingModel | Named":
+    """A model that is given by name or path as every process finds it."""
+    loaded = load_model(model)
+    if isinstance(model, CuttingModel):
+        return loaded
+    # Another process, with another working directory, must find a model's file.
+    named = Named(Path(model).absolute() if str(model).endswith(".py") else str(model), fingerprint(loaded))
+    _known.setdefault(named, loaded)
+    return named
 
 
 def _axis(name: str, values: Any, parameters: Sequence[str]) -> np.ndarray:
     if name not in parameters:
         raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
+    check_unmasked(name, values)
     try:
         array = np.asarray(values)
     except ValueError:  # lists of several lengths

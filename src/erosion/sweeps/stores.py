@@ -2,19 +2,19 @@
 
 A block is missing while its `ended_by` is "not-computed", the code 0. Of each block `ended_by`
 is written last, and a file gets its name when it is whole: a block counts only when it is
-complete.
+complete, and while each of its chunks is as it was written.
 """
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from erosion.files import require_writable, written_whole
+from erosion.files import require_writable, trace, written_whole
 from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.sweeps.chunks import Region, regions
@@ -27,6 +27,10 @@ class Store(ABC):
     @abstractmethod
     def missing(self) -> list[Region]:
         """The regions of the blocks that are still to be computed."""
+
+    @abstractmethod
+    def require_writable(self) -> None:
+        """Find out whether blocks can be stored; an `OSError` that names the path where they cannot."""
 
     @abstractmethod
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
@@ -51,11 +55,10 @@ class MemoryStore(Store):
 
     def __init__(self, grid: Grid, block: Sequence[int], path: Path | None = None) -> None:
         self._grid, self._block, self._path = grid, block, path
-        if path is not None and path.exists():
+        self._since = None if path is None else trace(path)
+        if path is not None and self._since is not None:
             self._dataset = read_netcdf(path, grid.identity())
             return
-        if path is not None:
-            require_writable(path)
         self._dataset = grid.labelled(
             {
                 name: np.full([grid.lengths[dim] for dim in variable.dims], variable.empty)
@@ -67,6 +70,10 @@ class MemoryStore(Store):
         codes = self._dataset["ended_by"].values
         return [region for region in regions(self._grid.shape, self._block) if not codes[region].all()]
 
+    def require_writable(self) -> None:
+        if self._path is not None:
+            require_writable(self._path)
+
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
         along = dict(zip(self._grid.dims, region, strict=True))
         for name, block in values.items():
@@ -75,7 +82,7 @@ class MemoryStore(Store):
 
     def save(self) -> None:
         if self._path is not None:
-            write_netcdf(self._dataset, self._path, self._grid.identity())
+            self._since = write_netcdf(self._dataset, self._path, self._grid.identity(), self._since)
 
     def dataset(self) -> xr.Dataset:
         return self._dataset
@@ -84,8 +91,10 @@ class MemoryStore(Store):
 class ZarrStore(Store):
     """A Zarr folder (format 3), with one chunk of each array for a block; any process may write.
 
+    Every chunk carries a checksum. A chunk that is lost or damaged is missing, and is computed again.
+
     Raises:
-        StoreError: for a folder that exists and holds something else.
+        StoreError: for a folder that exists and holds something else, or lacks an array.
     """
 
     def __init__(self, grid: Grid, block: Sequence[int], path: Path) -> None:
@@ -94,12 +103,17 @@ class ZarrStore(Store):
         identity = grid.identity() | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
         if path.exists():
             require_same(path, _zarr_identity(path), identity)
+            self._require_frame()
         else:
             self._create(identity)
 
     def missing(self) -> list[Region]:
-        codes = _arrays(self._path)["ended_by"]
-        return [region for region in regions(self._grid.shape, self._block) if not np.all(codes[region])]
+        arrays = _arrays(self._path, self._grid.variables())
+        return [region for region in regions(self._grid.shape, self._block) if not self._holds(arrays, region)]
+
+    def require_writable(self) -> None:
+        for name in self._grid.variables():
+            require_writable(self._path / name / "probe")
 
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
         write_block(self._path, dict(zip(self._grid.dims, region, strict=True)), values)
@@ -110,8 +124,38 @@ class ZarrStore(Store):
     def dataset(self) -> xr.Dataset:
         return xr.open_zarr(self._path, consolidated=False)
 
+    def _holds(self, arrays: Mapping[str, Any], region: Region) -> bool:
+        """Whether each array has its chunk of this block, as it was written."""
+        along = dict(zip(self._grid.dims, region, strict=True))
+        for name, variable in self._grid.variables().items():
+            # An array without the dimension "alpha" is computed by the first block along it.
+            if any(along[dim].start for dim in self._grid.dims if dim not in variable.dims):
+                continue
+            values = _chunk(self._path, name, arrays[name], tuple(along[dim] for dim in variable.dims))
+            if values is None or (name == "ended_by" and not np.all(values)):
+                return False
+        return True
+
+    def _require_frame(self) -> None:
+        """Refuse a store whose arrays are not of the grid's shape, or whose axes are not the grid's."""
+        along = {dim: (n, cut) for dim, n, cut in zip(self._grid.dims, self._grid.shape, self._block, strict=True)}
+        variables = self._grid.variables()
+        for name, array in _arrays(self._path, variables).items():
+            dims, empty = variables[name].dims, np.asarray(variables[name].empty)
+            shapes = array.metadata.dimension_names, array.shape, array.chunks
+            if shapes != (dims, *(tuple(along[dim][i] for dim in dims) for i in (0, 1))) or array.dtype != empty.dtype:
+                raise StoreError(f"{self._path}: its array `{name}` is damaged; the store is left as it is.")
+        labels = {"model": np.array(list(self._grid.models), object)} if self._grid.compared else {}
+        coordinates = {**labels, **self._grid.axes}
+        arrays = _arrays(self._path, coordinates)
+        for name, values in coordinates.items():
+            stored = _chunk(self._path, name, arrays[name], (slice(0, len(values)),))
+            if stored is None or not np.array_equal(stored, values):
+                raise StoreError(f"{self._path}: its array `{name}` is damaged; the store is left as it is.")
+
     def _create(self, identity: Mapping[str, str]) -> None:
         import dask.array
+        from zarr.codecs import Crc32cCodec, ZstdCodec
 
         lengths = {dim: (n, cut) for dim, n, cut in zip(self._grid.dims, self._grid.shape, self._block, strict=True)}
         lazy, encoding = {}, {}
@@ -120,11 +164,22 @@ class ZarrStore(Store):
             lazy[name] = dask.array.full(shape, variable.empty, chunks=chunks)
             encoding[name] = {"fill_value": variable.empty}
         template = self._grid.labelled(lazy)
+        # A checksum at the end of every chunk.
+        summed = {"compressors": (ZstdCodec(), Crc32cCodec())}
+        encoding = {str(name): {**encoding.get(str(name), {}), **summed} for name in template.variables}
         template.attrs[IDENTITY] = json.dumps(identity)
         require_writable(self._path)  # zarr would make folders
         with written_whole(self._path) as draft:
             # Coordinates and metadata alone: no block is computed.
-            template.to_zarr(draft, mode="w-", compute=False, encoding=encoding, consolidated=False, zarr_format=3)
+            template.to_zarr(
+                draft,
+                mode="w-",
+                compute=False,
+                encoding=encoding,
+                consolidated=False,
+                zarr_format=3,
+                write_empty_chunks=True,  # of coordinates: zeros are there too
+            )
 
 
 def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
@@ -135,10 +190,14 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
         along: the slice of the block along each dimension.
         values: its arrays by name, `ended_by` last.
     """
-    arrays = _arrays(path)
-    for name, block in values.items():
-        array = arrays[name]
-        array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
+    import zarr
+
+    # A chunk of NaN is a result too: it must be there.
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        arrays = _arrays(path, values)
+        for name, block in values.items():
+            array = arrays[name]
+            array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
 
 
 def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:
@@ -155,10 +214,44 @@ def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:
     raise ValueError(f"Argument `store` must end in .nc or .zarr, but is {path}.")
 
 
-def _arrays(path: Path) -> Any:
+def _arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
+    """The arrays of a Zarr store by name.
+
+    Raises:
+        StoreError: where one is not there, or its description cannot be read.
+    """
     import zarr
 
-    return dict(zarr.open_group(path, mode="r+").arrays())
+    group, arrays = zarr.open_group(path, mode="r+"), {}
+    for name in names:
+        try:
+            arrays[name] = group[name]
+            arrays[name].metadata.dimension_names  # noqa: B018 (a group has none)
+        except _UNREADABLE as error:
+            raise StoreError(f"{path}: its array `{name}` cannot be read; the store is left as it is.") from error
+    return arrays
+
+
+def _chunk(path: Path, name: str, array: Any, cut: tuple[slice, ...]) -> np.ndarray | None:
+    """A chunk of an array; None where it was not written, or is damaged.
+
+    Raises:
+        StoreError: where the system does not let it be read.
+    """
+    place = tuple(along.start // length for along, length in zip(cut, array.chunks, strict=True))
+    file = path / name / array.metadata.encode_chunk_key(place)
+    if not file.is_file():
+        return None
+    try:
+        return np.asarray(array[cut])
+    except OSError as error:
+        raise StoreError(f"{file}: cannot be read ({error.strerror or error}); the store is left as it is.") from error
+    except (ValueError, RuntimeError):  # of the checksum, or of what unpacks
+        return None
+
+
+# What zarr raises for a description that is damaged depends on where.
+_UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError)
 
 
 def _zarr_identity(path: Path) -> str | None:
@@ -166,7 +259,7 @@ def _zarr_identity(path: Path) -> str | None:
 
     try:
         return str(zarr.open_group(path, mode="r").attrs.get(IDENTITY))
-    except (OSError, ValueError) as error:
+    except _UNREADABLE as error:
         raise StoreError(f"{path}: is there already and is no Zarr group; it is left as it is.") from error
 
 

@@ -14,8 +14,11 @@ from typing import Any
 import xarray as xr
 
 from erosion.arguments import Progress, check_path, no_progress
+from erosion.models.base import CuttingModel
+from erosion.models.registry import PLUG_IN
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
+from erosion.storage.identity import code_version
 from erosion.sweeps.chunks import Region, block_shape
 from erosion.sweeps.grid import Grid, Model, Outputs, make_grid
 from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
@@ -91,40 +94,46 @@ def prepare_sweep(
     path = None if store is None else check_path("store", store)
     usual = _MEMORY_BLOCK if path is None or path.suffix != ".zarr" else _STORED_BLOCK
     block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
-    return SweepJob(grid, open_store(grid, block, path), path)
+    store_of_blocks = open_store(grid, block, path)
+    missing = store_of_blocks.missing()
+    if missing:
+        store_of_blocks.require_writable()
+    return SweepJob(grid, store_of_blocks, missing, path)
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepJob:
-    """A checked grid, the store of its blocks, and the path of the store if it is not the memory."""
+    """A checked grid, the store of its blocks, those that it lacks, and its path if it is not the memory."""
 
     grid: Grid
     store: Store
+    missing: list[Region]
     path: Path | None
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Compute the blocks that the store lacks; errors as of `sweep`."""
-        missing = self.store.missing()
         total = math.prod(self.grid.shape)
-        count = total - sum(_size(region) for region in missing)
+        begun = count = total - sum(_size(region) for region in self.missing)
 
         def advance(impacts: int) -> None:
             nonlocal count
             count += impacts
             progress("sweep", count, total)
 
-        advance(0)
         try:
-            self._compute(missing, advance)
+            advance(0)
+            try:
+                self._compute(self.missing, advance)
+            finally:
+                # Also after an error, and a Ctrl-C meanwhile waits: to compute took longer than to write.
+                if count > begun:
+                    self.store.save()
         except KeyboardInterrupt:
             if self.path is None:
                 raise
-            self.store.save()
-            raise SweepInterrupted(
-                f"interrupted: {self.path} holds {count:,} of {total:,} impacts; the same command goes on from there"
-            ) from None
-        if missing:
-            self.store.save()
+            hint = f": {self.path} holds {count:,} of {total:,} impacts; the same command goes on from there"
+            nothing = f" before any of {total:,} impacts was stored"
+            raise SweepInterrupted(f"interrupted{hint if self.path.exists() else nothing}") from None
         return self.store.dataset()
 
     def _compute(self, missing: list[Region], advance: Callable[[int], None]) -> None:
@@ -135,17 +144,37 @@ class SweepJob:
             client = active_client()
             if client is not None:
                 assert self.path is not None
+                self._require_paths()
                 shared = self.path.resolve()
-                run_blocks(client, compute_block, ((self.grid[region], shared, region) for region in missing), advance)
+                code = code_version()
+                blocks = ((self.grid[region], shared, region, code) for region in missing)
+                run_blocks(client, compute_block, blocks, advance)
                 return
         for region in missing:
             self.store.write(region, self.grid[region].solve())
             advance(_size(region))
 
+    def _require_paths(self) -> None:
+        """A plug-in's class is known to this process alone: workers load the plug-in by its path."""
+        import cloudpickle
 
-def compute_block(grid: Grid, path: Path, region: Region) -> int:
-    """Compute a block and write it into a Zarr store; returns the number of its impacts."""
+        for label, model in self.grid.models.items():
+            if isinstance(model, CuttingModel) and PLUG_IN.encode() in cloudpickle.dumps(model):
+                raise ValueError(
+                    f"Argument `model` must be the path of a plug-in where a cluster computes, but is a model of one, "
+                    f"{label}; `--set` and axes change its own parameters."
+                )
+
+
+def compute_block(grid: Grid, path: Path, region: Region, code: str) -> int:
+    """Compute a block and write it into a Zarr store; returns the number of its impacts.
+
+    Raises:
+        RuntimeError: where this process computes with other code, or another model, than the sweep was begun with.
+    """
     require_float64()
+    if code_version() != code:
+        raise RuntimeError(f"A worker has {code_version()}, but the sweep was begun with {code}.")
     write_block(path, dict(zip(grid.dims, region, strict=True)), grid.solve())
     return _size(region)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from erosion.arguments import Progress, no_progress
 from erosion.models import available_models, load_model, model_name
 from erosion.models.base import CuttingModel
-from erosion.parameters.precision import require_float64
+from erosion.parameters.precision import require_xla
 from erosion.trajectory.trajectory import TurnWarning
 from erosion.verification.checks import Subject
 from erosion.verification.reference_solutions import EQUATIONS_OF, has_heyoka
@@ -37,7 +37,7 @@ def verify(
     Raises:
         ModelError: for a name that is unknown or a file that cannot be used.
     """
-    require_float64()
+    require_xla()
     checks: list[Check] = []
     if models is None:
         available = available_models()

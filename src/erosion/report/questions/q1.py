@@ -69,5 +69,5 @@ def _figures(case: Case) -> dict[str, Figure]:
     histories = new_figure(5.6, 4.5)
     plot_histories(histories, case.trajectory, case.closed)
     tip_path, ax = new_axes(5.6, 3.4)
-    plot_path(ax, case.trajectory)
+    plot_path(case.trajectory, ax=ax)
     return {"figure-7-histories": histories, "figure-8-path": tip_path}

@@ -1,0 +1,96 @@
+"""Machine code that earlier processes made, kept in the user's own cache folder.
+
+Whoever can write there could have any code run. So the folder must be the user's own, closed to all others, and a file
+counts only with the digest of its content and of what it was made from. Where any of this is not so, or nothing can
+be written, code is made anew, and no one notices.
+"""
+
+import contextlib
+import functools
+import hashlib
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+_MANY = 256  # files, of some 50 kB each
+_DIGEST = 32  # bytes
+_FORM = b"1"  # of the files
+
+
+def key_of(*origins: str) -> str:
+    """The name of the code that is made from these texts."""
+    digest = hashlib.sha256(_FORM)
+    for origin in origins:
+        digest.update(hashlib.sha256(origin.encode()).digest())
+    return digest.hexdigest()
+
+
+def read(key: str) -> bytes | None:
+    """The code of that name, or None."""
+    folder = _own_folder()
+    if folder is None:
+        return None
+    try:
+        handle = os.open(folder / key, os.O_RDONLY | os.O_NOFOLLOW)
+        with os.fdopen(handle, "rb") as file:
+            content = file.read()
+        os.utime(folder / key)  # the longest unused goes first
+    except OSError:
+        return None
+    code = content[_DIGEST:]
+    return code if content[:_DIGEST] == _seal(key, code) else None
+
+
+def write(key: str, code: bytes) -> None:
+    """Keep the code, if that is possible."""
+    folder = _own_folder()
+    if folder is None:
+        return
+    with contextlib.suppress(OSError):
+        handle, draft = tempfile.mkstemp(dir=folder, prefix=".")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(_seal(key, code) + code)
+            Path(draft).replace(folder / key)
+        except OSError:
+            Path(draft).unlink()
+            raise
+        _forget_old(folder)
+
+
+def _seal(key: str, code: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + code).digest()
+
+
+def _forget_old(folder: Path) -> None:
+    files = sorted(folder.iterdir(), key=lambda file: file.stat().st_mtime)
+    for file in files[:-_MANY]:
+        file.unlink()
+
+
+def _own_folder() -> Path | None:
+    """The folder, made if needed; None where it is not the user's alone."""
+    folder = _place()
+    if folder is None:
+        return None
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    return folder if private else None
+
+
+@functools.cache
+def _place() -> Path | None:
+    """Where the folder is; None where the system knows no owners of files, or nobody's home."""
+    if not hasattr(os, "getuid"):
+        return None
+    import platformdirs
+
+    try:
+        return platformdirs.user_cache_path("erosion") / "lanes"
+    except (OSError, RuntimeError):
+        return None

@@ -1,0 +1,207 @@
+"""Processes that lack something: float64, a device, their threads, letters, a cache of their own; and masked arrays."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.distributions import Samples
+
+P = erosion.TABLE_1
+
+
+def python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a process of its own, which ends even if it waits for ever."""
+    command = [sys.executable, "-W", "ignore", "-c", textwrap.dedent(code)]
+    return subprocess.run(
+        command, env={**os.environ, **environment}, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "erosion", *arguments],
+        env={**os.environ, **environment}, capture_output=True, text=True, encoding="utf-8", errors="replace",
+        timeout=120, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_way_to_a_number_refuses_single_precision() -> None:
+    done = python(
+        """
+        import erosion
+        p, closed = erosion.TABLE_1, erosion.models.Linearized().closed_form()
+        for compute in (lambda: erosion.alpha_max("linearized", p), lambda: erosion.alpha_min("linearized", p),
+                        lambda: erosion.impact("linearized", p), lambda: erosion.simulate("linearized", p),
+                        lambda: erosion.sweep("linearized", p, alpha=[0.2]), lambda: closed.volume(p),
+                        lambda: closed.alpha_max(p), lambda: erosion.correlations.CORRELATIONS["oka"](0.3),
+                        lambda: erosion.volume("linearized", p), lambda: erosion.verify("linearized")):
+            try:
+                print(compute())
+            except RuntimeError as error:
+                assert "erosion needs float64" in str(error), error
+                print("refused")
+        """,
+        JAX_ENABLE_X64="0",
+    )
+    assert done.stdout == "refused\n" * 10, done.stdout + done.stderr
+
+
+FORKED = """
+import os, signal
+import numpy as np
+import erosion
+p = erosion.TABLE_1.replace(alpha=np.linspace(0.1, 1, 200_000))
+def compute():
+    return {first}
+compute()
+child = os.fork()
+if child == 0:
+    signal.alarm(60)  # it would wait for ever
+    try:
+        {then}
+        os._exit(0)
+    except RuntimeError as error:
+        os._exit(7 if 'get_context("spawn")' in str(error) else 8)
+status = os.waitpid(child, 0)[1]
+print(os.WTERMSIG(status), os.WEXITSTATUS(status))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("first", "then", "status"),
+    [
+        ('erosion.simulate("rotating", erosion.TABLE_1).volume', "compute()", 7),
+        ("erosion.models.Linearized().closed_form().volume(p)", "compute()", 7),
+        ("erosion.models.Linearized().closed_form().volume(p)", 'erosion.simulate("finnie", erosion.TABLE_1)', 7),
+        ('erosion.impact("rotating", p).volume', "compute()", 0),
+        ('erosion.impact("rotating", p).volume', 'erosion.simulate("finnie", erosion.TABLE_1)', 0),
+        ('erosion.alpha_max("finnie", erosion.TABLE_1)', "compute()", 0),
+    ],
+)
+def test_a_forked_process_computes_or_says_why_not(first: str, then: str, status: int) -> None:
+    done = python(FORKED.format(first=first, then=then))
+    assert done.stdout == f"0 {status}\n", done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["cuda", "nonsense", "cuda,nonsense"])
+def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path) -> None:
+    for arguments in (["verify", "--model", "linearized"], ["report", "--only", "q1", "-o", str(tmp_path / "page")]):
+        done = command(*arguments, JAX_PLATFORMS=platform)
+        assert done.returncode == 1
+        assert done.stderr == (
+            f"erosion: JAX has no device to compute on, as JAX_PLATFORMS={platform} asks for one that is not here; "
+            "unset it.\n"
+        )
+    # The engine's own compiler needs none.
+    assert command("run", JAX_PLATFORMS=platform).returncode == 0
+
+
+ASCII = {
+    "PYTHONIOENCODING": {"PYTHONIOENCODING": "ascii"},
+    "LANG": {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+    "Latin": {"PYTHONIOENCODING": "latin-1"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", ASCII)
+def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
+    for arguments in (["run"], ["models"], ["optimum"], ["run", "--help"]):
+        done = command(*arguments, **ASCII[environment])
+        assert (done.returncode, done.stderr) == (0, ""), arguments
+    assert command("run", "--alpha", "100 deg", **ASCII[environment]).stderr.startswith("erosion: Option `--alpha`")
+    said = command("run", **ASCII["PYTHONIOENCODING"]).stdout
+    assert said.isascii()
+    assert "alpha = 20deg" in said
+    assert "in^3" in said
+    assert "10^-4 in^3" in said
+    assert "\\" not in said
+
+
+@pytest.mark.slow
+def test_a_name_that_is_no_text_is_printed_too(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"cut\xff.svg")
+    done = subprocess.run(
+        [sys.executable, "-m", "erosion", "run", "--plot", path], capture_output=True, timeout=120, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert path.is_file()
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where processes keep compiled programs, as those of users do."""
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "erosion" / "compiled"
+
+
+@pytest.mark.slow
+def test_a_damaged_program_in_the_cache_heals(cache: Path) -> None:
+    run = ["verify", "--model", "linearized"]
+    assert command(*run).stderr == ""
+    entries = sorted(cache.glob("*-cache"))
+    assert entries
+    for entry in entries:
+        entry.write_bytes(entry.read_bytes()[:50])
+    damaged = {entry.name: entry.read_bytes() for entry in entries}
+    assert command(*run).stderr == ""
+    healed = {entry.name: entry.read_bytes() for entry in cache.glob("*-cache")}
+    assert set(healed) == set(damaged)
+    assert all(healed[name] != damaged[name] for name in damaged)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ["erosion", "erosion/compiled"])
+def test_a_cache_where_others_may_write_is_not_used(tmp_path: Path, cache: Path, place: str) -> None:
+    cache.mkdir(parents=True)
+    (tmp_path / place).chmod(0o777)
+    assert command("verify", "--model", "linearized").returncode == 0
+    assert not list(cache.iterdir())
+
+
+def test_a_cache_of_another_owner_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from erosion.cli.kept_programs import _is_ours
+
+    assert _is_ours(tmp_path)
+    monkeypatch.setattr(os, "getuid", lambda: 12345678)
+    assert not _is_ours(tmp_path)
+
+
+MASKED = np.ma.masked_array([0.1, 0.2, 0.3], mask=[False, True, False])
+DATA = {"angle [deg]": [10.0, 20.0, 30.0], "volume [in^3]": [1e-4, 2e-4, 2e-4]}
+FRICTION = Path(__file__).parents[2] / "models" / "coulomb_tip.py"
+IGNORES: dict[str, Callable[[], Any]] = {
+    "a parameter": lambda: P.replace(alpha=MASKED),
+    "an axis": lambda: erosion.sweep("linearized", P, alpha=MASKED),
+    "samples": lambda: Samples(MASKED),
+    "measurements": lambda: erosion.calibrate("linearized", P, {**DATA, "angle [deg]": MASKED}, ["k"]),
+    "an own parameter": lambda: erosion.load_model(FRICTION).replace(friction=MASKED),
+    "an angle of a comparison": lambda: erosion.compare(["linearized"], P, alpha=MASKED),
+}
+
+
+@pytest.mark.parametrize("name", IGNORES)
+def test_a_masked_value_is_no_value(name: str) -> None:
+    with pytest.raises(ValueError, match="must have no masked values; leave them out, or fill them with NaN"):
+        IGNORES[name]()
+
+
+def test_a_masked_array_without_masked_values_is_an_array() -> None:
+    values = np.ma.masked_array([0.1, 0.2])
+    np.testing.assert_array_equal(
+        erosion.impact("linearized", P.replace(alpha=values)).volume,
+        erosion.impact("linearized", P.replace(alpha=[0.1, 0.2])).volume,
+    )

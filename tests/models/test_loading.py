@@ -1,0 +1,203 @@
+"""The text of a plug-in that runs is the text on the disk, once for a verb, whatever is cached and whoever edits it."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import _status
+from erosion.storage.fingerprint import fingerprint
+from erosion.sweeps.grid import make_grid
+from erosion.sweeps.sweep import compute_block, prepare_sweep
+
+P = erosion.TABLE_1
+TEXT = """
+import erosion
+class Ratio(erosion.models.ForceLaw):
+    '''A constant ratio.'''
+    def __call__(self, state, tip, p):
+        {first}
+        horizontal = -p.stiffness * tip.depth
+        return horizontal, {factor} * p.k * horizontal
+    def typical_ratio(self, p):
+        return p.k
+model = erosion.models.Linearized(force=Ratio())
+"""
+
+
+def text(factor: str = "1.0", first: str = "pass") -> str:
+    return TEXT.format(factor=factor, first=first)
+
+
+def volume(path: Path) -> float:
+    return float(erosion.impact(path, P).volume)
+
+
+@pytest.fixture
+def bytecode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python keeps what it compiles, as it does for users."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+
+
+@pytest.mark.usefixtures("bytecode")
+def test_a_text_of_the_same_length_and_time_is_the_one_that_runs(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text("1.0"))
+    os.utime(path, (1e9, 1e9))
+    usual = volume(path)
+    path.write_text(text("2.0"))
+    os.utime(path, (1e9, 1e9))  # rsync -t keeps it
+    assert volume(path) == pytest.approx(float(erosion.impact("linearized", P.replace(k=2 * P.k)).volume), rel=1e-12)
+    assert volume(path) != usual
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.py"]
+
+
+def test_files_with_nearly_one_name_have_a_module_each(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("a-b.py", "a_b.py", "a b.py")]
+    for i, path in enumerate(paths):
+        path.write_text(text(f"{i + 1}.0"))
+    models = [erosion.load_model(path) for path in paths]
+    modules = [type(model.force).__module__ for model in models]  # pyright: ignore[reportAttributeAccessIssue]
+    assert len(set(modules)) == 3
+    assert all(vars(sys.modules[module])["model"] is model for module, model in zip(modules, models, strict=True))
+
+
+def test_a_plug_in_behind_a_link_finds_what_lies_beside_the_link(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "real.py").write_text(
+        "from pathlib import Path\n" + text("float(Path(__file__).with_name('k').read_text())")
+    )
+    (tmp_path / "mine.py").symlink_to(tmp_path / "far" / "real.py")
+    (tmp_path / "k").write_text("2.0")
+    monkeypatch.chdir(tmp_path)
+    expected = float(erosion.impact("linearized", P.replace(k=2 * P.k)).volume)
+    assert volume(Path("mine.py")) == pytest.approx(expected, rel=1e-12)
+    swept = erosion.sweep("mine.py", P, alpha=[float(P.alpha)])
+    assert float(swept.volume[0]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_model_is_digested_as_it_was_when_it_was_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text("1.0"))
+    first = erosion.load_model(path)
+    before = fingerprint(first)
+    path.write_text(text("2.0"))
+    second = erosion.load_model(path)
+    assert fingerprint(first) == before
+    assert fingerprint(second) != before
+    path.unlink()
+    assert fingerprint(first) == before
+
+
+@pytest.mark.parametrize("suffix", ["nc", "zarr"])
+def test_an_edit_while_a_sweep_runs_changes_nothing_of_it(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text("1.0"))
+    axes: dict[str, Any] = {"alpha": np.linspace(0.1, 1.0, 20_000)}
+    whole = erosion.sweep(path, P, **axes)
+
+    def edit(work: str, done: int, total: int) -> None:
+        path.write_text(text("2.0"))
+
+    chunks: dict[str, Any] = {"chunks": {"alpha": 10_000}} if suffix == "zarr" else {}
+    path_of_store = tmp_path / f"out.{suffix}"
+    stored = erosion.sweep(path, P, store=path_of_store, progress=edit, **chunks, **axes)
+    np.testing.assert_array_equal(stored.volume, whole.volume)
+    with pytest.raises(ValueError, match="another models"):
+        erosion.sweep(path, P, store=path_of_store, **chunks, **axes)
+
+
+def test_a_worker_that_finds_another_text_stops_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text("1.0"))
+    grid = make_grid(str(path), P, {"alpha": np.linspace(0.1, 1.0, 10)})
+    store = tmp_path / "out.zarr"
+    job = prepare_sweep(grid, store=store)
+    (region,) = job.store.missing()
+    from erosion.storage.identity import code_version
+
+    path.write_text(text("2.0"))
+    monkeypatch.setattr("erosion.sweeps.grid._known", {})  # as in another process
+    with pytest.raises(RuntimeError, match=r"mine.py: is another model than that which the sweep was begun with\."):
+        compute_block(grid, store, region, code_version())
+    with pytest.raises(RuntimeError, match=r"A worker has erosion .*, but the sweep was begun with erosion 9\."):
+        compute_block(grid, store, region, "erosion 9")
+    assert job.store.missing() == [region]
+
+
+LEAVES = {
+    "import": "import sys; sys.exit(0)",
+    "method": text(first="import sys; sys.exit(0)"),
+    "constructor": "import sys, erosion\nclass M(erosion.models.Linearized):\n  def __init__(self): sys.exit(0)\n",
+    "built-in exit": text(first="exit(0)"),
+    "raised": text(first="raise SystemExit"),
+}
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_a_plug_in_that_ends_the_program_is_an_error(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(LEAVES[name])
+    with pytest.raises(erosion.ModelError, match=r"mine\.py: .*SystemExit"):
+        erosion.load_model(path)
+    for command, status in (
+        (["verify", str(path)], 2),
+        (["models", "--path", str(path)], 1),
+        (["run", "--model", str(path)], 2),
+    ):
+        assert _status(command) == status
+        said = capsys.readouterr().err
+        assert said.startswith("erosion: ")
+        assert said.count("\n") == 1
+
+
+def test_a_plug_in_that_ends_the_program_later_is_an_error_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.py"
+    is_checked = "any(frame.function == '_flaw' for frame in inspect.stack())"
+    path.write_text("import inspect, sys\n" + text(first=f"{is_checked} or sys.exit(0)"))
+    assert _status(["run", "--model", str(path)]) == 1
+    assert "A model's own code ended the program" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\xff\xfe", "cannot be imported: SyntaxError"),
+        (b"model = \0", "cannot be imported: "),
+        (b"def f(:\n", "cannot be imported: SyntaxError"),
+        (b"# coding: nonsense\n", "cannot be imported: SyntaxError"),
+        (b"(" * 100_000, "cannot be imported: "),
+        (b"raise KeyError\n", "cannot be imported: KeyError"),
+        (b"def f(): f()\nf()\n", "cannot be imported: RecursionError"),
+        (b"", "must define `model`"),
+    ],
+    ids=range(8),
+)
+def test_what_is_no_program_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_bytes(content)
+    modules = set(sys.modules)
+    with pytest.raises(erosion.ModelError) as caught:
+        erosion.load_model(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    if content:
+        assert not [name for name in set(sys.modules) - modules if name.startswith("erosion_plugin")]
+
+
+def test_a_text_of_another_encoding_is_read_as_python_does(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_bytes("# coding: latin-1\n# Größe\n".encode("latin-1") + text().encode())
+    assert volume(path) > 0
+    path.write_bytes(b"\xef\xbb\xbf" + text().encode())
+    assert volume(path) > 0
