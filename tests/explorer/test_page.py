@@ -114,8 +114,8 @@ def test_everything_works_by_keyboard(page: Page) -> None:
 
 
 def test_a_link_carries_the_whole_state(page: Page) -> None:
-    page.get_by_role("checkbox", name="as-printed").click()
-    page.get_by_role("checkbox", name="finnie").click()
+    page.get_by_role("checkbox", name="as-printed", exact=True).click()
+    page.get_by_role("checkbox", name="finnie", exact=True).click()
     page.get_by_role("button", name="si", exact=True).click()
     enter(page, "v0", "0.12345678901234567 km/s")
     page.get_by_role("button", name="Dark").click()
