@@ -35,8 +35,8 @@ class ArabnejadMaterial:
     density: float
 
 
-# Constants for 150 µm sand. The paper's abstract, not its table, was at hand: these are the constants as they are
-# reprinted. Another public code (ParticleModule) has constants of the same form for three of the targets: with them
+# Constants for 150 µm sand. The paper's abstract, not its table, was at hand: these constants are not confirmed.
+# Another public code (ParticleModule) has constants of the same form for three of the targets: with them
 # the cutting of 1018, 316 and 6061 is 6 % less, 15 % and 29 % greater, thresholds are 5.0, 5.7 and 7.3 m/s.
 ARABNEJAD_MATERIALS: Mapping[str, ArabnejadMaterial] = types.MappingProxyType(
     {
@@ -101,7 +101,8 @@ def arabnejad(
 
     References:
         H. Arabnejad, A. Mansouri, S. A. Shirazi, B. S. McLaury, Wear 332-333 (2015) 1044-1050. Its tests were made with
-        sand of 150 µm. Their speeds were not at hand, so that only the angle is checked.
+        sand of 150 µm. Their speeds were not at hand, so that only the angle is checked. Nor was the paper's table:
+        **compare the constants with it before you rely on absolute numbers**.
     """
     require_jax(alpha, v0)
     target, factor = of_table(ARABNEJAD_MATERIALS, material, ArabnejadMaterial), sharpness_factor(sharpness)

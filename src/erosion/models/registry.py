@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import equinox as eqx
+import jax
 
 from erosion.arguments import check_path
 from erosion.correlations import CORRELATIONS
@@ -174,7 +175,7 @@ def model_name(model: CuttingModel) -> str:
     if isinstance(model, Correlated):
         return model.label
     for name, info in BUILT_IN.items():
-        if _same(info.make(), model):
+        if _same_parts(info.make(), model):
             return name
     parts = [type(part).__name__ for part in vars(model).values() if isinstance(part, eqx.Module)
              and not type(part).__module__.startswith("erosion.")]  # fmt: skip
@@ -187,9 +188,9 @@ def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()
     return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})
 
 
-def _same(one: CuttingModel, other: CuttingModel) -> bool:
-    # Built-in models hold no arrays, so equality of the modules is equality of their parts.
-    return type(one) is type(other) and bool(one == other)
+def _same_parts(model: CuttingModel, other: CuttingModel) -> bool:
+    """Whether the parts are the same; the values of own parameters may differ."""
+    return jax.tree.structure(model) == jax.tree.structure(other)
 
 
 def _listed(name: str, load: Callable[[], tuple[CuttingModel, object]]) -> ModelInfo:
