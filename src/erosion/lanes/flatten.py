@@ -13,10 +13,10 @@ from jax.typing import ArrayLike
 
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
-from erosion.lanes.graph import BOOL, LONG, Graph, Value
+from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
 from erosion.lanes.passes import finish
 from erosion.lanes.places import PLACES
-from erosion.lanes.scalars import SCALARS, Atom, CannotCompileError, Equation, Kind, aval_of, converted
+from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
 _CALLS = {
     "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
