@@ -58,9 +58,11 @@ def _interrupted(arguments: list[str], folder: Path) -> tuple[int, str]:
 
 def test_ctrl_c_ends_a_loop_that_never_ends(tmp_path):
     program = """
+        import signal
         import numpy as np
         from jax import lax
         from erosion.lanes.lanewise import Lanewise, number
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
         endless = Lanewise(lambda x: lax.while_loop(lambda s: s >= 0, lambda s: s + x, 0.0 * x), (number,))
         print(endless(-1.0), flush=True)
         try:
@@ -79,6 +81,7 @@ def test_ctrl_c_ends_a_model_that_never_ends(impacts, tmp_path):
     """In one thread, and in several."""
     (tmp_path / "endless.py").write_text(_ENDLESS)
     program = f"""
+        import signal
         import sys
         import numpy as np
         import erosion
@@ -88,6 +91,7 @@ def test_ctrl_c_ends_a_model_that_never_ends(impacts, tmp_path):
         usual = Lanewise.run
         Lanewise.run = lambda *arguments: (print("begins", flush=True), usual(*arguments))
         batch.threads = lambda: 2
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         if {impacts} == 1:
             main(["run", "--model", "endless.py"])
         try:
