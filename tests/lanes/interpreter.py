@@ -52,7 +52,9 @@ def _equation(equation: Any, given: list[np.ndarray]) -> list[Any]:
         results = [np.empty(np.broadcast_shapes(*(x.shape for x in exact)))]
         for index in np.ndindex(results[0].shape):
             points = [np.float64(x[index] if x.shape else x) for x in exact]
-            (results[0][index],) = _evaluate(_traced(name, len(points)).jaxpr, _traced(name, len(points)).consts, points)
+            (results[0][index],) = _evaluate(
+                _traced(name, len(points)).jaxpr, _traced(name, len(points)).consts, points
+            )
         return [results[0].astype(kind)]
     if name in _NUMPY:
         return [np.asarray(_NUMPY[name](*given)).astype(kind, copy=False)]

@@ -105,7 +105,9 @@ class RandomFunction:
                 numbers += [-0.0, 0.5, 1 / 3, np.inf, -np.inf, np.nan, 1e-40, 1e30, np.pi, -1e-310, 1e300, 2.0**-1022]
             return jnp.asarray(self.pick(numbers), dtype)
         limits = np.iinfo(dtype)
-        return jnp.asarray(self.pick([0, 1, 2, 3, 7, limits.min, limits.max, limits.max // 2, 8 * dtype.itemsize]), dtype)
+        return jnp.asarray(
+            self.pick([0, 1, 2, 3, 7, limits.min, limits.max, limits.max // 2, 8 * dtype.itemsize]), dtype
+        )
 
     def dtype(self) -> Any:
         if self.exact:
@@ -133,7 +135,7 @@ class RandomFunction:
             return lax.integer_pow(x, int(self.random.integers(least, 4)))
         if draw < 0.52 and kind == "f":
             return lax.is_finite(x)
-        if draw < 0.62 or kind == "b" and draw < 0.7:
+        if draw < 0.62 or (kind == "b" and draw < 0.7):
             names = [n for n in _UNARY[kind] if not (self.exact and n == "sqrt")]
             return getattr(lax, self.pick(names))(x)
         names = [n for n in _BINARY[kind] if not (self.exact and n == "div")]
@@ -185,7 +187,9 @@ class RandomFunction:
         if way == 9 and kind in "fi" and a.ndim == 1 and first <= 3:
             return self.bounded(jnp.outer(a, a)) if kind == "f" else a[:, None] * a[None, :]
         if way == 10 and kind in "fiu":
-            return self.bounded(self.pick([lax.cumsum, lax.cummax, lax.cummin])(a, 0, reverse=bool(self.random.integers(2))))
+            return self.bounded(
+                self.pick([lax.cumsum, lax.cummax, lax.cummin])(a, 0, reverse=bool(self.random.integers(2)))
+            )
         if way == 11:
             return jnp.concatenate([a, a[:1]])[1:]
         if way == 12:
@@ -194,7 +198,9 @@ class RandomFunction:
             return lax.select(jnp.broadcast_to(self.truth(values), a.shape), a, a[::-1] if a.ndim == 1 else a)
         if way == 14:
             low, high = int(self.random.integers(-1, 2)), int(self.random.integers(0, 3))
-            return lax.pad(a, self.one_of(values, a.dtype), [(low if first > 1 else 0, high, 0)] + [(0, 0, 0)] * (a.ndim - 1))
+            return lax.pad(
+                a, self.one_of(values, a.dtype), [(low if first > 1 else 0, high, 0)] + [(0, 0, 0)] * (a.ndim - 1)
+            )
         return getattr(lax, self.pick(_UNARY[kind]))(a) if not self.exact else self.bounded(a + a)
 
     # Control flow. What is carried keeps its type.
@@ -235,7 +241,9 @@ class RandomFunction:
 
     def switch(self, values: list[Any], depth: int) -> list[Any]:
         state, case = self.carried(values), self.index(values).astype(np.int32)
-        cases = [self.apart(lambda *s: self.updated(values, list(s), depth)) for _ in range(int(self.random.integers(2, 5)))]
+        cases = [
+            self.apart(lambda *s: self.updated(values, list(s), depth)) for _ in range(int(self.random.integers(2, 5)))
+        ]
         return list(lax.switch(case, cases, *state))
 
     def loop(self, values: list[Any], depth: int) -> list[Any]:

@@ -39,7 +39,9 @@ def keep_programs() -> None:
 def _is_ours(folder: Path) -> bool:
     """Whether nobody but this user may write there."""
     status = folder.stat()
-    return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+    return not hasattr(os, "getuid") or (
+        status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    )
 
 
 def _remove_damaged(folder: Path) -> None:
