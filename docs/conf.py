@@ -54,7 +54,7 @@ autodoc_typehints = "signature"
 # only results hold, stay plain text.
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:class", r"(collections|diffrax|distributed|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray)\..*|ndarray"),
+    ("py:class", r"(collections|diffrax|distributed|jax|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray)\..*|ndarray"),
     ("py:class", r"erosion\.(calibration\.least_squares|parameters\.quantities|streams\.(particles|tally)|tables)\..*"),
 ]
 napoleon_numpy_docstring = False

@@ -56,6 +56,8 @@ from erosion.trajectory.simulate import simulate as simulate
 from erosion.trajectory.trajectory import SimulationError as SimulationError
 from erosion.trajectory.trajectory import Trajectory as Trajectory
 from erosion.trajectory.trajectory import TurnWarning as TurnWarning
+from erosion.validation import Validation as Validation
+from erosion.validation import against_published as against_published
 from erosion.verification import Verification as Verification
 from erosion.verification import verify as verify
 from erosion.version import __version__ as __version__

@@ -191,6 +191,8 @@ QUESTIONS = [
     ("compare --model finnie,finnie", "must name one or several different models, but is 'finnie,finnie'."),
     ("compare --models", "Option `--model` must name one or several different models, but is ''."),
     ("compare --models finnie finnie", "must name one or several different models, but is 'finnie,finnie'."),
+    ("validate --plot facts.txt", "facts.txt: a plot's file name must end in .svg, .png or .pdf."),
+    ("validate table-1.toml", "The word 'table-1.toml' belongs to no option."),
     ("verify --model finnie,nothing", "There is no model 'nothing'"),
     ("compare --models nothing", "There is no model 'nothing'"),
 ]

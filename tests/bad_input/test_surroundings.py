@@ -75,7 +75,7 @@ COMMAND = [sys.executable, "-m", "erosion"]
 
 @pytest.mark.slow
 def test_a_reader_that_leaves_is_no_error():
-    for arguments in (["models"], ["models", "--json"]):
+    for arguments in (["models"], ["models", "--json"], ["run", "--help"], ["--help"]):
         reader, writer = os.pipe()
         os.close(reader)
         found = subprocess.run([*COMMAND, *arguments], stdout=writer, stderr=subprocess.PIPE, timeout=120, check=False)

@@ -113,6 +113,16 @@ def test_models_and_verify(document) -> None:
     assert printed["model"]["name"] == "linearized"
 
 
+def test_validate(document, tmp_path) -> None:
+    printed = document("validate", "--plot", str(tmp_path / "facts.svg"))
+    assert printed["case"] is printed["units"] is printed["model"] is None
+    tee = next(fact for fact in printed["result"]["facts"] if fact["name"] == "DNV, blinded tee, 30 m/s")
+    assert tee["published"] == {"value": 0.054024, "unit": "mm/t"}
+    assert tee["error"] == {"value": 1e-5, "unit": "mm/t"}
+    assert tee["within"] is True
+    assert (tmp_path / "facts.svg").read_bytes().startswith(b"<?xml")
+
+
 def test_warnings_are_in_the_document_and_on_stderr(capsys) -> None:
     assert _status(["run", "--model", "rotating-tan-alpha", "--json"]) == 0
     said = capsys.readouterr()

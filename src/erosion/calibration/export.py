@@ -12,7 +12,7 @@ from scipy import optimize
 
 from erosion.calibration.conditions import MOST, conditions
 from erosion.calibration.result import Calibration
-from erosion.correlations import finnie
+from erosion.correlations import finnie_angle
 from erosion.engine.impact import impact
 from erosion.models import model_name
 from erosion.models.own_parameters import own_in_words
@@ -108,7 +108,7 @@ def to_openfoam(calibration: Calibration) -> ParticleErosion:
 
     def curve(coefficients: Any) -> np.ndarray:
         stress, ratio = np.exp(coefficients)
-        return scale / (stress * ratio) * np.asarray(finnie(_ANGLES, ratio))
+        return scale / (stress * ratio) * np.asarray(finnie_angle(_ANGLES, ratio))
 
     begin = np.log([scale / greatest / 3, float(case.k)])
     fits = [

@@ -27,6 +27,7 @@ from erosion.cli.run import run
 from erosion.cli.spelling import spell_out
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
+from erosion.cli.validate import validate
 from erosion.cli.verify import verify
 from erosion.interrupts import between_imports
 from erosion.version import __version__
@@ -44,7 +45,7 @@ app = cyclopts.App(
 )
 for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)
-for verb in (models, verify):  # which have no case
+for verb in (models, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 
 
@@ -81,6 +82,10 @@ def _status(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt as error:
         return _say(130, str(error) or "interrupted")
     except SystemExit as error:
+        # Rich ends the program so where the reader of the help has gone.
+        if isinstance(error.__context__, BrokenPipeError):
+            sys.stdout = None
+            return 0
         return _say(1, f"A model's own code ended the program, with sys.exit({error.code!r}).")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:

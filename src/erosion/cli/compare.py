@@ -43,7 +43,8 @@ def compare(
         Parameter(
             consume_multiple=True,
             help="Also draw these engineering correlations, each over its greatest value: "
-            '"finnie-cfd,dnv,dnv-polynomial,ecrc,oka,arabnejad", some of them, or "all". Needs --plot.',
+            '"finnie-cfd,dnv,dnv-polynomial,ecrc,oka,mclaury,arabnejad", some of them, or "all". Needs --plot. '
+            "For their volumes name them in --model.",
         ),
     ] = None,
     output: Annotated[Path | None, Parameter(name=("--output", "-o"), help="Also keep the curves (.nc).")] = None,

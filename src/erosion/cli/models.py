@@ -24,7 +24,8 @@ def models(
     """List every model with its equations and its own parameters (for --set).
 
     A model that cannot be used is listed with the reason; the exit status is
-    then 1.
+    then 1. Correlations, which stand below the table, may be named wherever a
+    model may.
     """
     from erosion.models import available_models
 
@@ -47,6 +48,8 @@ def models(
 def _print_table(catalogue: "Mapping[str, ModelInfo]") -> None:
     from rich.text import Text
 
+    from erosion.correlations import CORRELATIONS
+
     rows: list[tuple[str, Text]] = []
     for name, info in catalogue.items():
         text = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
@@ -54,7 +57,11 @@ def _print_table(catalogue: "Mapping[str, ModelInfo]") -> None:
         for own, parameter in _own(info).items():
             meaning = f"  {parameter['symbol']}, {parameter['meaning']}" if parameter["symbol"] != own else ""
             rows.append(("", Text.assemble(f"{own} = {parameter['value']:g}", (meaning, "dim"))))
-    print_table("", rows, ("model", "what it says, and the source's equations"), numbers=())
+    correlations = (
+        f"Correlations of engineers can take the place of a model: {', '.join(CORRELATIONS)}. "
+        'Some have a table of targets: "dnv:duplex".'
+    )
+    print_table("", rows, ("model", "what it says, and the source's equations"), (), [correlations])
 
 
 def _own(info: "ModelInfo") -> dict[str, dict[str, Any]]:

@@ -15,9 +15,10 @@ from jax import Array
 from jax.core import Tracer
 
 from erosion.array_types import Indices, Number, PerImpact, PerLane, Structure
-from erosion.models.base import CuttingModel
+from erosion.models.base import CuttingModel, units_within
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters.units import System
 
 _NAMES = tuple(QUANTITIES)
 
@@ -42,6 +43,7 @@ class Layout:
         leaves: the model's leaves that are no numbers; `None` in the place of a number.
         shapes: of each number, for one impact.
         dtypes: of each number.
+        units: the unit system that the model's methods see; any, but for a model with numbers in fixed units.
     """
 
     def __init__(
@@ -50,8 +52,9 @@ class Layout:
         leaves: tuple[object, ...],
         shapes: tuple[tuple[int, ...], ...],
         dtypes: tuple[str, ...],
+        units: System,
     ) -> None:
-        self.structure, self.leaves, self.shapes, self.dtypes = structure, leaves, shapes, dtypes
+        self.structure, self.leaves, self.shapes, self.dtypes, self.units = structure, leaves, shapes, dtypes, units
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Layout) and self._key == other._key
@@ -62,7 +65,7 @@ class Layout:
 
     @property
     def _key(self) -> tuple[object, ...]:
-        return self.structure, self.leaves, self.shapes, self.dtypes
+        return self.structure, self.leaves, self.shapes, self.dtypes, self.units
 
     @functools.cached_property
     def offsets(self) -> list[int]:
@@ -70,10 +73,10 @@ class Layout:
         return [0, *np.cumsum([math.prod(shape) for shape in self.shapes]).tolist()]
 
     def joined(self, numbers: Sequence[Number]) -> tuple[CuttingModel, Parameters]:
-        """Model and case with these numbers, in any one unit system: the physics does not depend on it."""
+        """Model and case with these numbers."""
         rest = iter(numbers[len(_NAMES) :])
         leaves = [next(rest) if leaf is None else leaf for leaf in self.leaves]
-        p = Parameters(**dict(zip(_NAMES, numbers, strict=False)), units="inch-pound")
+        p = Parameters(**dict(zip(_NAMES, numbers, strict=False)), units=self.units)
         return jax.tree.unflatten(self.structure, leaves), p
 
     def of_lanes(self, numbers: Sequence[PerLane], lanes: Indices | slice) -> list[PerLane]:
@@ -116,7 +119,7 @@ def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[PerImpact]]:
         # A whole number in a parameter's place is a number like others.
         dtypes.append("float64" if i in own or array.dtype.kind == "f" else array.dtype.name)
         shapes.append(() if i in own else array.shape)
-    return Layout(structure, tuple(rest), tuple(shapes), tuple(dtypes)), numbers
+    return Layout(structure, tuple(rest), tuple(shapes), tuple(dtypes), units_within(model, p)), numbers
 
 
 def element_of(model: CuttingModel, name: str) -> int:

@@ -1,6 +1,8 @@
 """The models: their classes, the parts they are made of, and the registry."""
 
 from erosion.models.as_printed import AsPrinted as AsPrinted
+from erosion.models.correlated import Correlated as Correlated
+from erosion.models.correlated import correlated as correlated
 from erosion.models.deformation import Deformation as Deformation
 from erosion.models.deformation import DeformationWear as DeformationWear
 from erosion.models.deformation import NoDeformation as NoDeformation

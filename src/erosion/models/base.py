@@ -16,6 +16,7 @@ import numpy as np
 from erosion.array_types import Broadcast, Flag, ModelState
 from erosion.models.own_parameters import converted, replaced
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import System
 from erosion.tables import abbreviate
 
 Events = Mapping[str, Broadcast]
@@ -174,6 +175,14 @@ class CuttingModel(eqx.Module):
         """The exact solution, if there is one."""
         return None
 
+    @property
+    def needs_units(self) -> bool:
+        """Whether the model has numbers in fixed units, such as m/s, so that it must know `p.units`.
+
+        By default not: the physics depends on no unit system, and `p.units` says nothing within a model's methods.
+        """
+        return False
+
     def replace(self, **changes: object) -> "CuttingModel":
         """The same model with other values of its own parameters: `model.replace(friction=0.3)`.
 
@@ -201,6 +210,11 @@ class CuttingModel(eqx.Module):
             The model and the case of the same impact.
         """
         return converted(self, p, units)
+
+
+def units_within(model: CuttingModel, p: Parameters) -> System:
+    """The `p.units` that a model's methods see; the same for all cases where it does not count."""
+    return p.units if model.needs_units else "inch-pound"
 
 
 def event_rates(model: CuttingModel, state: ModelState, rate: ModelState, p: Parameters) -> tuple[Events, Events]:

@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import equinox as eqx
+import jax
 
 from erosion.arguments import check_path
+from erosion.correlations import CORRELATIONS
 from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.check import flaw
+from erosion.models.correlated import Correlated, correlated
 from erosion.models.deformation import ProportionalDeformationWear
 from erosion.models.finnie import Finnie
 from erosion.models.forces import TanAlpha, VelocityAligned
@@ -126,6 +129,17 @@ def _built_in_model(name: str) -> CuttingModel:
     return BUILT_IN[name].make()
 
 
+@functools.cache
+def _correlated(name: str) -> CuttingModel:
+    """A correlation with its default target, or with another after a colon: "dnv:duplex"."""
+    correlation, colon, material = name.partition(":")
+    targets = CORRELATIONS[correlation].materials
+    if colon and material not in targets:
+        known = f"one of {', '.join(targets)}" if targets else "left out"
+        raise ModelError(f"Model {name!r}: the target after the colon must be {known}.")
+    return correlated(correlation, material if colon else None)
+
+
 def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     """A model by registered name, or by the path of a Python file.
 
@@ -133,7 +147,8 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     can be made without arguments. Loading a file runs it: load only what you trust.
 
     Args:
-        name: "rotating", "models/my_model.py", or a model, which is returned as it is.
+        name: "rotating", "models/my_model.py", a correlation such as "dnv" or "dnv:duplex" (see
+            `erosion.models.correlated`), or a model, which is returned as it is.
 
     Raises:
         ModelError: one sentence on what is wrong with the name, the file or the model.
@@ -144,19 +159,23 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         raise ModelError(f"Argument `model` must be a model, its name or a path, but is {name!r}.")
     if str(name) in BUILT_IN:
         return _built_in_model(str(name))
+    if str(name).partition(":")[0] in CORRELATIONS:
+        return _correlated(str(name))
     if str(name).endswith(".py"):
         return _file(Path(name))[0]
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name == str(name):
             return _from_entry_point(entry)
-    known = ", ".join(available_models())
+    known = ", ".join((*available_models(), *CORRELATIONS))
     raise ModelError(f"There is no model {str(name)!r}; known are {known}, and Python files by path (…/model.py).")
 
 
 def model_name(model: CuttingModel) -> str:
     """The registered name of a model; else its class, with those of its parts that are a plug-in's."""
+    if isinstance(model, Correlated):
+        return model.label
     for name, info in BUILT_IN.items():
-        if _same(info.make(), model):
+        if _same_parts(info.make(), model):
             return name
     parts = [type(part).__name__ for part in vars(model).values() if isinstance(part, eqx.Module)
              and not type(part).__module__.startswith("erosion.")]  # fmt: skip
@@ -169,9 +188,9 @@ def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()
     return to_plain({"model": model_name(model), "own_parameters": own, "parameters": p})
 
 
-def _same(one: CuttingModel, other: CuttingModel) -> bool:
-    # Built-in models hold no arrays, so equality of the modules is equality of their parts.
-    return type(one) is type(other) and bool(one == other)
+def _same_parts(model: CuttingModel, other: CuttingModel) -> bool:
+    """Whether the parts are the same; the values of own parameters may differ."""
+    return jax.tree.structure(model) == jax.tree.structure(other)
 
 
 def _listed(name: str, load: Callable[[], tuple[CuttingModel, object]]) -> ModelInfo:

@@ -185,12 +185,13 @@ class Search:
         return [of_case.negated() for of_case in maxima] if self.least else maxima
 
     def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
-        cutting = [candidate for candidate in candidates if candidate.ended_by != NO_CUT or self.least]
-        if not cutting:
-            # Where impacts failed it is not known whether anything is cut.
+        # An impact that cuts nothing may remove something at contact.
+        removing = [each for each in candidates if each.ended_by != NO_CUT or each.value != 0 or self.least]
+        if not removing:
+            # Where impacts failed it is not known whether anything is removed.
             value, ended_by = (0.0, NO_CUT) if certified else (np.nan, "failed")
             return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
-        return tuple(sorted(cutting, key=lambda candidate: -candidate.value))
+        return tuple(sorted(removing, key=lambda candidate: -candidate.value))
 
     def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: str | bool | int) -> Candidate:
         defaults = {"side": "", "attained": True, "steps": 0}

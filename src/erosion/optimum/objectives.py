@@ -35,6 +35,10 @@ class SameMotion(CuttingModel):
     def scales(self, p: Parameters) -> Scales:
         return self.motion.scales(p)
 
+    @property
+    def needs_units(self) -> bool:
+        return self.motion.needs_units
+
     @abc.abstractmethod
     def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         """The integrand."""

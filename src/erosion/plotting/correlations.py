@@ -14,7 +14,7 @@ from erosion.plotting.curves import broken
 from erosion.plotting.families import Curve
 from erosion.plotting.style import angle_axis, house_style, legend_below, new_axes
 
-_DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
+_DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)), (0, (10, 3)))
 
 
 @house_style()

@@ -22,7 +22,7 @@ from erosion.arguments import check_tolerance, check_whole
 from erosion.array_types import Structure
 from erosion.engine.step_control import LONGEST_CUT
 from erosion.models import load_model, model_name
-from erosion.models.base import NO_CUT, CuttingModel
+from erosion.models.base import NO_CUT, CuttingModel, units_within
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, require_concrete, validate
 from erosion.parameters.precision import require_xla
@@ -94,7 +94,7 @@ def _follow(
     rtol: float,
     points: int,
 ) -> Trajectory:
-    given, p = p, dataclasses.replace(p, units="inch-pound")  # one program serves all unit systems
+    given, p = p, dataclasses.replace(p, units=units_within(model, p))
     structure = flow.layout(model, p)
     begins, start, sizes, time = flow.begin(model, p)
     if not begins:
@@ -180,7 +180,7 @@ def _trajectory(
     name: str,
     dense: Callable[[np.ndarray], np.ndarray],
 ) -> Trajectory:
-    _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units="inch-pound"), ys)
+    _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units=units_within(model, p)), ys)
     x_tip, depth, vx_tip, vdepth = tip
     return Trajectory(
         model=model,

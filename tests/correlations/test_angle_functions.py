@@ -1,5 +1,7 @@
 """Angle functions of the literature: peaks and values at 90° as published."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -7,15 +9,17 @@ import pytest
 from erosion import TABLE_1
 from erosion.correlations import (
     CORRELATIONS,
-    Correlation,
     arabnejad_cutting,
     dnv_2015,
+    dnv_brittle,
     dnv_polynomial,
-    ecrc,
-    finnie,
+    ecrc_angle,
+    finnie_angle,
     finnie_volume,
-    oka,
+    mclaury_angle,
+    oka_angle,
 )
+from erosion.correlations.mclaury import CARBON_STEEL
 from erosion.models.closed_forms import FinnieCut
 
 RIGHT = np.pi / 2
@@ -28,6 +32,8 @@ RIGHT = np.pi / 2
         ("dnv-polynomial", 36.43, 1.00186, 0.56851),
         ("ecrc", 50.48, 1.32461, 0.94135),
         ("oka", 33.86, None, 1.0),
+        # F = x cos²α sin α + y sin²α + z there: y + z at 90°.
+        ("mclaury", 19.86, 2.40177, 0.975),
         ("arabnejad", 19.33, None, 0.0),
         # ½ arctan P and (√(1 + P²) - 1)/P with P = K/3.
         ("finnie-cfd", 16.845, (np.sqrt(13 / 9) - 1) * 1.5, 0.0),
@@ -46,7 +52,7 @@ def test_peak_and_value_at_normal_impact(name, angle, peak, at_90):
 
 @pytest.mark.parametrize(("hardness", "angle"), [(1.05, 27.65), (1.8, 33.86), (3.43, 43.02)])
 def test_okas_peak_moves_with_hardness(hardness, angle):
-    at = Correlation("oka", "", lambda alpha: oka(alpha, hardness), "-", (0.0, RIGHT), "", "")
+    at = dataclasses.replace(CORRELATIONS["oka"], function=lambda alpha: oka_angle(alpha, hardness))
     assert np.rad2deg(at.alpha_max) == pytest.approx(angle, abs=0.0055)
     assert float(at(RIGHT)) == 1.0
 
@@ -61,8 +67,8 @@ def test_finnie_is_the_model_and_openfoams_formula():
     p = TABLE_1.replace(alpha=angles)
     volume = finnie_volume(angles, p.v0, p.m, p.sigma, p.psi, force_ratio=2.0)
     np.testing.assert_allclose(volume, FinnieCut().volume(p), rtol=1e-12)
-    assert float(finnie(np.arctan(1 / 3), 2.0)) == pytest.approx(0.3)  # (K/6) cos²α where the branches meet
-    assert float(finnie_volume(0.3, 2.0, 3.0, 5.0)) == pytest.approx(3 * 4 / (5 * 2 * 2) * float(finnie(0.3)))
+    assert float(finnie_angle(np.arctan(1 / 3), 2.0)) == pytest.approx(0.3)  # (K/6) cos²α where the branches meet
+    assert float(finnie_volume(0.3, 2.0, 3.0, 5.0)) == pytest.approx(3 * 4 / (5 * 2 * 2) * float(finnie_angle(0.3)))
 
 
 def test_arabnejads_branches_meet():
@@ -71,7 +77,10 @@ def test_arabnejads_branches_meet():
     assert below == pytest.approx(above, abs=1e-8)
 
 
-@pytest.mark.parametrize("function", [finnie, dnv_2015, dnv_polynomial, ecrc, oka, arabnejad_cutting])
+@pytest.mark.parametrize(
+    "function",
+    [finnie_angle, dnv_2015, dnv_brittle, dnv_polynomial, ecrc_angle, mclaury_angle, oka_angle, arabnejad_cutting],
+)
 def test_vectorized_and_differentiable(function):
     angles = np.linspace(0.05, 1.5, 30)
     assert np.asarray(function(angles)).shape == (30,)
@@ -82,12 +91,20 @@ def test_vectorized_and_differentiable(function):
     np.testing.assert_allclose(slopes, differences, atol=2e-8)
 
 
-def test_each_names_its_source_units_and_range():
-    for name, one in CORRELATIONS.items():
-        assert one.name == name
-        assert one.units == "-"
-        assert one.source
-        assert one.valid_for
-        assert one.valid == (0.0, RIGHT)
-        assert one.valid[0] < one.alpha_max < one.valid[1]
-        assert float(one(0.0)) == 0.0
+def test_each_names_its_source_and_its_range():
+    for name, correlation in CORRELATIONS.items():
+        assert correlation.name == name
+        assert correlation.source
+        assert correlation.valid_for
+        assert (correlation.ranges["alpha"].low, correlation.ranges["alpha"].high) == (0.0, RIGHT)
+        assert 0.0 < correlation.alpha_max < RIGHT
+        assert float(correlation(0.0)) == 0.0
+
+
+def test_the_branches_of_mclaurys_function_meet_to_half_a_percent():
+    at = np.deg2rad(15)
+    below, above = float(mclaury_angle(at - 1e-9)), float(mclaury_angle(at + 1e-9))
+    assert above / below - 1 == pytest.approx(-0.00445, abs=1e-5)
+    # With the value of y that is in print the step would be greater, and of the other sign.
+    misprinted = dataclasses.replace(CARBON_STEEL, y=-0.1192)
+    assert float(mclaury_angle(at + 1e-9, misprinted)) / below - 1 == pytest.approx(0.0255, abs=1e-4)

@@ -1,0 +1,84 @@
+"""For which speeds and angles a correlation is made, and a warning outside of them."""
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jax.core import Tracer
+
+from erosion.correlations.units import Values
+from erosion.parameters.precision import require_float64, require_xla
+
+
+class OutOfRangeWarning(UserWarning):
+    """A correlation is used outside of the range that it is made for."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values of one quantity that a correlation is made for.
+
+    Args:
+        low, high: the least and the greatest value, in SI units and radians.
+        unit: "rad", "m/s" or "m".
+        source: who says so.
+    """
+
+    low: float
+    high: float
+    unit: str
+    source: str
+
+    def __str__(self) -> str:
+        return f"{_in_words(self.low, self.unit)} to {_in_words(self.high, self.unit)}"
+
+
+ALL_ANGLES = Range(0.0, math.pi / 2, "rad", "by definition")
+
+_MEANINGS = {"alpha": "angles", "v0": "speeds", "diameter": "diameters"}
+_ROUNDING = 1e-12
+
+
+def require_jax(*values: object) -> None:
+    """Raise where JAX cannot compute with these values; those that it traces wait for no device.
+
+    Raises:
+        PrecisionError, RuntimeError: see `require_xla`.
+    """
+    if any(isinstance(value, Tracer) for value in values):
+        require_float64()
+    else:
+        require_xla()
+
+
+def warn_outside(title: str, ranges: Mapping[str, Range], **values: Values) -> None:
+    """Warn where values are outside of their range, and say by how much; values that JAX traces are not known.
+
+    Args:
+        title: of the correlation.
+        ranges: by the name of the argument.
+        values: by the same names.
+    """
+    for name, value in values.items():
+        if name not in ranges or isinstance(value, Tracer) or not np.size(value):
+            continue
+        span, array = ranges[name], np.asarray(value, dtype=float)
+        least, greatest = float(np.nanmin(array, initial=np.inf)), float(np.nanmax(array, initial=-np.inf))
+        excess = []
+        if greatest > span.high * (1 + _ROUNDING):
+            excess.append(f"{_in_words(greatest, span.unit)} is {greatest / span.high:.3g} times the greatest")
+        if least < span.low * (1 - _ROUNDING):
+            below = (
+                f"{span.low / least:.3g} times less than" if least > 0 else f"{span.low - least:.3g} {span.unit} below"
+            )
+            excess.append(f"{_in_words(least, span.unit)} is {below} the least")
+        if excess:
+            # The line that called the correlation.
+            warnings.warn(f"{title} is made for {_MEANINGS[name]} from {span}: {', and '.join(excess)}.",
+                          OutOfRangeWarning, stacklevel=3)  # fmt: skip
+
+
+def _in_words(value: float, unit: str) -> str:
+    return f"{math.degrees(value):.4g}°" if unit == "rad" else f"{value:.4g} {unit}"

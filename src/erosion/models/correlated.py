@@ -1,0 +1,100 @@
+"""A correlation as a model: compared, swept and streamed like a model of the cut."""
+
+import math
+
+import equinox as eqx
+
+from erosion.array_types import Scalar
+from erosion.correlations import CORRELATIONS
+from erosion.models.base import CuttingModel, Tip
+from erosion.models.own_parameters import own_parameter
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import conversion_factor
+
+
+class Correlated(CuttingModel):
+    """The volume of an impact is E(α, v₀) m/ρ, with a correlation's E and the target's density ρ.
+
+    A correlation knows no motion: all of the volume is removed at contact, and the impact ends as "no-cut" at t_c = 0.
+    Nothing is checked against the correlation's range, as the numbers are not known when a model is compiled.
+
+    Args:
+        name: in `erosion.CORRELATIONS`.
+        material: a target in the table of the correlation; its default without one.
+        density: ρ of the target [kg/m³], whatever the units of the case.
+    """
+
+    name: str = eqx.field(static=True)
+    material: str | None = eqx.field(static=True, default=None)
+    density: float = own_parameter(7800.0, "ρ", "density of the target [kg/m³]")
+
+    @property
+    def label(self) -> str:
+        """The name that `load_model` knows it by: "dnv", "dnv:duplex"."""
+        return self.name if self.material is None else f"{self.name}:{self.material}"
+
+    def _factors(self, p: Parameters) -> dict[str, object]:
+        """The correlation's further arguments."""
+        return {} if self.material is None else {"material": self.material}
+
+    def removed_at_contact(self, p: Parameters) -> Scalar:
+        speed = p.v0 * conversion_factor("speed", p.units, "si")
+        mass = p.m * conversion_factor("mass", p.units, "si")
+        ratio = CORRELATIONS[self.name].erosion(p.alpha, speed, **self._factors(p))
+        return ratio * mass / self.density * conversion_factor("volume", "si", p.units)
+
+    @property
+    def needs_units(self) -> bool:
+        return True  # a correlation is in m/s and kg
+
+    # Depth and velocity of 0 are what the events take for "no-cut".
+    def initial_state(self, p: Parameters) -> Scalar:
+        return p.alpha * 0.0
+
+    def derivative(self, state: Scalar, p: Parameters) -> Scalar:
+        return state * 0.0
+
+    def tip(self, state: Scalar, p: Parameters) -> Tip:
+        return Tip(state, state, state, state)
+
+
+class CorrelatedBySize(Correlated):
+    """The same for a correlation that depends on the size of the erodent, a sphere of the mass of the case.
+
+    Args:
+        erodent_density: of the erodent [kg/m³], whatever the units of the case; 2650 is quartz.
+    """
+
+    erodent_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
+
+    def _factors(self, p: Parameters) -> dict[str, object]:
+        volume = p.m * conversion_factor("mass", p.units, "si") / self.erodent_density
+        return {**super()._factors(p), "diameter": (6 * volume / math.pi) ** (1 / 3)}
+
+
+def correlated(name: str, material: str | None = None) -> Correlated:
+    """A correlation as a model.
+
+        erosion.compare(["rotating", erosion.models.correlated("dnv", "duplex")], p)
+
+    `erosion.load_model("dnv:duplex")` gives the same; every verb takes that name.
+
+    Args:
+        name: in `erosion.CORRELATIONS`.
+        material: a target in the table of the correlation; its default without one.
+
+    Returns:
+        A model with the own parameter `density`, and `erodent_density` where the size counts.
+
+    Raises:
+        ValueError: for an unknown correlation or material.
+    """
+    if name not in CORRELATIONS:
+        raise ValueError(f"Argument `name` must be one of {', '.join(CORRELATIONS)}, but is {name!r}.")
+    correlation = CORRELATIONS[name]
+    if material is not None and material not in correlation.materials:
+        known = ", ".join(correlation.materials) or "left out for this correlation"
+        raise ValueError(f"Argument `material` must be one of {known}, but is {material!r}.")
+    density = correlation.density if material is None else correlation.materials[material].density
+    kind = CorrelatedBySize if name == "oka" else Correlated
+    return kind(name, material, density)

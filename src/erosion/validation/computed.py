@@ -1,0 +1,139 @@
+"""What the package gives for each fact; arguments are in SI units, angles in degrees."""
+
+import math
+from collections.abc import Callable, Mapping
+
+import jax
+import numpy as np
+
+from erosion import correlations
+from erosion.array_types import Number
+from erosion.correlations import CORRELATIONS, pipes
+from erosion.engine.impact import impact
+from erosion.models import Linearized, load_model
+from erosion.models.deformation import DeformationWear
+from erosion.optimum.alpha_max import alpha_max
+from erosion.parameters.parameters import TABLE_1, Parameters
+from erosion.trajectory.path import path
+
+# Of the sphere in Cao's tests.
+_RADIUS, _DENSITY = 2.5e-3, 7850.0  # m, kg/m³
+_MASS = 4 / 3 * math.pi * _RADIUS**3 * _DENSITY  # kg
+# Contact pressure, three times the yield stress of Al 6061 (Johnson and Cook's A in dineshadepu/open_source_erosion).
+_PRESSURE = 3 * 335e6  # Pa
+_FORCE_RATIO = 10.0  # k of the model that stands for a sphere: so large that the cut rebounds
+_UM, _US, _MM3 = 1e6, 1e6, 1e9  # a metre in µm, a second in µs, a cubic metre in mm³
+
+
+def _angle_function(function: str, angle: float) -> Number:
+    return getattr(correlations, function)(math.radians(angle))
+
+
+def _bend(*, pipe: float, radius: float, geometry_factor: float, **flow: float) -> Number:
+    return pipes.bend(pipes.Flow(**flow), pipe=pipe, radius=radius, geometry_factor=geometry_factor)
+
+
+def _blinded_tee(*, pipe: float, geometry_factor: float, **flow: float) -> Number:
+    return pipes.blinded_tee(pipes.Flow(**flow), pipe=pipe, geometry_factor=geometry_factor)
+
+
+def _choke_gallery(*, pipe: float, radius: float, gap: float, height: float, material: str, **flow: float) -> Number:
+    return pipes.choke_gallery(pipes.Flow(**flow), pipe=pipe, radius=radius, gap=gap, height=height, material=material)
+
+
+def _speed_exponent(correlation: str, **factors: str) -> Number:
+    """∂ ln E/∂ ln v₀ at 50 m/s and 30°."""
+    speed, erosion = 50.0, lambda v0: CORRELATIONS[correlation].erosion(math.radians(30), v0, **factors)
+    return jax.grad(erosion)(speed) * speed / erosion(speed)
+
+
+def _ecrc_coefficient() -> Number:
+    """E/F at 1 m/s, Brinell hardness 1 and F_s = 1."""
+    return correlations.ecrc(1.0, 1.0, brinell=1.0, sharpness=1.0) / correlations.ecrc_angle(1.0)
+
+
+def _sharpness(sharpness: str) -> Number:
+    return correlations.ecrc(0.5, 50.0, sharpness=sharpness) / correlations.ecrc(0.5, 50.0, sharpness="sharp")
+
+
+def _oka_normal(material: str) -> Number:
+    return correlations.oka(math.pi / 2, 104.0, 326e-6, material=material)
+
+
+def _arabnejad_cutting(material: str) -> Number:
+    """E/(F_s cos²α) at 1 m/s and 60°, steeper than the transition and too slow to deform."""
+    return correlations.arabnejad(math.radians(60), 1.0, material=material) / math.cos(math.radians(60)) ** 2
+
+
+def _arabnejad_threshold(material: str) -> Number:
+    """The speed at which E begins, at 90°, where nothing is cut: from √E at two greater speeds."""
+    slow, fast = 50.0, 100.0
+    roots = [math.sqrt(correlations.arabnejad(math.pi / 2, speed, material=material)) for speed in (slow, fast)]
+    # At 90° cos²α leaves 4e-33 of the cutting.
+    return slow - roots[0] * (fast - slow) / (roots[1] - roots[0])
+
+
+def _openfoam(angle: float) -> Number:
+    """Removed volume of a grain of 10 µg at 50 m/s [µm³], by the model `finnie`."""
+    p = Parameters(k=2.0, psi=2.0, r=1e-4, b=1e-4, m=1e-8, v0=50.0, sigma=1e9, alpha=math.radians(angle), units="si")
+    return impact("finnie", p).volume * _UM**3
+
+
+def _sphere(v0: float, angle: float) -> Parameters:
+    """A case whose normal motion is that of the sphere: kσbψ = 2πRp."""
+    stiffness = 2 * math.pi * _RADIUS * _PRESSURE  # N/m
+    return Parameters(k=_FORCE_RATIO, psi=1.0, r=_RADIUS, b=_RADIUS, m=_MASS, v0=v0, alpha=math.radians(angle),
+                      sigma=stiffness / (_FORCE_RATIO * _RADIUS), inertia=0.4, units="si")  # fmt: skip
+
+
+def _sphere_depth(v0: float, angle: float) -> Number:
+    return path(load_model("linearized"), _sphere(v0, angle)).max_depth * _UM
+
+
+def _sphere_time(v0: float, angle: float) -> Number:
+    """The time to the greatest depth, half of the contact [µs]."""
+    return path(load_model("linearized"), _sphere(v0, angle)).t_c / 2 * _US
+
+
+def _sphere_volume(v0: float) -> Number:
+    """What a model that deforms removes at 90°, where it cuts nothing, with ε = p [mm³]."""
+    model = Linearized(deformation=DeformationWear(specific_energy=_PRESSURE, threshold=0.0))
+    return impact(model, _sphere(v0, 90.0)).volume * _MM3
+
+
+def _depth_exponent() -> Number:
+    slow, fast = (_sphere_depth(speed, 45.0) for speed in (10.0, 18.0))
+    return math.log(fast / slow) / math.log(1.8)
+
+
+def _share_at_90(model: str) -> Number:
+    steep = impact(model, TABLE_1.replace(alpha=np.pi / 2)).volume
+    return steep / alpha_max(model, TABLE_1).volume
+
+
+def _volume_per_mass(model: str) -> Number:
+    p = TABLE_1.to("si")
+    return impact(load_model(model), p).volume / p.m * _MM3
+
+
+COMPUTATIONS: Mapping[str, Callable[..., Number]] = {
+    "angle function": _angle_function,
+    "bend": _bend,
+    "blinded tee": _blinded_tee,
+    "straight pipe": pipes.straight_pipe,
+    "choke gallery": _choke_gallery,
+    "speed exponent": _speed_exponent,
+    "ecrc coefficient": _ecrc_coefficient,
+    "sharpness": _sharpness,
+    "oka normal": _oka_normal,
+    "arabnejad cutting": _arabnejad_cutting,
+    "arabnejad threshold": _arabnejad_threshold,
+    "openfoam": _openfoam,
+    "sphere depth": _sphere_depth,
+    "sphere time": _sphere_time,
+    "sphere volume": _sphere_volume,
+    "depth exponent": _depth_exponent,
+    "share at 90°": _share_at_90,
+    "volume per mass": _volume_per_mass,
+}
+"""By the name that a fact has for it."""

@@ -1,0 +1,93 @@
+"""A correlation as a model: the engine's volumes, derivatives and best angles are the correlation's."""
+
+import jax
+import numpy as np
+import pytest
+
+import erosion
+from erosion.models import correlated, model_name
+from erosion.models.check import flaw
+
+P = erosion.TABLE_1
+SI = P.to("si")
+SIZE = (6 * float(SI.m) / 2650 / np.pi) ** (1 / 3)
+
+
+def expected(name, alpha, material=None):
+    """E m/ρ [m³] by the correlation's own function."""
+    correlation = erosion.CORRELATIONS[name]
+    factors = {} if material is None else {"material": material}
+    if name == "oka":
+        factors["diameter"] = SIZE
+    density = correlation.density if material is None else correlation.materials[material].density
+    return correlation.erosion(alpha, float(SI.v0), **factors) * float(SI.m) / density
+
+
+@pytest.mark.parametrize("name", erosion.CORRELATIONS)
+def test_volume_and_derivatives_are_the_correlations(name):
+    model, alpha = erosion.load_model(name), float(P.alpha)
+    assert flaw(model) is None
+    assert model_name(model) == name
+    hit = erosion.impact(model, SI, derivatives=2)
+    slope = jax.grad(lambda a: expected(name, a))
+    assert hit.volume == pytest.approx(float(expected(name, alpha)), rel=1e-12)
+    assert hit.dvolume == pytest.approx(float(slope(alpha)), rel=1e-11)
+    assert hit.d2volume == pytest.approx(float(jax.grad(slope)(alpha)), rel=1e-10)
+    assert (hit.ended_by, hit.t_c) == ("no-cut", 0)
+    # One system of units or the other: own parameters are in kg/m³ in both.
+    assert erosion.impact(model, P).volume == pytest.approx(hit.volume / 0.0254**3, rel=1e-12)
+    converted, p = model.to("si", P)
+    assert erosion.impact(converted, p).volume == pytest.approx(hit.volume, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["dnv", "ecrc", "oka"])
+def test_the_best_angle_is_the_correlations(name):
+    best = erosion.alpha_max(name, P)
+    assert best.alpha == pytest.approx(erosion.CORRELATIONS[name].alpha_max, abs=1e-10)
+    assert best.certified
+
+
+def test_the_target_follows_the_colon():
+    model = erosion.load_model("dnv:aluminium")
+    assert model_name(model) == "dnv:aluminium"
+    assert model == correlated("dnv", "aluminium")
+    volume = erosion.impact(model, SI).volume
+    assert volume == pytest.approx(float(expected("dnv", float(P.alpha), "aluminium")), rel=1e-12)
+    denser = erosion.impact(model.replace(density=np.array([2700.0, 5400.0])), SI).volume
+    assert denser == pytest.approx([volume, volume / 2], rel=1e-12)
+
+
+def test_oka_takes_the_size_of_a_sphere_of_the_cases_mass():
+    model = erosion.load_model("oka")
+    light = erosion.impact(model.replace(erodent_density=2650 / 8), SI).volume
+    assert light == pytest.approx(erosion.impact(model, SI).volume * 2**0.19, rel=1e-12)
+
+
+def test_it_stands_beside_models_in_comparisons_sweeps_and_streams():
+    curves = erosion.compare(["rotating", "dnv"], P, alpha=np.deg2rad([20.0, 40.0]))
+    assert curves.volume.sel(model="dnv").values * 0.0254**3 == pytest.approx(
+        [float(expected("dnv", np.deg2rad(angle))) for angle in (20.0, 40.0)], rel=1e-11
+    )
+    speeds = erosion.sweep("ecrc", SI, v0=[50.0, 100.0]).volume.values
+    assert speeds[1] / speeds[0] == pytest.approx(2**2.41, rel=1e-11)
+    jet = erosion.stream("dnv", SI, alpha=erosion.distributions.Uniform(0.3, 0.4), n=1024, seed=1)
+    angles = np.linspace(0.3, 0.4, 401)
+    mean = np.trapezoid(np.asarray(expected("dnv", angles)), angles) / 0.1
+    assert jet.mean_volume.value == pytest.approx(mean, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: erosion.load_model("dnv:glass"),
+            "Model 'dnv:glass': the target after the colon must be one of carbon",
+        ),
+        (lambda: erosion.load_model("ecrc:steel"), "Model 'ecrc:steel': the target after the colon must be left out."),
+        (lambda: correlated("tulsa"), "Argument `name` must be one of finnie-cfd, dnv, "),
+        (lambda: correlated("dnv", "glass"), "Argument `material` must be one of carbon-steel, duplex, "),
+    ],
+)
+def test_mistakes_are_sentences(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

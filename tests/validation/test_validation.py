@@ -1,0 +1,104 @@
+"""Published numbers: the file of facts, what the package gives, and how it is told."""
+
+import math
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.plotting.validation import plot_validation
+from erosion.validation import Comparison, Fact, Validation, published_facts
+from erosion.validation.computed import COMPUTATIONS
+from erosion.validation.facts import KINDS
+
+
+@pytest.fixture(scope="module")
+def validation():
+    return erosion.against_published()
+
+
+@pytest.fixture(scope="module")
+def ratios(validation):
+    return {comparison.fact.name: comparison.ratio for comparison in validation.comparisons}
+
+
+def test_every_fact_has_a_source_a_kind_and_a_computation():
+    facts = published_facts()
+    assert len({fact.name for fact in facts}) == len(facts)
+    for fact in facts:
+        assert fact.source
+        assert fact.by
+        assert fact.kind in KINDS
+        assert fact.computes in COMPUTATIONS
+        assert fact.published > 0
+        assert fact.error is None or fact.error > 0
+    assert {fact.computes for fact in facts} == set(COMPUTATIONS)
+    kinds = [list(KINDS).index(fact.kind) for fact in facts]
+    assert kinds == sorted(kinds)  # what says most of nature comes first
+    assert len(kinds) > 40
+
+
+def test_all_numbers_with_a_stated_error_agree(validation):
+    stated = [comparison for comparison in validation.comparisons if comparison.within is not None]
+    assert len(stated) == 12
+    assert all(comparison.within for comparison in stated)
+
+
+def test_formulas_are_limits_of_models(ratios):
+    for name in ("OpenFOAM's Q at 10°", "OpenFOAM's Q at 40°", "Sphere, depth v √(m/(2πRp))",
+                 "Sphere, time to that depth", "Sphere, volume m v²/(2p)"):  # fmt: skip
+        assert ratios[name] == pytest.approx(1, abs=1e-8), name
+
+
+def test_misses_are_as_large_as_the_page_says(ratios):
+    assert all(1.6 < ratios[f"Crater, 5 mm sphere, {speed} m/s"] < 1.9 for speed in ("9.99", "12", "14", "16", "18"))
+    assert ratios["Crater, speed exponent"] == pytest.approx(1 / 1.137, rel=1e-6)
+    assert ratios["Share at 90°, cut alone"] == 0
+    assert ratios["Sand on aluminium, 112 m/s"] == pytest.approx(335, rel=1e-3)
+    assert ratios["Arabnejad 6061, cutting"] == pytest.approx(1 - 0.23, abs=5e-3)
+    # The depth is as 1/√p: 1.005 GPa (ratio)² would meet the measurement.
+    pressures = [1.005 * ratios[f"Crater, 5 mm sphere, {speed} m/s"] ** 2 for speed in ("9.99", "12", "14", "16", "18")]
+    assert [min(pressures), max(pressures)] == pytest.approx([2.63, 3.50], abs=0.02)
+
+
+def test_an_arabnejad_threshold_is_read_off_the_erosion(validation):
+    computed = {comparison.fact.name: comparison.computed for comparison in validation.comparisons}
+    assert computed["Arabnejad 6061, threshold"] == pytest.approx(7.3, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("published", "computed", "error", "off", "within"),
+    [
+        (2.0, 2.0 + 1e-8, None, "0 %", None),
+        (2.0, 2.1, 0.05, "+5 %", False),
+        (2.0, 1.96, 0.05, "-2 %", True),
+        (2.0, 10.0, None, "×5", None),
+        (2.0, 0.2, None, "×0.1", None),
+        (2.0, 0.0, None, "-100 %", None),
+    ],
+)
+def test_how_far_off_is_told_in_words(published, computed, error, off, within):
+    fact = Fact("f", published, "um^3", "measured", "somebody", "bend", "a model", error)
+    comparison = Comparison(fact, computed)
+    assert (comparison.off, comparison.within) == (off, within)
+    row = Validation((comparison,)).rows()[0]
+    assert row == ("f", "2", f"{computed:.4g}", "µm³", off + (" ✗" if within is False else ""), "[1]")
+
+
+def test_it_prints_each_source_once_and_claims_nothing(validation):
+    text = str(validation)
+    assert text.startswith("46 published numbers")
+    assert text.count("test value: Equinor, pysand 2.0.0, tests/test_erosion.py, bend_validation") == 1
+    assert "12 of 12 numbers agree within the error" in text
+    assert "This table validates no model." in text
+    described = validation.to_dict()["facts"]
+    assert described[0]["published"] == {"value": 22.961, "unit": "um"}
+    assert described[0]["error"] is None
+    assert math.isfinite(described[0]["computed"]["value"])
+
+
+def test_the_figure_has_a_mark_for_every_number(validation):
+    ax = plot_validation(validation).axes[0]
+    marks = sum(np.size(line.get_xdata()) for line in ax.lines if line.get_label() in KINDS)
+    assert marks == len(validation.comparisons)
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == [c.fact.name for c in validation.comparisons]
