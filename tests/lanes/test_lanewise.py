@@ -263,13 +263,20 @@ def test_a_product_and_a_sum_become_one_operation():
         (lambda x, y: jnp.sort(jnp.stack([x, y]))[0], "uses `sort`, which lanes cannot do"),
         (lambda x, y: jax.random.normal(jax.random.PRNGKey(0)) * x * y, "which lanes cannot do"),
         (lambda x, y: jax.pure_callback(np.sin, number, x) + y, "uses `pure_callback`"),
+        (lambda x, y: lax.cond(x > y, lambda: _printed(x), lambda: y), "`_printed` (test_lanewise.py"),
+        (lambda x, y: lax.while_loop(lambda s: s < y, lambda s: _printed(s) + 1, x), "`_printed` (test_lanewise.py"),
         (lambda x, y: jnp.linalg.eigvalsh(jnp.outer(jnp.stack([x, y]), jnp.stack([x, y])))[0], "which lanes cannot do"),
     ],
 )
 def test_what_cannot_be_done_is_said_before_anything_runs(function, what):
-    with pytest.raises(NotForLanesError, match=r"`<lambda>` \(test_lanewise\.py, line \d+\) ") as error:
+    with pytest.raises(NotForLanesError, match=r"`(<lambda>|_printed)` \(test_lanewise\.py, line \d+\) ") as error:
         Lanewise(function, (number, number))
     assert what in str(error.value)
+
+
+def _printed(x):
+    jax.debug.print("{}", x)
+    return x
 
 
 @pytest.mark.slow

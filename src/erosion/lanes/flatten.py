@@ -100,11 +100,11 @@ class Flattener:
             inner = equation.params["jaxpr" if "jaxpr" in equation.params else "call_jaxpr"]
             body, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
             return lambda _, inputs: self.call(body, constants, inputs)
-        if equation.effects:
-            raise CannotCompileError(f"`{name}` for what it does beside computing")
         control = {"while": self._while, "cond": self._cond, "scan": self._scan}.get(name)
         if control is not None:
             return functools.partial(control, equation)
+        if equation.effects:
+            raise CannotCompileError(f"`{name}` for what it does beside computing")
         if name in FUNCTIONS:
             return elementwise(self._function(name, len(equation.invars)), equation)
         if name in ARRAYS or name in PLACES:
