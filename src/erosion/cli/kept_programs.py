@@ -45,11 +45,11 @@ def _is_ours(folder: Path) -> bool:
 
 
 def _remove_damaged(folder: Path) -> None:
-    """Remove a program that cannot be read: JAX would warn at every start, and never write it anew."""
+    """Remove a program that cannot be read or written: JAX would warn at every start, and never write it anew."""
     usual = warnings.showwarning
 
     def show(message: Warning | str, *where: Any, **more: Any) -> None:
-        entry = re.match(r"Error reading persistent compilation cache entry for '([^']+)'", str(message))
+        entry = re.match(r"Error (?:reading|writing) persistent compilation cache entry for '([^']+)'", str(message))
         if entry is None:
             usual(message, *where, **more)
             return
