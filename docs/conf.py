@@ -10,6 +10,8 @@ from typing import Any
 import platformdirs
 from sphinx.application import Sphinx
 
+import erosion
+
 HERE = Path(__file__).parent
 
 project = "erosion"
@@ -72,7 +74,7 @@ kernelspec:
 def complete_model_page(app: Sphinx, docname: str, source: list[str]) -> None:
     """Give the page of a model the cells that all of them share."""
     folder, _, name = docname.partition("/")
-    if folder == "models" and name != "index":
+    if folder == "models" and name in erosion.available_models():
         cells = (HERE / "models" / "cells.md").read_text().replace("MODEL", name)
         source[0] = f"{NOTEBOOK}{source[0]}{cells}"
 

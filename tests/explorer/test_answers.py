@@ -18,10 +18,13 @@ from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.single_events import SingleEvent, end_times
 from erosion.explorer.state import Case, State, own_numbers
+from erosion.explorer.views.curves import volumes
+from erosion.explorer.views.numbers import numbers
 from erosion.explorer.views.spins import sensitivities
 from erosion.models import Linearized, load_model
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
+from erosion.plotting.labels import AT_CONTACT
 
 pytestmark = pytest.mark.slow
 
@@ -208,3 +211,19 @@ def test_curves_and_case_are_exact(tmp_path) -> None:
     results = ("volume [in³]", "dvolume [in³/rad]", "t_c [s]", "ended_by")
     assert rows[0] == ["alpha [deg]", *(f"linearized {name}" for name in results)]
     assert b"alpha = 0.3490658503988659" in case_toml(STATE)
+
+
+def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
+    models = {"linearized": Linearized(), "deforming": load_model("linearized-deformation")}
+    answers, case = Answers(models), Case.of(TABLE_1, own_numbers(models))
+    curves = {name: answers.curve(name, case.at_any_angle()) for name in models}
+    shaded = []
+    for shown in models:
+        computed = Computed(State(case, tuple(models), shown), cut=answers.cut(shown, case), curves=curves)
+        shaded = [line for line in volumes(computed, models)[0]["series"] if line["name"] == AT_CONTACT]
+        assert len(shaded) == (shown == "deforming") == ("areaStyle" in str(shaded))
+        assert ("removed at contact" in numbers(computed, models)[0]) == (shown == "deforming")
+    # V_D = V* sin²α/(2e), in 10⁻⁴ in³.
+    degrees, at_contact = np.array(shaded[0]["data"], float).T
+    expected = np.sin(np.deg2rad(degrees)) ** 2 / 3.2 * float(TABLE_1.volume_scale) / 1e-4
+    np.testing.assert_allclose(at_contact, expected, atol=2e-5)

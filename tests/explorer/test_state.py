@@ -97,6 +97,13 @@ def test_sliders_of_own_parameters_reach_a_factor_or_a_size_about_the_first() ->
     for name in ("tip.friction", "lip.reach", "lip.shift"):
         for at in (-1.0, -0.4, 0.0, 1.0):
             assert position(name, at_position(name, at, first, first), first) == pytest.approx(at, abs=1e-3)
+    # A value of 0 moves by the case's parameter of its dimension, and not below its least value.
+    limit = OwnNumber("lip", "limit", 0.0, Quantity("v_th", "speed", "speed"), least=0.0)
+    case = Case.of(TABLE_1, (limit,))
+    assert [at_position("lip.limit", at, case, case).numbers()["lip.limit"] for at in (-1.0, 0.0, 0.5)] == [0, 0, 2200]
+    assert position("lip.limit", case.replace(**{"lip.limit": 2200.0}), case) == 0.5
+    with pytest.raises(ValueError, match=r"Field `lip\.limit` must be at least 0, but is -1\."):
+        limit.read("-1", "inch-pound")
     # A number that was typed may lie where the slider does not reach.
     assert position("tip.friction", first.replace(**{"tip.friction": -1.0}), first) == -1
 

@@ -26,12 +26,14 @@ def _evaluate(jaxpr: Jaxpr, constants: Any, arguments: list[Any]) -> list[Any]:
     values = dict(zip([*jaxpr.constvars, *jaxpr.invars], map(np.asarray, [*constants, *arguments]), strict=True))
 
     def read(atom: Any) -> np.ndarray:
-        return np.asarray(atom.val, atom.aval.dtype) if isinstance(atom, Literal) else values[atom]
+        aval: Any = atom.aval
+        return np.asarray(atom.val, aval.dtype) if isinstance(atom, Literal) else values[atom]
 
     for equation in jaxpr.eqns:
         given = [read(atom) for atom in equation.invars]
         results = _equation(equation, given)
-        for variable, result in zip(equation.outvars, results, strict=True):
+        variables: list[Any] = list(equation.outvars)
+        for variable, result in zip(variables, results, strict=True):
             result = np.asarray(result)
             assert result.dtype == variable.aval.dtype, (equation, result.dtype)
             assert result.shape == variable.aval.shape, (equation, result.shape)

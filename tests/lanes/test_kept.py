@@ -107,7 +107,7 @@ def test_a_file_of_another_owner_does_not_count(folder, monkeypatch):
 
     def of_another(handle):
         status = list(usual(handle))
-        if not stat.S_ISDIR(status[stat.ST_MODE]):
+        if not stat.S_ISDIR(int(status[stat.ST_MODE])):
             status[stat.ST_UID] += 1
         return os.stat_result(status)
 

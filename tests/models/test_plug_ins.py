@@ -207,7 +207,7 @@ ENDLESS = FORCE.format(force="0 * tip.depth, 0 * tip.depth")
 @pytest.mark.parametrize(
     ("verb", "text", "message"),
     [
-        ("run", NAN, "the motion is not finite"),
+        ("run", NAN, "the motion or the volume is not finite"),
         ("optimum", NAN, "mine.py: no impact could be computed, at any angle."),
         ("sweep", NAN, "of 5 impacts none could be computed."),
         ("stream", NAN, "of 256 particles none could be computed."),

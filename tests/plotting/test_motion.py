@@ -52,7 +52,7 @@ def test_path_points_down_into_the_target(cut: Trajectory) -> None:
     assert bottom > depth.max() > 0 > top
     assert line(ax, "start").ravel() == pytest.approx([0, 0])
     assert line(ax, "end: rebound")[0, 0] == pytest.approx(x[-1])
-    (removed,) = [part for part in ax.collections if part.get_label() == "removed"]
+    (removed,) = [part for part in ax.collections if part.get_label() == "cut away"]
     corners = np.asarray(removed.get_paths()[0].vertices)
     # The shoelace formula on the filled outline, times the width, is the volume.
     twice = np.sum(corners[:-1, 0] * corners[1:, 1] - corners[1:, 0] * corners[:-1, 1])

@@ -191,7 +191,8 @@ def test_other_force_ratios_and_the_printed_equations(whole: Path) -> None:
         {"linearized": 31.717474411, "tan-alpha": 0, "velocity-aligned": 0, "finnie": 16.845033763,
          "rotating": 25.571827308, "rotating-full-torque": 23.884236296, "rotating-tan-alpha": 28.600916123,
          "rotating-velocity-aligned": 28.600916123, "rotating-tan-alpha-full-torque": 23.404489,
-         "rotating-velocity-aligned-full-torque": 23.404489, "as-printed": 0}, abs=1e-6)  # fmt: skip
+         "rotating-velocity-aligned-full-torque": 23.404489, "linearized-deformation": 39.6901724,
+         "finnie-deformation": 17.8092449, "rotating-deformation": 30.8712426, "as-printed": 0}, abs=1e-6)  # fmt: skip
 
 
 def test_csv_holds_the_numbers_of_the_json(whole: Path) -> None:

@@ -34,7 +34,9 @@ def test_of_what_cuts_nothing_there_is_the_contact() -> None:
     assert nothing.vx_tip == pytest.approx(0, abs=1e-12 * P.v0)
 
 
-@pytest.mark.parametrize(("code", "reason"), [(3, "the motion is not finite"), (4, "within 10,000 time scales")])
+@pytest.mark.parametrize(
+    ("code", "reason"), [(3, "the motion or the volume is not finite"), (4, "within 10,000 time scales")]
+)
 def test_what_does_not_end_is_an_error_with_its_reason(monkeypatch, code: int, reason: str) -> None:
     def spoilt(*arguments) -> States:
         return states_at(*arguments)._replace(outcome=np.array([code], np.int8))

@@ -82,6 +82,8 @@ def read_settings(
             raise InputError(f"{source} {error}.") from error
         if isinstance(values[key], (float, np.ndarray)) and not np.all(np.isfinite(values[key])):
             raise InputError(f"{source} must be finite, but is {text}.")
+        if isinstance(values[key], (float, np.ndarray)) and np.any(values[key] < own[key].least):
+            raise InputError(f"{source} must be at least {own[key].least:g}, but is {text}.")
     return values
 
 

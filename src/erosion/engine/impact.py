@@ -6,10 +6,13 @@ import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from erosion.arguments import check_tolerance
-from erosion.array_types import PerImpact
+from erosion.array_types import Number, PerImpact
 from erosion.engine.batch import Results, integrate, integrate_along
 from erosion.engine.leaves import Layout, element_of, split
 from erosion.engine.outcomes import NO_DERIVATIVES, end_names, has_no_result
@@ -20,7 +23,7 @@ from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
 from erosion.parameters.precision import require_float64
-from erosion.parameters.quantities import RESULTS, derivative_row, result_row
+from erosion.parameters.quantities import RESULTS, contact_rows, derivative_row, result_row
 from erosion.tables import Record, Result, Row, abbreviate, format_number, to_plain
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
@@ -32,7 +35,7 @@ class Impact(Result):
 
     Args:
         model, p: what was computed.
-        volume: removed volume [volume]; NaN only where `ended_by` is "failed" or "unfinished".
+        volume: removed volume [volume], also at contact; NaN only where `ended_by` is "failed" or "unfinished".
         t_c: end of the cut [s]; 0 where nothing is cut.
         outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
         dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None; NaN where it does not exist, see
@@ -60,6 +63,19 @@ class Impact(Result):
         return np.array(end_names(self.model))[self.outcome]
 
     @functools.cached_property
+    def volume_at_contact(self) -> PerImpact:
+        """What is removed at contact, beside the cut: by deformation [volume]; computed when first read."""
+        layout, numbers, shape = lanes_of(self.model, self.p)
+
+        def of_one(numbers: Sequence[Number]) -> Array:
+            model, p = layout.joined(numbers)
+            return jnp.asarray(model.removed_at_contact(p), float)
+
+        varies = [0 if number.ndim > len(own) else None for number, own in zip(numbers, layout.shapes, strict=True)]
+        removed = jax.vmap(of_one, (varies,))(numbers) if 0 in varies else of_one(numbers)
+        return np.broadcast_to(removed, _count(shape)).reshape(shape)[()]
+
+    @functools.cached_property
     def no_derivatives(self) -> np.ndarray | np.bool_:
         """Whether derivatives that were asked for are not known although the volume is; bool.
 
@@ -76,6 +92,7 @@ class Impact(Result):
         """The results as rows of a table."""
         rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
         rows.append(result_row("volume", self.volume, self.p.units))
+        rows += contact_rows(self.volume_at_contact, self.p.units)
         if np.any(self.no_derivatives):
             share = f"{np.sum(self.no_derivatives):,} of {np.size(self.no_derivatives):,}"
             rows.append(Row("no_derivatives", "", share, "", NO_DERIVATIVES))
@@ -107,9 +124,9 @@ class Impact(Result):
 
     def to_dict(self) -> Record:
         """Model and case, times, volumes, derivatives and outcomes, and the units of times and volumes."""
-        names = ("t_c", "volume", "dvolume", "d2volume", "ended_by", "wrt")
+        names = ("t_c", "volume", "volume_at_contact", "dvolume", "d2volume", "ended_by", "wrt")
         numbers = {name: value for name in names if (value := getattr(self, name)) is not None}
-        units = {name: RESULTS[name].unit(self.p.units) for name in ("t_c", "volume")}
+        units = {name: RESULTS[name].unit(self.p.units) for name in ("t_c", "volume", "volume_at_contact")}
         return impact_to_dict(self.model, self.p) | to_plain({**numbers, "units": units})
 
 

@@ -21,7 +21,7 @@ AFTER_NO_CUT, AFTER_FAILED, AFTER_UNFINISHED, AFTER_ARRIVED = range(4)
 
 OTHER_ENDS: Mapping[str, str] = {
     NO_CUT: "nothing is cut",
-    "failed": "the motion is not finite, or no step of it is exact enough",
+    "failed": "the motion or the volume is not finite, or no step of the motion is exact enough",
     "unfinished": f"no event ended the cut within {LONGEST_CUT:,.0f} time scales",
 }
 """The ends that are no events, with a sentence on each."""

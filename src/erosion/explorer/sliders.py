@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from erosion.explorer.state import Case
+from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import unit_name
 
 _FACTOR = 20.0  # a slider reaches from 1/20 to 20 times the first value, if this value is positive
@@ -23,7 +24,8 @@ class Range(NamedTuple):
 ANGLES = Range(0.25, 90.0, 0.25)  # degrees
 SPINS = Range(-1.0, 1.0, 0.01)  # s = r φ̇₀/v₀
 # Exponents of `_FACTOR`, which multiplies the first value. If the first value of an own parameter is not positive:
-# distances from the first value, as shares of its size.
+# distances from the first value, as shares of its size; of a value of 0, as shares of the case's parameter of the
+# same dimension: a speed reaches from -v₀ to v₀.
 FACTORS = Range(-1.0, 1.0, 0.005)
 SPIN_PRESETS = (-0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5)
 
@@ -48,7 +50,7 @@ def position(name: str, case: Case, first: Case) -> float:
     elif name == "phidot0":
         at = numbers["phidot0"] * numbers["r"] / numbers["v0"]
     elif middle <= 0:
-        at = (numbers[name] - middle) / _size(middle)
+        at = (numbers[name] - middle) / _size(name, first)
     else:
         at = np.log(numbers[name] / middle) / np.log(_FACTOR) if numbers[name] > 0 else ends.low
     return float(np.clip(at, ends.low, ends.high))
@@ -61,8 +63,9 @@ def at_position(name: str, at: float, case: Case, first: Case) -> Case:
     if name == "phidot0":
         return with_spin(at, case)
     middle = first.numbers()[name]
-    moved = middle * _FACTOR**at if middle > 0 else middle + at * _size(middle)
-    return case.replace(**{name: middle if at == 0 else _rounded(moved)})
+    moved = middle * _FACTOR**at if middle > 0 else middle + at * _size(name, first)
+    least = next((number.least for number in case.own if number.key == name), 0.0)
+    return case.replace(**{name: middle if at == 0 else max(_rounded(moved), least)})
 
 
 def with_spin(s: float, case: Case) -> Case:
@@ -83,8 +86,10 @@ def unit_of(name: str, case: Case) -> str:
     return "°" if name == "alpha" else unit_name(case.quantities()[name].dimension, case.units)
 
 
-def _size(middle: float) -> float:
-    return abs(middle) or 1.0
+def _size(name: str, first: Case) -> float:
+    numbers, dimension = first.numbers(), first.quantities()[name].dimension
+    alike = (numbers[other] for other, quantity in QUANTITIES.items() if quantity.dimension == dimension != "1")
+    return abs(numbers[name]) or next(alike, 1.0)
 
 
 def _rounded(number: float) -> float:

@@ -25,12 +25,14 @@ class OwnNumber(NamedTuple):
         name: the parameter's name in the model.
         value: the number, in the units of the case.
         quantity: the parameter's symbol, meaning and dimension.
+        least: the least value that it may have.
     """
 
     model: str
     name: str
     value: float
     quantity: Quantity
+    least: float = -np.inf
 
     @property
     def key(self) -> str:
@@ -49,13 +51,15 @@ class OwnNumber(NamedTuple):
             raise ValueError(f"Field `{self.key}` {error}.") from error
         if not np.isfinite(value):
             raise ValueError(f"Field `{self.key}` must be a finite number, but is {text}.")
+        if value < self.least:
+            raise ValueError(f"Field `{self.key}` must be at least {self.least:g}, but is {text}.")
         return self._replace(value=value)
 
 
 def own_numbers(models: Mapping[str, CuttingModel]) -> tuple[OwnNumber, ...]:
     """The own parameters of all models, where `models` gives each model by its name."""
     return tuple(
-        OwnNumber(name, parameter, float(own.value), own.quantity)
+        OwnNumber(name, parameter, float(own.value), own.quantity, own.least)
         for name, model in models.items()
         for parameter, own in own_parameters(model).items()
     )

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.array_types import Broadcast, Flag, ModelState
-from erosion.models.own_parameters import converted, replaced
+from erosion.models.own_parameters import check_least, converted, replaced
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import System
 from erosion.tables import abbreviate
@@ -191,9 +191,11 @@ class CuttingModel(eqx.Module):
         for each of many impacts, and broadcasts with the parameters of the case.
 
         Raises:
-            TypeError, ValueError: for a name that is none of them, or a value that is no finite number.
+            TypeError, ValueError: for a name that is none of them, or a value that is no finite number or
+                below the least one.
                 NaN or infinity in an array is no error: it is an impact that fails.
         """
+        check_least(self, changes)
         return replaced(self, changes)
 
     def to(self, units: str, p: Parameters) -> tuple["CuttingModel", Parameters]:

@@ -38,7 +38,10 @@ class NoDeformation(Deformation):
 
 
 class EnergyOfNormalMotion(Deformation):
-    """V_D = m (v₀ sin α - v_th)₊² / (2 ε), for a threshold v_th and any ε."""
+    """V_D = m (v₀ sin α - v_th)₊² / (2 ε), for a threshold v_th and any ε.
+
+    It is NaN, and so the impact fails, unless ε > 0 and v_th ≥ 0.
+    """
 
     threshold: eqx.AbstractVar[float]
 
@@ -50,7 +53,9 @@ class EnergyOfNormalMotion(Deformation):
         normal = p.v0 * sincos(p.alpha)[0]
         # Where the threshold is not reached the derivatives are zero as well.
         above = jnp.where(normal > self.threshold, normal - self.threshold, 0.0)
-        return p.m * above**2 / (2 * self.energy(p))
+        energy = self.energy(p)
+        allowed = (energy > 0) & (self.threshold >= 0)
+        return jnp.where(allowed, p.m * above**2 / (2 * energy), jnp.nan)
 
 
 class DeformationWear(EnergyOfNormalMotion):
@@ -58,11 +63,11 @@ class DeformationWear(EnergyOfNormalMotion):
 
     Args:
         specific_energy: ε, the deformation wear factor [stress], > 0, in the units of the case.
-        threshold: v_th, the normal speed below which an impact is elastic [speed], in the units of the case.
+        threshold: v_th, the normal speed below which an impact is elastic [speed], ≥ 0, in the units of the case.
     """
 
-    specific_energy: float = own_parameter(3e9, "ε", "deformation wear factor", "stress")
-    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed")
+    specific_energy: float = own_parameter(3e9, "ε", "deformation wear factor", "stress", least=0.0)
+    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed", least=0.0)
 
     def energy(self, p: Parameters) -> Broadcast:
         return self.specific_energy
@@ -77,11 +82,11 @@ class ProportionalDeformationWear(EnergyOfNormalMotion):
 
     Args:
         energy_ratio: e = ε/(σψ) [-], > 0.
-        threshold: v_th [speed], in the units of the case.
+        threshold: v_th [speed], ≥ 0, in the units of the case.
     """
 
-    energy_ratio: float = own_parameter(1.6, "e", "deformation wear factor over σψ")
-    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed")
+    energy_ratio: float = own_parameter(1.6, "e", "deformation wear factor over σψ", least=0.0)
+    threshold: float = own_parameter(0.0, "v_th", "normal speed that deforms nothing", "speed", least=0.0)
 
     def energy(self, p: Parameters) -> Broadcast:
         return self.energy_ratio * p.sigma * p.psi

@@ -6,6 +6,7 @@ name means: which leaf of the model it is, what it is called, and the same model
 
 import dataclasses
 import functools
+import math
 import typing
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, TypeGuard, TypeVar
@@ -33,15 +34,19 @@ class OwnParameter(NamedTuple):
         leaf: its place among the leaves of the model.
         value: the model's number, or JAX's tracer for it.
         quantity: symbol, meaning and dimension.
+        least: the least value that it may have.
     """
 
     path: tuple[str, ...]
     leaf: int
     value: Number
     quantity: Quantity
+    least: float
 
 
-def own_parameter(default: float, symbol: str, meaning: str, dimension: Dimension = "1") -> Any:
+def own_parameter(
+    default: float, symbol: str, meaning: str, dimension: Dimension = "1", *, least: float = -math.inf
+) -> Any:
     """Declare a field of a model, or of its parts, with what it is called in tables and on axes.
 
         friction: float = erosion.own_parameter(0.2, "μ", "coefficient of friction")
@@ -55,11 +60,13 @@ def own_parameter(default: float, symbol: str, meaning: str, dimension: Dimensio
         meaning: "coefficient of friction".
         dimension: "1", "length", "rate", …; the value is in the units of the case, which
             `CuttingModel.to` converts together with the case.
+        least: the least value; `CuttingModel.replace` and the commands refuse a smaller one. In an array it
+            passes, and the model must make that impact fail by a NaN.
     """
     known = typing.get_args(Dimension)
     if dimension not in known:
         raise ValueError(f"Argument `dimension` must be one of {', '.join(known)}, but is {dimension!r}.")
-    return eqx.field(default=default, metadata={"quantity": Quantity(symbol, meaning, dimension)})
+    return eqx.field(default=default, metadata={"quantity": Quantity(symbol, meaning, dimension), "least": least})
 
 
 def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
@@ -76,9 +83,21 @@ def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
         # What is within a tuple or a dictionary has no name of its own.
         path = tuple(key.name for key in keys if isinstance(key, jax.tree_util.GetAttrKey))
         if len(path) == len(keys) and _is_number(value, many=_is_declared(model, path)):
-            own.append(OwnParameter(path, leaf, value, _quantity(model, path)))
+            own.append(OwnParameter(path, leaf, value, _quantity(model, path), _least(model, path)))
     paths = [parameter.path for parameter in own]
     return {_name(parameter.path, paths): parameter for parameter in own}
+
+
+def check_least(model: eqx.Module, changes: Mapping[str, object]) -> None:
+    """Refuse numbers below the least value of an own parameter; arrays and traced numbers pass unseen.
+
+    Raises:
+        ValueError: naming the first of them.
+    """
+    for name, parameter in own_parameters(model).items():
+        value = changes.get(name, parameter.value)
+        if _is_number(value) and not isinstance(value, Tracer) and value < parameter.least:
+            raise ValueError(f"Argument `{name}` must be at least {parameter.least:g}, but is {abbreviate(value)}.")
 
 
 def replaced(model: _Model, changes: Mapping[str, object]) -> _Model:
@@ -169,7 +188,7 @@ def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
     return ", ".join(f"{name} = {abbreviate(parameter.value)}" for name, parameter in own if name not in but)
 
 
-def _is_number(value: object, *, many: bool) -> TypeGuard[Number]:
+def _is_number(value: object, *, many: bool = False) -> TypeGuard[Number]:
     """Whether it is a real number, or, with `many`, an array of real numbers."""
     if isinstance(value, (bool, np.bool_)):
         return False
@@ -190,6 +209,11 @@ def _quantity(model: eqx.Module, path: tuple[str, ...]) -> Quantity:
     """As the field declares it, else from its name."""
     metadata = {} if (field := _field(model, path)) is None else field.metadata
     return metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
+
+
+def _least(model: eqx.Module, path: tuple[str, ...]) -> float:
+    field = _field(model, path)
+    return -math.inf if field is None else field.metadata.get("least", -math.inf)
 
 
 def _field(model: eqx.Module, path: tuple[str, ...]) -> dataclasses.Field | None:

@@ -52,14 +52,14 @@ class Optimum(Result):
         objective: the name of the objective.
         least: whether the objective is least there.
         alpha: the angle [rad]; 1e-9 beside a jump; 0 for the limit as α → 0, NaN where nothing is
-            cut at any angle.
+            removed at any angle.
         value: the objective there.
         volume: V there [volume].
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
             `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
             slope jumps through zero), "plateau" (one of many angles with the same value),
             "unresolved" (the greatest value, known to 1e-6 rad at best, where derivatives do not exist), or
-            "none": nothing is ever cut, or, where `ended_by` is "failed", nothing could be computed.
+            "none": nothing is ever removed, or, where `ended_by` is "failed", nothing could be computed.
         ended_by: how the cut ends there.
         side: the side of a jump, "below" or "above"; else "".
         attained: whether `value` is reached, or only approached.

@@ -247,6 +247,7 @@ class Search:
         nodes = scanned.nodes
         first = np.flatnonzero(np.diff(nodes.case, prepend=-1))
         last = np.append(first[1:], nodes.case.size) - 1
+        ends = self.objective(_LOOSE)(np.arange(self.cases), np.full(self.cases, high))
         candidates = []
         for case, (i, j) in enumerate(zip(first, last, strict=True)):
             if nodes.slope[i] < 0:
@@ -255,7 +256,9 @@ class Search:
             elif low == 0 and self.least:
                 candidates.append((case, self._limit(self._candidate(nodes, i, kind="boundary"))))
             if nodes.slope[j] > 0 or self.least:
-                candidate = self._candidate(nodes, j, kind="boundary")
+                # The last node is beside 90°, where an impact may cut what one at 90° does not.
+                end, at = (ends, case) if np.isfinite(ends.value[case]) else (nodes, j)
+                candidate = self._candidate(end, at, kind="boundary")
                 candidates.append((case, dataclasses.replace(candidate, alpha=high)))
         return candidates
 

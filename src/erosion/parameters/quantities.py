@@ -60,6 +60,7 @@ QUANTITIES: Mapping[str, Quantity] = types.MappingProxyType(
 RESULTS = {
     "t_c": Quantity("t_c", "end of the cut", "time"),
     "volume": Quantity("V", "removed volume", "volume"),
+    "volume_at_contact": Quantity("V(0)", "removed at contact, beside the cut", "volume"),
     "dvolume": Quantity("dV/dα", "change of volume with angle", "volume per angle"),
     "d2volume": Quantity("d²V/dα²", "its own change with angle", "volume per angle²"),
     "alpha_max": Quantity("α_max", "angle of attack that removes most", "angle"),
@@ -97,6 +98,13 @@ def quantity_row(name: str, quantity: Quantity, value: object, units: System) ->
 def result_row(name: str, value: object, units: System) -> "Row":
     """One result as a table row."""
     return quantity_row(name, RESULTS[name], value, units)
+
+
+def contact_rows(volume: object, units: System) -> "list[Row]":
+    """The volume removed at contact as a table row; no row where it is zero."""
+    from erosion.tables import largest_of
+
+    return [result_row("volume_at_contact", volume, units)] if largest_of(volume) else []
 
 
 def derivative_row(name: str, value: object, by: Sequence[Quantity], units: System) -> "Row":

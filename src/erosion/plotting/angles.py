@@ -2,12 +2,13 @@
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from erosion.engine.impact import impact
 from erosion.optimum.alpha_max import ASIDE, SHALLOWEST, Optimum
@@ -15,9 +16,9 @@ from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
-from erosion.plotting.colors import DIM, ENDS, INK
+from erosion.plotting.colors import DIM, ENDS, INK, REMOVED_AT_CONTACT
 from erosion.plotting.curves import describe
-from erosion.plotting.labels import end_label
+from erosion.plotting.labels import AT_CONTACT, end_label
 from erosion.plotting.marks import mark_best, star
 from erosion.plotting.style import axes_or_new, house_style, legend_of_panel, typeset
 
@@ -30,11 +31,13 @@ class Piece(NamedTuple):
     Args:
         alpha: angles, shape (n,) [rad].
         value: the objective at these angles, shape (n,).
+        at_contact: what contact adds to it, beside the cut, shape (n,).
         ended_by: how the cut ends.
     """
 
     alpha: np.ndarray
     value: np.ndarray
+    at_contact: np.ndarray
     ended_by: str
 
 
@@ -49,15 +52,18 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
     # With second derivatives, as the optimum was computed: so its points lie on the curve to the last bit.
     hits = impact(optimum.integrand, optimum.p.replace(alpha=np.concatenate(angles)), derivatives=2)
     cuts = np.cumsum(counts)[:-1]
-    values, ends = np.split(hits.volume, cuts), np.split(hits.ended_by, cuts)
+    columns = (np.split(column, cuts) for column in (hits.volume, hits.volume_at_contact, hits.ended_by))
     return [
-        Piece(alpha, value, str(end[len(end) // 2])) for alpha, value, end in zip(angles, values, ends, strict=True)
+        Piece(alpha, value, at_contact, str(end[len(end) // 2]))
+        for alpha, value, at_contact, end in zip(angles, *columns, strict=True)
     ]
 
 
 @house_style()
 def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     """The objective over the angle, with the regimes, the jumps, the candidates and the optimum.
+
+    The area below what is removed at contact, as by deformation, is shaded.
 
     Args:
         optimum: for scalar parameters.
@@ -75,7 +81,11 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     quantity = RESULTS[MEASURES[optimum.objective]] if optimum.objective in MEASURES else None
     dimension = "1" if quantity is None else quantity.dimension
     scale = readable_scale(dimension, optimum.p.units, _largest(curve))
+    # Of a model that never cuts nothing is beside a cut.
+    shares = any(piece.at_contact.any() for piece in curve) and any(np.any(p.at_contact != p.value) for p in curve)
     for piece in curve:
+        if shares:
+            ax.fill_between(np.rad2deg(piece.alpha), 0, piece.at_contact / scale.size, **REMOVED_AT_CONTACT)
         ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2)
     for jump in optimum.jumps:
         ax.plot([np.rad2deg(jump.alpha)] * 2, np.array([jump.below, jump.above]) / scale.size, color=DIM,
@@ -83,11 +93,13 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     for candidate in optimum.candidates[1:]:
         ax.plot(np.rad2deg(candidate.alpha), candidate.value / scale.size, _MARKERS[candidate.kind], color="white",
                 markeredgecolor=INK, markersize=7, zorder=4)  # fmt: skip
-    handles = [
+    handles: list[Any] = [
         Line2D([], [], color=ENDS.get(end, INK), linewidth=2.2,
                label=end_label(end))
         for end in dict.fromkeys(piece.ended_by for piece in curve)
     ]  # fmt: skip
+    if shares:
+        handles.append(Patch(label=AT_CONTACT, **REMOVED_AT_CONTACT))
     if optimum.jumps:
         handles.append(Line2D([], [], color=DIM, linestyle=(0, (2, 2)), linewidth=1.2, label="jump"))
     if np.isfinite(optimum.value) and optimum.kind != "none":

@@ -19,5 +19,8 @@ INK = "#24292f"
 FAINT = "#d0d7de"
 DIM = "#7d858e"
 
+REMOVED_AT_CONTACT: Mapping[str, Any] = {"color": PALETTE["purple"], "alpha": 0.4, "linewidth": 0}
+"""The style of areas that stand for what is removed at contact."""
+
 ENDS: Mapping[str, str] = {"rebound": PALETTE["blue"], "stop": PALETTE["vermillion"], NO_CUT: DIM}
 """The colour of each kind of end, the same in every figure."""

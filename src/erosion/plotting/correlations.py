@@ -23,7 +23,7 @@ def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) 
 
     Args:
         ax: empty axes.
-        curves: of models; those that cut nothing are left out.
+        curves: of models; those that remove nothing are left out.
         correlations: names in `erosion.CORRELATIONS`.
     """
     angles = np.append(0.0, QUARTER_DEGREES)

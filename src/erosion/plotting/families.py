@@ -47,7 +47,7 @@ class BestAngles(NamedTuple):
     Args:
         label: the text in the legend.
         x: the values of the parameter.
-        alpha: α_max [rad], NaN where nothing is cut.
+        alpha: α_max [rad], NaN where nothing is removed.
         at_jump: whether the maximum is at a jump of V(α).
         line: whether to join maxima that are close together; without it only markers are drawn.
     """

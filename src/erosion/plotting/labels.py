@@ -13,6 +13,8 @@ HISTORIES = (
 
 NOTHING = OTHER_ENDS[NO_CUT]
 
+AT_CONTACT = "of it at contact, beside the cut"
+
 EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
 
 

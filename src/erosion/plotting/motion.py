@@ -16,7 +16,7 @@ from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import DIM, ENDS, INK, PALETTE
-from erosion.plotting.labels import EVENT_LABELS, HISTORIES, NOTHING, end_label
+from erosion.plotting.labels import AT_CONTACT, EVENT_LABELS, HISTORIES, NOTHING, end_label
 from erosion.plotting.style import (
     angle_axis,
     axes_or_new,
@@ -88,7 +88,7 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     deepest = float(depth.max()) or 1.0
     ax.axhspan(0, 1.22 * deepest, color=DIM, alpha=0.13, linewidth=0)
     ax.axhline(0, color=INK, linewidth=1)
-    ax.fill_between(x, 0, depth, color=PALETTE["orange"], alpha=0.55, linewidth=0, label="removed")
+    ax.fill_between(x, 0, depth, color=PALETTE["orange"], alpha=0.55, linewidth=0, label="cut away")
     ax.plot(x, depth, color=PALETTE["blue"], label="path of the tip")
     ax.plot(x[:1], depth[:1], ">", color=PALETTE["green"], markersize=9, label="start", clip_on=False, zorder=5)
     ax.plot(x[-1:], depth[-1:], "s", color=ENDS.get(trajectory.ended_by, INK), markersize=7, clip_on=False, zorder=5,
@@ -111,7 +111,9 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     turned = f", turned by {np.rad2deg(turn):.4g}°".replace("-", "−") if math.isfinite(turn) and turn else ""
     end = f"{trajectory.ended_by} after {_read('t_c', trajectory.t_c, p.units)}" if trajectory.t_c else NOTHING
     heading = f"{model_name(trajectory.model)} at α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
-    fig.suptitle(f"{heading}\n{_read('volume', trajectory.volume, p.units)} removed{turned}", fontsize=11)
+    at_contact = trajectory.volume_at_contact
+    share = f", {_read('volume', at_contact, p.units)} {AT_CONTACT}" if at_contact else ""
+    fig.suptitle(f"{heading}\n{_read('volume', trajectory.volume, p.units)} removed{share}{turned}", fontsize=11)
     return fig
 
 

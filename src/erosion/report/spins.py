@@ -25,7 +25,7 @@ class Spins:
     Args:
         map: the dataset of `regimes`.
         s: r φ̇₀/v₀.
-        alpha: of the greatest removal [rad], NaN where nothing is cut.
+        alpha: of the greatest removal [rad], NaN where nothing is removed.
         volume: there.
         kind, ended_by: there, as in `Optimum`.
     """

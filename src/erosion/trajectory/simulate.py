@@ -97,6 +97,8 @@ def _follow(
     given, p = p, dataclasses.replace(p, units=units_within(model, p))
     structure = flow.layout(model, p)
     begins, start, sizes, time = flow.begin(model, p)
+    if not np.all(np.isfinite(start)):
+        raise SimulationError(f"{model_name(model)}: state and volume are not finite at contact.")
     if not begins:
         ys = np.asarray(start)[None]
         return _trajectory(model, given, structure, np.zeros(1), ys, NO_CUT, lambda t: np.repeat(ys, len(t), 0))

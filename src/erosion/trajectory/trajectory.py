@@ -13,7 +13,7 @@ from erosion.models import model_name
 from erosion.models.base import CuttingModel, State
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import RESULTS, result_row
+from erosion.parameters.quantities import RESULTS, contact_rows, result_row
 from erosion.tables import Record, Result, Row, abbreviate, to_plain
 
 
@@ -40,11 +40,11 @@ class Trajectory(Result):
         omega: φ̇ [rad/s].
         x_tip, depth: position of the cutting tip [length].
         vx_tip, vdepth: velocity of the tip [speed].
-        removed: volume removed so far [volume].
+        removed: volume removed so far [volume]; the first is what is removed at contact.
         removal_rate: dV/dt [volume/s].
         t_c: when the cut ends [s]; 0 where nothing is cut.
         ended_by: "rebound", "stop", "no-cut", or the name of a plug-in's event.
-        volume: removed volume b ∫ depth dx_tip [volume].
+        volume: removed volume [volume], b ∫ depth dx_tip and what is removed at contact.
         states: the model's own state over `t`, a pytree of arrays.
         dvolume: dV/dα [volume/rad], where it was computed.
         at: state at any time(s) in [0, t_c].
@@ -109,6 +109,11 @@ class Trajectory(Result):
         return np.asarray(self._body().omega)
 
     @property
+    def volume_at_contact(self) -> float:
+        """What is removed at contact, beside the cut: by deformation [volume]."""
+        return float(self.removed[0])
+
+    @property
     def max_depth(self) -> float:
         """The tip's greatest depth on the grid of `t`, refined by a cubic [length]."""
         if len(self.t) < 2:
@@ -149,6 +154,7 @@ class Trajectory(Result):
             result_row("t_c", self.t_c, self.p.units),
             Row("ended_by", "", self.ended_by, "", "how the cut ends"),
             result_row("volume", self.volume, self.p.units),
+            *contact_rows(self.volume_at_contact, self.p.units),
             *([] if self.dvolume is None else [result_row("dvolume", self.dvolume, self.p.units)]),
             result_row("max_depth", self.max_depth, self.p.units),
             result_row("turn", self.turn, self.p.units),
@@ -172,7 +178,7 @@ class Trajectory(Result):
 
     def to_dict(self) -> Record:
         """Model and case, how the cut ends and what it removes, and the units; without the histories."""
-        names = ("t_c", "volume", "dvolume", "max_depth", "turn")
+        names = ("t_c", "volume", "volume_at_contact", "dvolume", "max_depth", "turn")
         numbers = {name: getattr(self, name) for name in names}
         units = {name: RESULTS[name].unit(self.p.units) for name in names}
         content = {**numbers, "ended_by": self.ended_by, "units": units, "warnings": self.warnings}

@@ -20,7 +20,7 @@ from erosion.models import (
     VelocityAligned,
 )
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import quantities, sizes, values, with_values
+from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
 from erosion.parameters.units import conversion_factor
 from erosion.trajectory.simulate import simulate
@@ -64,7 +64,10 @@ class Subject:
     def __init__(self, name: str, model: CuttingModel, *, registered: bool) -> None:
         self.name, self.model, self.registered = name, model, registered
         self.cases = cases()
-        self.others = [name for name in quantities(model) if name != "alpha"]
+        own = own_parameters(model)
+        # At the least value of an own parameter there are no central differences.
+        at_least = {name for name, parameter in own.items() if parameter.value <= parameter.least}
+        self.others = [name for name in quantities(model) if name != "alpha" and name not in at_least]
 
     def checks(self) -> dict[str, Callable[[], Iterable[_Errors]]]:
         """The checks that apply to the model: name to the errors of its cases."""

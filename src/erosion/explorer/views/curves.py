@@ -23,7 +23,7 @@ from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.plotting.colors import DIM, ENDS
 from erosion.plotting.curves import describe, with_gaps
-from erosion.plotting.labels import EVENT_LABELS
+from erosion.plotting.labels import AT_CONTACT, EVENT_LABELS
 
 _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
@@ -40,6 +40,11 @@ def volumes(computed: Computed, models: Collection[str]) -> tuple[Option, list[O
         marks = {} if best is None else _marks(best, scale.size, color, shown=model == computed.state.shown)
         degrees, volume = with_gaps(gaps(curve), DEGREES, curve.volume / scale.size)
         series.append(line(model, degrees, volume, color, dashes, **marks))
+        cuts = np.any(curve.volume_at_contact != curve.volume)
+        if model == computed.state.shown and cuts and curve.volume_at_contact.any():
+            at_contact, area = curve.volume_at_contact / scale.size, {"opacity": 0.2, "color": color}
+            thin = {"color": color, "width": 0}
+            series.append(line(AT_CONTACT, DEGREES, at_contact, color, areaStyle=area, lineStyle=thin, z=1))
     quantity = RESULTS["volume"]
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
     maxima = [f"{model} removes most {describe(best)}" for model, best in computed.in_order(computed.best)]

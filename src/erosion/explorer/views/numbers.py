@@ -43,6 +43,9 @@ def _of_the_cut(computed: Computed) -> str:
         return ""
     depth = _read("length", cut.max_depth, computed.state.case.units)
     facts = [f"{RESULTS['max_depth'].meaning}: {depth}"]
+    if cut.volume_at_contact:
+        at_contact = _read("volume", cut.volume_at_contact, computed.state.case.units)
+        facts.append(f"{RESULTS['volume_at_contact'].meaning}: {at_contact}")
     if np.isfinite(cut.turn):
         facts.append(f"{RESULTS['turn'].meaning}: {np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
     warnings = "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in cut.warnings)

@@ -3,6 +3,7 @@
 from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
+from erosion.models import NoDeformation, RigidErodent
 from erosion.models.registry import BUILT_IN
 from erosion.plotting.correlations import plot_shapes
 from erosion.plotting.families import plot_family
@@ -10,7 +11,7 @@ from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
 from erosion.tables import Record
 
-_BESIDE = ("linearized", "finnie", "rotating")
+_BESIDE = ("linearized", "finnie", "rotating", "linearized-deformation")
 NEEDS = tuple((kind, model) for model in BUILT_IN for kind in ("optimum", "hits"))
 
 
@@ -19,7 +20,9 @@ def answer(case: Case) -> Answer:
     numbers = {model: _numbers(case, model) for model in BUILT_IN}
     fields = {
         "models": BUILT_IN,
-        "best_angles": [row["alpha_max"] for row in numbers.values() if row["kind"] in ("interior", "jump")],
+        # At 90°, too; not the limit as α → 0, and not the NaN where nothing is removed.
+        "best_angles": [row["alpha_max"] for row in numbers.values() if row["alpha_max"] > 0],
+        "left_at_90_degrees": {model: _left_at_90_degrees(case, model) for model in BUILT_IN if deforms(model)},
         "greatest_volume": max(row["volume_max"] for row in numbers.values()),
     }
     return Answer(numbers, {"models": _figure(case), "correlations": _beside_correlations(case)}, fields)
@@ -34,6 +37,17 @@ def _numbers(case: Case, model: str) -> Record:
         "ended_by_at_max": str(optimum.ended_by),
         "certified": bool(optimum.certified),
     }
+
+
+def deforms(model: str) -> bool:
+    """Whether a registered model has wear by deformation."""
+    built_in = BUILT_IN[model].make()
+    return isinstance(built_in, RigidErodent) and not isinstance(built_in.deformation, NoDeformation)
+
+
+def _left_at_90_degrees(case: Case, model: str) -> float:
+    """V at 90° over the greatest V."""
+    return float(case.hits(model).volume[-2] / case.optimum(model).volume)
 
 
 def _figure(case: Case) -> Figure:

@@ -1,0 +1,195 @@
+"""Wear by deformation beside the cut. The truth is written here again: Bitter's term on the closed forms of cuts."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import _status
+from erosion.distributions import Normal
+from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating
+from erosion.models.own_parameters import own_parameters
+from erosion.verification.checks import Subject
+
+P = erosion.TABLE_1
+STRESS = float(P.sigma * P.psi)
+RNG = np.random.default_rng(23)
+CASES = 60
+# Thresholds from none to one that no impact reaches.
+ALPHA = RNG.uniform(0.02, 1.55, CASES)
+THRESHOLD = np.where(RNG.random(CASES) < 0.2, 0.0, RNG.uniform(0.0, 1.3, CASES)) * float(P.v0)
+ENERGY = STRESS * np.exp(RNG.uniform(-2, 3, CASES))
+P_RANDOM = P.replace(alpha=ALPHA, k=np.exp(RNG.uniform(-1.2, 1.8, CASES)), v0=P.v0 * np.exp(RNG.uniform(-1, 1, CASES)))
+KINDS = {"linearized": Linearized, "finnie": Finnie}
+NAMES = ("alpha", "k", "v0", "specific_energy", "threshold")
+
+
+def removed(kind, alpha, k, v0, specific_energy, threshold):
+    """V* [2u sin α - (2/P) sin²α]/k while the cut rebounds, V* P u²/(2k) where it stops; and Bitter's term."""
+    sine, u = jnp.sin(alpha), jnp.cos(alpha)
+    ratio = {"linearized": k, "finnie": k / 3}[kind]
+    cut = jnp.where(sine <= ratio / 2 * u, 2 * u * sine - 2 / ratio * sine**2, ratio / 2 * u**2)
+    above = jnp.maximum(v0 * sine - threshold, 0.0)
+    return P.m * v0**2 / STRESS / k * cut + P.m * above**2 / (2 * specific_energy)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_volumes_and_all_their_derivatives_are_those_of_the_closed_form(kind):
+    model = KINDS[kind](deformation=DeformationWear()).replace(specific_energy=ENERGY, threshold=THRESHOLD)
+    hits = erosion.impact(model, P_RANDOM, derivatives=2, wrt=NAMES, rtol=1e-12)
+    numbers = (ALPHA, P_RANDOM.k, P_RANDOM.v0, ENERGY, THRESHOLD)
+    every = tuple(range(1, 6))
+    volume = jax.vmap(removed, (None, 0, 0, 0, 0, 0))(kind, *numbers)
+    slopes, curves = (
+        jax.vmap(derivative(removed, every), (None, 0, 0, 0, 0, 0))(kind, *numbers)
+        for derivative in (jax.grad, hessian)
+    )
+    np.testing.assert_allclose(hits.volume, volume, rtol=1e-10)
+    # Each derivative in units of the volume and of its parameters' sizes: a mixed one may be zero.
+    sizes = np.stack(np.broadcast_arrays(np.ones(CASES), *numbers[1:4], P_RANDOM.v0))
+    for i in range(5):
+        found = hits.dvolume[:, i] * sizes[i] / volume
+        np.testing.assert_allclose(found, slopes[i] * sizes[i] / volume, rtol=1e-8, atol=1e-8, err_msg=NAMES[i])
+        for j in range(5):
+            size = sizes[i] * sizes[j] / volume
+            names = f"{NAMES[i]}, {NAMES[j]}"
+            np.testing.assert_allclose(
+                hits.d2volume[:, i, j] * size, curves[i][j] * size, rtol=1e-8, atol=1e-8, err_msg=names
+            )
+
+
+def hessian(function, arguments):
+    return jax.jacfwd(jax.grad(function, arguments), arguments)
+
+
+def test_the_models_own_closed_form_is_the_same():
+    for kind, make in KINDS.items():
+        for i in (0, 7, 21):
+            p = P.replace(alpha=ALPHA[i], k=P_RANDOM.k[i], v0=P_RANDOM.v0[i])
+            exact = make(deformation=DeformationWear(float(ENERGY[i]), float(THRESHOLD[i]))).closed_form()
+            expected = removed(kind, p.alpha, p.k, p.v0, ENERGY[i], THRESHOLD[i])
+            assert float(exact.volume(p)) == pytest.approx(float(expected), rel=1e-13)
+
+
+def test_at_90_degrees_deformation_alone_removes():
+    model = Linearized(deformation=DeformationWear(STRESS, 0.25 * float(P.v0)))
+    p = P.replace(alpha=np.pi / 2)
+    alone = float(P.m * P.v0**2) * 0.75**2 / (2 * STRESS)
+    hit = erosion.impact(model, p, derivatives=2, wrt=("threshold", "specific_energy"))
+    assert (hit.ended_by, hit.t_c) == ("no-cut", 0.0)
+    assert hit.volume == pytest.approx(alone, rel=1e-14)
+    assert hit.dvolume * np.array([float(P.v0), STRESS]) / alone == pytest.approx([-2 / 0.75, -1.0], rel=1e-13)
+    followed = erosion.simulate(model, p)
+    assert (followed.ended_by, followed.volume) == ("no-cut", pytest.approx(alone, rel=1e-14))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [3.0, 25.0, 80.0])
+def test_histories_start_at_what_deformation_removes(degrees):
+    deformation = DeformationWear(3 * STRESS, 0.2 * float(P.v0))
+    p = P.replace(alpha=np.deg2rad(degrees))
+    alone = float(deformation.removed_at_contact(p))
+    cut = erosion.simulate(Rotating(), p)
+    both = erosion.simulate(Rotating(deformation=deformation), p)
+    assert (alone > 0) == (degrees > 12)
+    assert both.removed[0] == pytest.approx(alone, rel=1e-14)
+    assert both.removed == pytest.approx(cut.removed + alone, rel=1e-10)
+    assert both.t_c == pytest.approx(cut.t_c, rel=1e-12)
+    hit = erosion.impact(Rotating(deformation=deformation), p)
+    assert hit.volume == pytest.approx(both.volume, rel=1e-9)
+    assert (hit.ended_by, hit.t_c) == (both.ended_by, pytest.approx(both.t_c, rel=1e-9))
+
+
+def test_own_parameters_convert_with_the_case():
+    model = Linearized(deformation=DeformationWear(STRESS, 0.25 * float(P.v0)))
+    in_si, p = model.to("si", P)
+    own = {name: parameter.value for name, parameter in own_parameters(in_si).items()}
+    assert own["specific_energy"] == pytest.approx(STRESS * 6894.757293168361, rel=1e-12)
+    assert own["threshold"] == pytest.approx(0.25 * float(P.v0) * 0.0254, rel=1e-14)
+    volumes = [float(erosion.impact(*pair).volume) for pair in ((model, P), (in_si, p))]
+    assert volumes[1] == pytest.approx(volumes[0] * 0.0254**3, rel=1e-10)
+    # e of the registered models has no unit.
+    proportional = erosion.load_model("linearized-deformation").to("si", P)[0]
+    assert proportional == erosion.load_model("linearized-deformation")
+
+
+def test_every_impact_may_have_its_own_numbers():
+    energies, angles = STRESS * np.array([1.0, 2.0, 5.0]), np.deg2rad([[20.0], [60.0]])
+    model = Linearized(deformation=DeformationWear()).replace(specific_energy=energies)
+    hits = erosion.impact(model, P.replace(alpha=angles))
+    assert hits.volume.shape == (2, 3)
+    for i, j in np.ndindex(2, 3):
+        alone = Linearized(deformation=DeformationWear(float(energies[j]), 0.0))
+        assert hits.volume[i, j] == erosion.impact(alone, P.replace(alpha=angles[i, 0])).volume
+
+
+@pytest.mark.parametrize("numbers", [(0.0, 1.0), (-1e9, 1.0), (STRESS, -1.0)])
+@pytest.mark.parametrize("degrees", [20.0, 90.0])
+def test_a_number_out_of_range_is_an_impact_that_fails(numbers, degrees):
+    p = P.replace(alpha=np.deg2rad(degrees))
+    model = Linearized(deformation=DeformationWear(*numbers))
+    hit = erosion.impact(model, p)
+    assert (hit.ended_by, np.isnan(hit.volume)) == ("failed", True)
+    with pytest.raises(erosion.SimulationError, match="not finite at contact"):
+        erosion.simulate(model, p)
+    assert not erosion.alpha_max(model, p).certified
+
+
+def test_a_number_below_its_range_is_refused_where_it_is_given(capsys):
+    with pytest.raises(ValueError, match=r"^Argument `threshold` must be at least 0, but is -1\.$"):
+        erosion.load_model("linearized-deformation").replace(threshold=-1.0)
+    for verb, more in (("run", []), ("sweep", ["--alpha", "10deg:80deg:3", "--output", "sweep.nc"])):
+        command = [verb, "--model", "linearized-deformation", "--set", "energy_ratio=-1", *more]
+        assert _status(command) == 2
+        assert "Option `--set energy_ratio` must be at least 0, but is -1." in capsys.readouterr().err
+
+
+def test_derivatives_are_not_verified_at_the_least_value():
+    # Half of the central differences there would be of impacts that fail.
+    assert "threshold" not in Subject("mine", Linearized(deformation=DeformationWear()), registered=False).others
+    within = Subject("mine", Linearized(deformation=DeformationWear(STRESS, 1.0)), registered=False)
+    assert within.others[-2:] == ["specific_energy", "threshold"]
+
+
+def test_one_bad_number_of_many_fails_alone():
+    model = Linearized(deformation=DeformationWear()).replace(specific_energy=STRESS * np.array([1, -1, np.nan, 2]))
+    assert erosion.impact(model, P).ended_by.tolist() == ["rebound", "failed", "failed", "rebound"]
+
+
+def test_results_say_what_deformation_removes(capsys):
+    angles, energies = np.deg2rad([[20.0], [90.0]]), np.array([1.0, 2.0, 5.0])
+    model = Linearized(deformation=ProportionalDeformationWear()).replace(energy_ratio=energies)
+    hits = erosion.impact(model, P.replace(alpha=angles))
+    expected = np.sin(angles) ** 2 / (2 * energies) * float(P.volume_scale)
+    np.testing.assert_allclose(hits.volume_at_contact, expected, rtol=1e-14)
+    assert "removed at contact, beside the cut" in str(hits)
+    cut = erosion.impact("linearized", P)
+    assert (cut.volume_at_contact, "deformation" in str(cut)) == (0.0, False)
+    assert hits.to_dict()["units"]["volume_at_contact"] == "in^3"
+    assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg"]) == 0
+    assert "removed at contact, beside the cut" in capsys.readouterr().out
+    assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["result"]
+    assert (
+        result["volume_at_contact"]
+        == result["volume"]
+        == {"value": pytest.approx(expected[1, 0] / 4.8), "unit": "in^3"}
+    )
+
+
+@pytest.mark.slow
+def test_streams_and_sweeps_take_its_numbers():
+    model, p = erosion.load_model("linearized-deformation"), P.replace(alpha=np.pi / 2)
+    # At 90° V is V* sin²α/(2e), and the mean of v₀² is its mean's square and its variance.
+    stream = erosion.stream(model, p, n=2**12, v0=Normal(float(P.v0), 400.0), best_angle=False, sensitivities=False)
+    expected = float(P.volume_scale) / 3.2 * (1 + (400 / float(P.v0)) ** 2)
+    assert stream.mean_volume.value == pytest.approx(expected, rel=5e-4)
+    assert stream.shares["no-cut"].value == 1
+    assert stream.tally.bins[0] == 0  # no particle removes nothing
+    sweep = erosion.sweep(model, p, alpha=np.deg2rad([30.0, 90.0]), energy_ratio=[1.0, 4.0], threshold=[0.0, 2200.0])
+    shares = sweep.volume.sel(alpha=np.pi / 2).values / float(P.volume_scale)
+    np.testing.assert_allclose(shares, [[0.5, 0.125], [0.125, 0.03125]], rtol=1e-12)
