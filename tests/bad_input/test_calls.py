@@ -23,6 +23,16 @@ ROWS = [
     ("P.with_material(['copper'])", "ValueError", "Argument `material` must be one of 'mild steel'"),
     ("erosion.validate(None)", "TypeError", "Argument `p` must be Parameters, but is None."),
     ("erosion.dump_case({})", "TypeError", "Argument `p` must be Parameters, but is {}."),
+    (
+        "erosion.load_model(erosion.models.Rotating(force=erosion.models.TanAlpha))",
+        "ModelError",
+        "its part `force` must be made, as in force=TanAlpha(), but is the class TanAlpha.",
+    ),
+    (
+        "erosion.load_model(erosion.models.TanAlpha())",
+        "ModelError",
+        "is a part of one: give it to one, as erosion.models.Rotating(force=TanAlpha()).",
+    ),
     ("erosion.impact('finnie', None)", "TypeError", "Argument `p` must be Parameters, but is None."),
     (
         "erosion.impact('finnie', P.replace(alpha=20))",

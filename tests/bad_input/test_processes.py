@@ -164,10 +164,33 @@ def test_a_damaged_program_in_the_cache_heals(cache: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", ["erosion", "erosion/compiled"])
-def test_a_cache_where_others_may_write_is_not_used(tmp_path: Path, cache: Path, place: str) -> None:
+@pytest.mark.usefixtures("cache")
+def test_a_full_disk_is_no_warning() -> None:
+    done = python(
+        """
+        import errno, warnings
+        from pathlib import Path
+        warnings.simplefilter("default")
+        usual = Path.write_bytes
+        def full(path, data):
+            if "compiled" not in path.parts:
+                return usual(path, data)
+            path.touch()
+            raise OSError(errno.ENOSPC, "No space left on device")
+        Path.write_bytes = full
+        from erosion.cli import main
+        main(["verify", "--model", "linearized"])
+        """
+    )
+    assert done.returncode == 0
+    assert "persistent compilation cache" not in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("place", "mode"), [("erosion", 0o777), ("erosion/compiled", 0o777), ("erosion", 0o770)])
+def test_a_cache_where_others_may_write_is_not_used(tmp_path: Path, cache: Path, place: str, mode: int) -> None:
     cache.mkdir(parents=True)
-    (tmp_path / place).chmod(0o777)
+    (tmp_path / place).chmod(mode)
     assert command("verify", "--model", "linearized").returncode == 0
     assert not list(cache.iterdir())
 

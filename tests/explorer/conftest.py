@@ -5,7 +5,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import IO
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
@@ -28,13 +29,21 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
+def free_of_pytest() -> dict[str, str]:
+    """The environment of a command: NiceGUI behaves differently where it believes that pytest runs it."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
+
+
+COMMAND = (sys.executable, "-m", "erosion")
+
+
 @contextlib.contextmanager
-def served(*options: str) -> Iterator[tuple[subprocess.Popen, str]]:
-    """The running command, and the address that it prints."""
-    command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0", *options]
-    # NiceGUI behaves differently where it believes that pytest runs it.
-    env = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env)
+def served(
+    *options: str, port: int = 0, command: Sequence[str] = COMMAND, errors: IO[str] | None = None
+) -> Iterator[tuple[subprocess.Popen, str]]:
+    """The running command, and the address that it prints; `errors` is a file for what it writes to stderr."""
+    arguments = [*command, "explore", "--no-browser", "--port", str(port), *options]
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=errors, text=True, env=free_of_pytest())
     assert process.stdout is not None
     try:
         yield process, process.stdout.readline().strip()

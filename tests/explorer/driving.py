@@ -35,9 +35,9 @@ SERIES = """(view) => document.querySelector('.view-' + view + ' .plot').chart.g
 
 
 SETTLED = """([name, shown]) => {
-  if (document.getElementById(name + '-entry').value !== shown) return false;
+  if (document.getElementById(name + '-entry')?.value !== shown) return false;
   const keys = ['.view-cut .cut', '.view-volumes .plot', '.view-histories .plot']
-    .map((view) => document.querySelector(view).dataset.drawn);
+    .map((view) => document.querySelector(view)?.dataset.drawn);
   const number = Number(new URLSearchParams(keys[0]).get(name)) * (name === 'alpha' ? 180 / Math.PI : 1);
   return keys.every((key) => key === keys[0]) && location.search.slice(1) === keys[0]
     && Math.abs(number - Number(shown)) <= 1e-5 * Math.abs(number);

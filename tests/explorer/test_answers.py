@@ -3,6 +3,7 @@
 import asyncio
 import json
 import threading
+import time
 from collections.abc import Awaitable
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.single_events import SingleEvent, end_times
 from erosion.explorer.state import Case, State, own_numbers
+from erosion.explorer.tab import Service
 from erosion.explorer.views.curves import volumes
 from erosion.explorer.views.numbers import numbers
 from erosion.explorer.views.spins import sensitivities
@@ -104,6 +106,28 @@ def test_work_that_fails_does_not_stop_what_follows() -> None:
         assert len(tasks) == 2
 
     asyncio.run(main())
+
+
+def test_two_tabs_compute_at_a_time() -> None:
+    service = Service(Answers({}), Preparation(CASE), STATE, summaries={}, sources={})
+    goes_on, busy, at_once = threading.Event(), [0], []
+
+    def work() -> None:
+        busy[0] += 1
+        at_once.append(busy[0])
+        time.sleep(0.02)
+        busy[0] -= 1
+
+    async def main() -> None:
+        # A plug-in that answers late keeps only other work for later waiting.
+        late = [asyncio.ensure_future(service.in_turn(lambda: goes_on.wait(60), later=True)) for _ in range(4)]
+        await asyncio.gather(*(service.in_turn(work) for _ in range(10)))
+        goes_on.set()
+        assert all(await asyncio.gather(*late))
+
+    asyncio.run(main())
+    assert len(at_once) == 10
+    assert max(at_once) == 2
 
 
 def test_preparation_begins_once_and_says_what_failed() -> None:

@@ -1,7 +1,6 @@
 """The explorer in a real browser."""
 
 import json
-import os
 import signal
 import socket
 import statistics
@@ -15,7 +14,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 import erosion
 from erosion.cli import _status
-from tests.explorer.conftest import served
+from tests.explorer.conftest import free_of_pytest, served
 from tests.explorer.driving import SLIDE_AND_TIME, curve, enter, parameters, settle, slide, star
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -115,8 +114,8 @@ def test_everything_works_by_keyboard(page: Page) -> None:
 
 
 def test_a_link_carries_the_whole_state(page: Page) -> None:
-    page.get_by_role("checkbox", name="as-printed").click()
-    page.get_by_role("checkbox", name="finnie").click()
+    page.get_by_role("checkbox", name="as-printed", exact=True).click()
+    page.get_by_role("checkbox", name="finnie", exact=True).click()
     page.get_by_role("button", name="si", exact=True).click()
     enter(page, "v0", "0.12345678901234567 km/s")
     page.get_by_role("button", name="Dark").click()
@@ -320,9 +319,8 @@ def listening_on(pid: int) -> set[tuple[str, int]]:
 
 
 def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:
-    env = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
     # Nothing kept, so that there is something to compile.
-    env["JAX_COMPILATION_CACHE_DIR"] = str(tmp_path)
+    env = free_of_pytest() | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as process:
         assert process.stdout is not None

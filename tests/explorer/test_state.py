@@ -1,12 +1,19 @@
 """The state of a tab, its link, and what slider positions mean."""
 
+from types import SimpleNamespace
+from typing import Any
 from urllib.parse import parse_qsl
 
 import numpy as np
 import pytest
+from nicegui.events import GenericEventArguments
 
-from erosion.explorer.sliders import at_position, position, range_of, text_of, unit_of, with_spin
+from erosion.explorer.computed import Computed
+from erosion.explorer.elements import _tell
+from erosion.explorer.sliders import Range, at_position, position, range_of, text_of, unit_of, with_spin
 from erosion.explorer.state import Case, OwnNumber, State
+from erosion.explorer.views.numbers import numbers
+from erosion.explorer.wording import sentence
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.quantities import Quantity
 
@@ -158,3 +165,62 @@ def test_texts_are_short_and_angles_in_degrees() -> None:
     assert (text_of("alpha", CASE), unit_of("alpha", CASE)) == ("20", "°")
     assert (text_of("m", CASE), unit_of("m", CASE)) == ("2.855e-7", "slinch")
     assert (text_of("sigma", CASE.replace(sigma=2e9)), unit_of("k", CASE)) == ("2e9", "")
+
+
+@pytest.mark.parametrize(
+    "name", ["a,b", "100%", "a%2Cb", "quo\"te's", "new\nline", "<img src=x onerror=alert(1)>", "ü"]
+)
+def test_a_plug_in_may_have_any_name(name: str) -> None:
+    own = OwnNumber(name, "friction", 0.2, Quantity("μ", "coefficient of friction", "1"))
+    state = State(Case.of(TABLE_1, (own,)).replace(**{own.key: 0.7}), ("rotating", name), name)
+    first = State(Case.of(TABLE_1, (own,)), ("rotating",), "rotating")
+    assert first.reading(dict(parse_qsl(state.query())), ("rotating", name, "a")) == state
+
+
+def test_own_angles_are_in_degrees_too() -> None:
+    rake = OwnNumber("tip", "rake", np.deg2rad(10), Quantity("γ", "rake angle", "angle"))
+    case = Case.of(TABLE_1, (rake,))
+    assert (text_of("tip.rake", case), unit_of("tip.rake", case)) == ("10", "°")
+    assert case.read("tip.rake", "-30").numbers()["tip.rake"] == np.deg2rad(-30)
+    assert case.read("tip.rake", "0.1 rad").numbers()["tip.rake"] == 0.1
+
+
+def test_a_case_stays_within_all_floats() -> None:
+    heavy = CASE.replace(m=1e308)
+    with pytest.raises(ValueError, match="`m` must be positive and finite, but is inf"):
+        heavy.to("si")
+    far = PLUGGED.case.to("si").replace(**{"lip.reach": 1e308})
+    with pytest.raises(ValueError, match=r"Field `lip\.reach` must be a finite number, but is inf"):
+        far.to("inch-pound")
+    with pytest.raises(ValueError, match="`phidot0` must be a finite number, but is inf"):
+        with_spin(0.5, CASE.replace(v0=1e308))
+    friction = PLUGGED.case.replace(**{"tip.friction": 1e308})
+    with pytest.raises(ValueError, match=r"Field `tip\.friction` must be a finite number, but is inf"):
+        at_position("tip.friction", 1.0, friction, friction)
+
+
+def test_an_error_is_said_in_one_short_line_without_pythons_words() -> None:
+    assert sentence(ValueError("Argument `units` must be\n one of 'si'.")) == "Field `units` must be one of 'si'."
+    assert sentence(ArithmeticError()) == "ArithmeticError"
+    assert sentence(ValueError("9" * 20_000)) == "9" * 300 + " …"
+
+
+@pytest.mark.parametrize(
+    ("sent", "told"),
+    [(0.25, [0.25]), (-3, [0.0]), (1e308, [1.0]), (None, []), ("0.5", []), ([0.5], []), (float("nan"), [])],
+)
+def test_a_position_is_a_number_in_its_range(sent: object, told: list[float]) -> None:
+    positions: list[float] = []
+    nobody: Any = None
+    event = GenericEventArguments(sender=nobody, client=nobody, args=sent)
+    _tell(positions.append, Range(0.0, 1.0, 0.005), event)
+    assert positions == told
+
+
+def test_words_of_a_plug_in_are_no_html() -> None:
+    computed = Computed(State(CASE, ("rotating",), "rotating"))
+    point: Any = SimpleNamespace(t_c=1.0, ended_by="<img src=x onerror=alert(1)>", volume=1.0, dvolume=1.0)
+    computed.points["rotating"] = point
+    (table,) = numbers(computed, ("rotating",))
+    assert "<img" not in table
+    assert "&lt;img src=x" in table

@@ -1,8 +1,11 @@
 """Machine code on disk: found again, and never anyone else's."""
 
+import errno
 import os
+import stat
 import subprocess
 import sys
+import textwrap
 
 import numpy as np
 import pytest
@@ -88,6 +91,110 @@ def test_the_longest_unused_go_first(folder, monkeypatch):
     assert kept.read(kept.key_of("a")) == b"code"
     kept.write(kept.key_of("c"), b"code")
     assert [kept.read(kept.key_of(name)) for name in "abc"] == [b"code", None, b"code"]
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o620, 0o606])
+def test_a_file_that_others_may_have_written_does_not_count(folder, mode):
+    """As one that was put there while the folder was open to all."""
+    kept.write(kept.key_of("a"), b"code")
+    (folder / kept.key_of("a")).chmod(mode)
+    assert kept.read(kept.key_of("a")) is None
+
+
+def test_a_file_of_another_owner_does_not_count(folder, monkeypatch):
+    kept.write(kept.key_of("a"), b"code")
+    usual = os.fstat
+
+    def of_another(handle):
+        status = list(usual(handle))
+        if not stat.S_ISDIR(int(status[stat.ST_MODE])):
+            status[stat.ST_UID] += 1
+        return os.stat_result(status)
+
+    monkeypatch.setattr(os, "fstat", of_another)
+    assert kept.read(kept.key_of("a")) is None
+
+
+def test_a_folder_that_is_exchanged_meanwhile_does_not_count(folder, monkeypatch):
+    kept.write(kept.key_of("a"), b"code")
+    usual = kept._own_folder
+
+    def exchanged():
+        place = usual()
+        folder.chmod(0o777)  # as a folder of another owner would be
+        return place
+
+    monkeypatch.setattr(kept, "_own_folder", exchanged)
+    assert kept.read(kept.key_of("a")) is None
+
+
+def test_a_pipe_is_not_waited_for(folder):
+    kept.write(kept.key_of("b"), b"code")
+    os.mkfifo(folder / kept.key_of("a"), 0o600)
+    assert kept.read(kept.key_of("a")) is None
+
+
+def test_code_is_found_where_no_time_can_be_set(folder, monkeypatch):
+    kept.write(kept.key_of("a"), b"code")
+    monkeypatch.setattr(os, "utime", _refused)
+    assert kept.read(kept.key_of("a")) == b"code"
+
+
+def _refused(*_):
+    raise OSError(errno.EROFS, "Read-only file system")
+
+
+def test_what_cannot_be_removed_stays_alone(folder, monkeypatch):
+    monkeypatch.setattr(kept, "_MANY", 1)
+    kept.write(kept.key_of("a"), b"code")
+    (folder / "a folder").mkdir()
+    os.utime(folder / "a folder", (1e9 - 2, 1e9 - 2))
+    os.utime(folder / kept.key_of("a"), (1e9 - 1, 1e9 - 1))
+    kept.write(kept.key_of("b"), b"code")
+    assert kept.read(kept.key_of("a")) is None
+
+
+def test_an_interrupt_leaves_no_draft(folder, monkeypatch):
+    kept.write(kept.key_of("a"), b"code")
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(kept.Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        kept.write(kept.key_of("b"), b"code")
+    assert [file.name for file in folder.iterdir()] == [kept.key_of("a")]
+
+
+def test_a_user_without_a_home_keeps_nothing(tmp_path, monkeypatch):
+    import platformdirs
+
+    kept._place.cache_clear()
+    monkeypatch.setattr(platformdirs, "user_cache_path", lambda *_, **__: kept.Path("~/.cache/erosion"))
+    monkeypatch.chdir(tmp_path)
+    try:
+        kept.write(kept.key_of("a"), b"code")
+    finally:
+        kept._place.cache_clear()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_processes_that_write_one_file_at_once(folder):
+    """And one that is killed while it does."""
+    program = """
+        import os, sys
+        from pathlib import Path
+        from erosion.lanes import kept
+        kept._place = lambda: Path(sys.argv[1])
+        key, code = kept.key_of("a"), bytes(range(256)) * 2000
+        for i in range(200):
+            kept.write(key, code)
+            assert kept.read(key) == code
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program), str(folder)]
+    processes = [subprocess.Popen(command) for _ in range(3)]
+    assert [process.wait(60) for process in processes] == [0, 0, 0]
+    assert [file.name for file in folder.iterdir()] == [kept.key_of("a")]
 
 
 def test_a_script_finds_the_code_of_the_last_one(tmp_path):

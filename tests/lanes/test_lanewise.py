@@ -263,13 +263,20 @@ def test_a_product_and_a_sum_become_one_operation():
         (lambda x, y: jnp.sort(jnp.stack([x, y]))[0], "uses `sort`, which lanes cannot do"),
         (lambda x, y: jax.random.normal(jax.random.PRNGKey(0)) * x * y, "which lanes cannot do"),
         (lambda x, y: jax.pure_callback(np.sin, number, x) + y, "uses `pure_callback`"),
+        (lambda x, y: lax.cond(x > y, lambda: _printed(x), lambda: y), "`_printed` (test_lanewise.py"),
+        (lambda x, y: lax.while_loop(lambda s: s < y, lambda s: _printed(s) + 1, x), "`_printed` (test_lanewise.py"),
         (lambda x, y: jnp.linalg.eigvalsh(jnp.outer(jnp.stack([x, y]), jnp.stack([x, y])))[0], "which lanes cannot do"),
     ],
 )
 def test_what_cannot_be_done_is_said_before_anything_runs(function, what):
-    with pytest.raises(NotForLanesError, match=r"`<lambda>` \(test_lanewise\.py, line \d+\) ") as error:
+    with pytest.raises(NotForLanesError, match=r"`(<lambda>|_printed)` \(test_lanewise\.py, line \d+\) ") as error:
         Lanewise(function, (number, number))
     assert what in str(error.value)
+
+
+def _printed(x):
+    jax.debug.print("{}", x)
+    return x
 
 
 @pytest.mark.slow
@@ -335,3 +342,38 @@ def test_any_order_may_be_asked_for():
     results = [np.full(X.size, -1), np.full(X.size, -1.0)]
     root.run([X, Y], every, results)
     assert results[1][every] == pytest.approx(np.sqrt(X[every]))
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x: lax.scan(lambda c, row: (c * row + 1, None), x, jnp.arange(10_000.0) / 1e4)[0],
+        lambda x: jnp.sum(jnp.outer(jnp.arange(1000.0) * x, jnp.arange(1000.0))),
+    ],
+)
+def test_what_is_too_long_is_said_soon(function, monkeypatch):
+    monkeypatch.setattr("erosion.lanes.graph._MOST", 5_000)
+    with pytest.raises(NotForLanesError, match="uses more than 5,000 operations, which lanes cannot do"):
+        Lanewise(function, (number,))
+
+
+def test_what_is_known_already_is_not_asked_for_without_end(monkeypatch):
+    monkeypatch.setattr("erosion.lanes.graph._MOST_ASKED", 5_000)
+
+    def function(x):
+        ones = jax.jit(lambda: jnp.ones((40, 40)))()
+        return x * (ones @ ones).sum()  # 64,000 products of constants
+
+    with pytest.raises(NotForLanesError, match="operations, which lanes cannot do"):
+        Lanewise(function, (number,))
+
+
+@pytest.mark.parametrize("kind", [np.uint64, np.uint8])
+def test_an_index_without_a_sign_may_be_beyond_every_signed_one(kind):
+    def function(x, y):
+        a = jnp.stack([x, y, x + y])
+        i = jnp.where(x > 0, kind(np.iinfo(kind).max), kind(1))
+        return lax.dynamic_slice_in_dim(a, i, 2), a[i], a.at[i].get(mode="fill"), a.at[i].set(7.0, mode="clip")
+
+    for one, other in zip(Lanewise(function, (number, number))(X - 1, Y), jax.vmap(function)(X - 1, Y), strict=True):
+        assert np.array_equal(one, np.asarray(other), equal_nan=True)

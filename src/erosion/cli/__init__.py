@@ -29,6 +29,7 @@ from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
 from erosion.cli.validate import validate
 from erosion.cli.verify import verify
+from erosion.interrupts import between_imports
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
@@ -54,7 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # to look for garbage among them as often as is usual, and once more at the exit, takes half a second.
     gc.set_threshold(_ALLOCATIONS)
     spell_out()
-    status = _status(sys.argv[1:] if arguments is None else arguments)
+    with between_imports():
+        status = _status(sys.argv[1:] if arguments is None else arguments)
     gc.freeze()
     sys.exit(status)
 

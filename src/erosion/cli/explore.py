@@ -37,5 +37,4 @@ def explore(
     except ModuleNotFoundError as error:
         raise InputError(f"The explorer needs {error.name}: pip install 'erosion[explorer]'.") from error
     with user_errors():
-        service, port = offer(p, model or []), free_port(port)
-    serve(service, port=port, show=browser)
+        serve(offer(p, model or []), port=free_port(port), show=browser)

@@ -21,8 +21,11 @@ def keep_programs() -> None:
     if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
         return
     try:
-        folder = platformdirs.user_cache_path("erosion", ensure_exists=True) / "compiled"
-        folder.mkdir(mode=0o700, exist_ok=True)
+        folder = platformdirs.user_cache_path("erosion") / "compiled"
+        if not folder.is_absolute():  # "~/.cache", in whatever folder this is: the user has no home
+            return
+        for place in (folder.parent, folder):
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not all(_is_ours(place) for place in (folder.parent, folder)):
             return
     except OSError:
@@ -36,15 +39,17 @@ def keep_programs() -> None:
 def _is_ours(folder: Path) -> bool:
     """Whether nobody but this user may write there."""
     status = folder.stat()
-    return not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & stat.S_IWOTH)
+    return not hasattr(os, "getuid") or (
+        status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    )
 
 
 def _remove_damaged(folder: Path) -> None:
-    """Remove a program that cannot be read: JAX would warn at every start, and never write it anew."""
+    """Remove a program that cannot be read or written: JAX would warn at every start, and never write it anew."""
     usual = warnings.showwarning
 
     def show(message: Warning | str, *where: Any, **more: Any) -> None:
-        entry = re.match(r"Error reading persistent compilation cache entry for '([^']+)'", str(message))
+        entry = re.match(r"Error (?:reading|writing) persistent compilation cache entry for '([^']+)'", str(message))
         if entry is None:
             usual(message, *where, **more)
             return

@@ -195,17 +195,29 @@ def _compute(program: Compiled, leaves: list[np.ndarray], lanes: np.ndarray, out
     tables = np.array_split(lanes, -(-lanes.size // (_BLOCK * count)))
     blocks = [table[i::count] for table in tables for i in range(count)]
     # Not kept for the next batch: a plug-in's own code may never return a thread.
+    stop = np.zeros(1, np.int64)
     with concurrent.futures.ThreadPoolExecutor(count) as pool:
-        list(pool.map(lambda block: _compute_block(program, leaves, block, outputs), blocks))
+        try:
+            list(pool.map(lambda block: _compute_block(program, leaves, block, outputs, stop), blocks))
+        except BaseException:
+            # Signals reach the main thread alone. The others would go on, for ever in a loop that never ends.
+            stop[0] = 1
+            raise
 
 
-def _compute_block(program: Compiled, leaves: list[np.ndarray], lanes: np.ndarray, outputs: list[np.ndarray]) -> None:
+def _compute_block(
+    program: Compiled,
+    leaves: list[np.ndarray],
+    lanes: np.ndarray,
+    outputs: list[np.ndarray],
+    stop: np.ndarray | None = None,
+) -> None:
     if lanes.size > WIDTH:
         inputs = zip(leaves, program.inputs, strict=True)
         varying = [leaf[lanes] for leaf, shape in inputs if shape == () and leaf.ndim and leaf.strides != (0,)]
         if varying:
             lanes = lanes[alike_together(varying, WIDTH)]
-    program.run(leaves, lanes, outputs)
+    program.run(leaves, lanes, outputs, stop)
 
 
 def _empty(lanes: int, order: int, directions: int) -> Results:

@@ -3,6 +3,7 @@
 import dataclasses
 import html
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -11,6 +12,7 @@ from erosion.explorer.elements import Field
 from erosion.explorer.sliders import SPIN_PRESETS, at_position, position, range_of, text_of, unit_of, with_spin
 from erosion.explorer.state import Case, State
 from erosion.explorer.views.look import styles
+from erosion.explorer.wording import sentence
 from erosion.parameters.materials import MATERIALS
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.units import SYSTEMS
@@ -39,7 +41,9 @@ class Controls:
                     ui.menu_item(material, on_click=lambda _, metal=material: self._metal(metal))
             with ui.button("Spin").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
                 for s in SPIN_PRESETS:
-                    ui.menu_item(f"s = {s:g}".replace("-", "−"), on_click=lambda _, s=s: self._with(with_spin, s))
+                    ui.menu_item(
+                        f"s = {s:g}".replace("-", "−"), on_click=lambda _, s=s: self.change(partial(with_spin, s))
+                    )
             self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
             self._units.props('dense no-caps unelevated aria-label="Units"')
         self._fields = {name: self._field(name) for name in _ORDER}
@@ -70,9 +74,20 @@ class Controls:
         self._shown.set_value(state.shown)
         self._showing = False
 
+    def change(self, change: Callable[[Case], Case]) -> None:
+        """Show what a function makes of the case; if this is no valid case, say why and show the case again."""
+        state = self._state
+        try:
+            state = dataclasses.replace(state, case=change(state.case))
+        except ValueError as error:
+            ui.notify(sentence(error), type="warning")
+        self._go(state)
+
     def _group(self, model: str) -> ui.element:
         """The fields of a model's own parameters."""
-        with ui.element("div").props(f'role=group aria-label="Parameters of {html.escape(model)}"') as group:
+        with ui.element("div").props("role=group") as group:
+            # The name of a plug-in's file may hold quotes and ends of lines, which a text of properties cannot.
+            group.props["aria-label"] = f"Parameters of {model}"
             ui.html(html.escape(model), tag="h2", sanitize=False)
             keys = [number.key for number in self._start.case.own if number.model == model]
             self._fields |= {key: self._field(key) for key in keys}
@@ -96,7 +111,7 @@ class Controls:
         try:
             state = dataclasses.replace(self._state, case=case())
         except ValueError as error:
-            self._fields[name].complain(str(error).removeprefix(f"Field `{name}` "))
+            self._fields[name].complain(sentence(error).removeprefix(f"Field `{name}` "))
             return
         self._go(state)
 
@@ -124,18 +139,13 @@ class Controls:
 
     def _convert(self, event: Any) -> None:
         if not self._showing:
-            self._go(dataclasses.replace(self._state, case=self._state.case.to(event.value)))
+            self.change(lambda case: case.to(event.value))
 
     def _reset(self) -> None:
         self._go(dataclasses.replace(self._start, instant=self._state.instant, dark=self._state.dark))
 
     def _table_1(self) -> None:
-        case = self._state.case
-        self._go(dataclasses.replace(self._state, case=case.with_parameters(TABLE_1.to(case.units))))
+        self.change(lambda case: case.with_parameters(TABLE_1.to(case.units)))
 
     def _metal(self, material: str) -> None:
-        case = self._state.case
-        self._go(dataclasses.replace(self._state, case=case.with_parameters(case.parameters().with_material(material))))
-
-    def _with(self, change: Callable[[float, Case], Case], number: float) -> None:
-        self._go(dataclasses.replace(self._state, case=change(number, self._state.case)))
+        self.change(lambda case: case.with_parameters(case.parameters().with_material(material)))

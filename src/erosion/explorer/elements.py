@@ -1,12 +1,16 @@
 """The page's own elements: the methods that change them, and the events that they send."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from erosion.explorer.sliders import Range
+
+_SHARES = Range(0.0, 1.0, 0.005)  # of the cut's time
 
 
 class Field(ui.element, component="web/field.js"):
@@ -32,7 +36,7 @@ class Field(ui.element, component="web/field.js"):
         super().__init__()
         labels = {"id": name, "symbol": symbol, "meaning": meaning}
         self.props.update(labels | {"low": range_.low, "high": range_.high, "step": range_.step})
-        self.on("slide", lambda event: on_slide(_number(event)))
+        self.on("slide", partial(_tell, on_slide, range_))
         self.on("entry", lambda event: on_entry(str(event.args)))
 
     def show(self, text: str, unit: str, position: float) -> None:
@@ -63,7 +67,7 @@ class Cut(ui.element, component="web/cut.js"):
     def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
         super().__init__()
         self.props.update({"instant": instant})
-        self.on("instant", lambda event: on_instant(_number(event)))
+        self.on("instant", partial(_tell, on_instant, _SHARES))
 
     def draw(self, content: Mapping[str, Any], key: str) -> None:
         """Draw a cut; then the element's attribute `data-drawn` is `key`."""
@@ -76,14 +80,22 @@ class Plot(ui.element, component="web/plot.js"):
     Args:
         height: the height of the plot, in CSS.
         follows: whether the fixed handles follow the time of the cut.
+        range_: the range of the positions of a handle that the reader moves.
         on_pick: is called with the position to which the reader moves a handle.
     """
 
-    def __init__(self, height: str, *, follows: bool = False, on_pick: Callable[[float], None] | None = None) -> None:
+    def __init__(
+        self,
+        height: str,
+        *,
+        follows: bool = False,
+        range_: Range | None = None,
+        on_pick: Callable[[float], None] | None = None,
+    ) -> None:
         super().__init__()
         self.props.update({"height": height, "follows": follows})
-        if on_pick is not None:
-            self.on("pick", lambda event: on_pick(_number(event)))
+        if range_ is not None and on_pick is not None:
+            self.on("pick", partial(_tell, on_pick, range_))
 
     def draw(
         self, option: Mapping[str, Any] | None, handles: Sequence[Mapping[str, Any]], label: str, key: str
@@ -92,5 +104,8 @@ class Plot(ui.element, component="web/plot.js"):
         self.run_method("draw", option, handles, label, key)
 
 
-def _number(event: GenericEventArguments) -> float:
-    return float(event.args)
+def _tell(listener: Callable[[float], None], range_: Range, event: GenericEventArguments) -> None:
+    """Tell the position that an event carries, moved into its range; the page sends nothing but numbers."""
+    position = event.args
+    if isinstance(position, int | float) and math.isfinite(position):
+        listener(min(max(float(position), range_.low), range_.high))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from erosion.explorer.answers import Answer
 from erosion.explorer.state import Case
 from erosion.explorer.threads import in_thread
+from erosion.explorer.wording import sentence
 
 _IN_PARALLEL = 2  # compilations: one of the engine, which does one at a time, and one of XLA for a closed form
 _TURN = 60.0  # s; a program waits at most this long for others, whose compilation may never end
@@ -78,8 +79,3 @@ class Preparation:
     def _tell(self, _: Future) -> None:
         for listener in list(self.listeners):
             listener()
-
-
-def sentence(error: BaseException) -> str:
-    """An error in one line."""
-    return " ".join(str(error).split()) or type(error).__name__

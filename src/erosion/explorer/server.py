@@ -2,24 +2,26 @@
 
 import asyncio
 import atexit
-import contextlib
 import logging
 import os
 import signal
 import socket
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fastapi import Request
 from nicegui import app, background_tasks, ui
+from nicegui.server import Server
 
+from erosion.explorer.access import OnlyOwnPage
 from erosion.explorer.answers import Answers
 from erosion.explorer.computed import all_ready
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab
+from erosion.explorer.wording import sentence
 from erosion.models import available_models, load_model
 from erosion.parameters.parameters import Parameters
 from erosion.trajectory.trajectory import TurnWarning
@@ -27,6 +29,8 @@ from erosion.trajectory.trajectory import TurnWarning
 HOST = "127.0.0.1"
 _PORT = 8080
 _SWITCH = 0.0005  # s
+# s; a browser that is silent for longer has left. NiceGUI's default of 3 s lets go of tabs on a busy machine.
+_SILENCE = 15.0
 _INTERRUPTED = 130  # the exit status that shells give a program ended by Ctrl+C
 _CHECKED = ("linearized", "finnie", "rotating")
 _SHOWN = "rotating"
@@ -40,6 +44,9 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         service: the models and the first state.
         port: a free port of this machine.
         show: whether to open a browser.
+
+    Raises:
+        ValueError: if another program took the port meanwhile.
     """
     # A thread that returns from compiled code waits this long for the thread that holds the interpreter.
     # Python's default is 5 ms.
@@ -50,46 +57,58 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
     @ui.page("/", title="erosion explorer", dark=None)
     async def page(request: Request) -> None:
         ui.add_css(_STYLE)
-        complaint, state = "", service.start
-        try:
-            state = state.reading(request.query_params, list(service.summaries))
-        except ValueError as error:
-            complaint = f"The link cannot be used: {error}"
-        tab = Tab(service, state)
-        await ui.context.client.connected()
-        tab.begin()
-        if complaint:
-            tab.say(complaint)
+        ui.add_body_html("<noscript><p>The explorer needs JavaScript.</p></noscript>")
+        client = ui.context.client
+        # A crawler never connects. After a minute NiceGUI deletes its client; until then it costs next to nothing.
+        await client.connected()
+        if not client.is_deleted:
+            _open_tab(service, request.query_params)
 
     async def announce() -> None:
-        await _listening(port)
+        while not Server.instance.started:
+            await asyncio.sleep(0.02)
         print(f"http://{HOST}:{port}/", flush=True)
         # Not earlier: compiling would slow the start of the server.
         all_ready(service.answers, service.start, service.preparation)
 
+    app.add_middleware(OnlyOwnPage)
     app.on_startup(lambda: background_tasks.create(announce()))
-    # If a model still computes at the end, NiceGUI and Python would warn about the dropped work.
-    warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
+    # If a model still computes at the end, NiceGUI and Python would warn about the dropped work. And numbers beyond
+    # all floats are on the page, not on the terminal.
+    warnings.simplefilter("ignore", RuntimeWarning)
     logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
-    # The server ends by Ctrl+C only. The exception is lost if it comes while Python collects garbage.
-    with contextlib.suppress(KeyboardInterrupt):
-        ui.run(host=HOST, port=port, show=show, reload=False, show_welcome_message=False, language="en-US")
+    logging.getLogger("uvicorn.error").addFilter(lambda record: not isinstance(record.msg, OSError))
+    try:
+        ui.run(
+            host=HOST,
+            port=port,
+            show=show,
+            reload=False,
+            show_welcome_message=False,
+            language="en-US",
+            reconnect_timeout=_SILENCE,
+        )
+    except SystemExit as error:
+        raise ValueError(f"Argument `port` must be free, but another program took {port} meanwhile.") from error
+    except KeyboardInterrupt:
+        pass  # The server ends by Ctrl+C only. The exception is lost if it comes while Python collects garbage.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # When the interpreter ends, a thread that is still inside XLA would abort the process.
     atexit.register(os._exit, _INTERRUPTED)
     raise KeyboardInterrupt
 
 
-async def _listening(port: int) -> None:
-    """Wait until the server answers, which takes a moment after its start."""
-    while True:
-        try:
-            _, writer = await asyncio.open_connection(HOST, port)
-        except ConnectionError:
-            await asyncio.sleep(0.02)
-        else:
-            writer.close()
-            return
+def _open_tab(service: Service, link: Mapping[str, str]) -> None:
+    """Fill the page with what its link asks for."""
+    complaint, state = "", service.start
+    try:
+        state = state.reading(link, list(service.summaries))
+    except ValueError as error:
+        complaint = f"The link cannot be used: {sentence(error)}"
+    tab = Tab(service, state)
+    tab.begin()
+    if complaint:
+        tab.say(complaint)
 
 
 def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
@@ -125,7 +144,7 @@ def free_port(port: int | None) -> int:
     """The port if it is free; any free port for 0; for None 8080, or any free port if 8080 is in use.
 
     Raises:
-        ValueError: if the port is not free.
+        ValueError: if the port is not free, or not for this user.
     """
     if port is None:
         try:
@@ -137,5 +156,6 @@ def free_port(port: int | None) -> int:
         try:
             probe.bind((HOST, port))
         except OSError as error:
-            raise ValueError(f"Argument `port` must be free, but {port} is not ({error.strerror}).") from error
+            sentence = f"must be a free port that you may use, but {port} is not ({error.strerror})."
+            raise ValueError(f"Argument `port` {sentence}") from error
         return probe.getsockname()[1]

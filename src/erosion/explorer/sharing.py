@@ -12,6 +12,7 @@ from erosion.explorer import exports
 from erosion.explorer.answers import Answers
 from erosion.explorer.state import State
 from erosion.explorer.threads import in_thread
+from erosion.explorer.wording import sentence
 
 _OUTLINE = "dense no-caps outline"
 
@@ -55,7 +56,7 @@ class Sharing:
                 content = await asyncio.wrap_future(in_thread(lambda: make(*arguments, self._answers, state)))
             # A plug-in's own code may raise any error; the page shows the error and goes on.
             except Exception as error:  # noqa: BLE001
-                ui.notify(f"{file}: {error}", type="negative")
+                ui.notify(f"{file}: {sentence(error)}", type="negative")
                 return
             ui.download.content(content, file)
 

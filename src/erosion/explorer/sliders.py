@@ -77,13 +77,17 @@ def with_spin(s: float, case: Case) -> Case:
 def text_of(name: str, case: Case) -> str:
     """The text of a parameter's entry; angles are in degrees."""
     number = case.numbers()[name]
-    text = f"{np.rad2deg(number) if name == 'alpha' else number:.6g}"
+    text = f"{np.rad2deg(number) if _is_angle(name, case) else number:.6g}"
     return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text)
 
 
 def unit_of(name: str, case: Case) -> str:
     """The unit of the number that `text_of` shows."""
-    return "°" if name == "alpha" else unit_name(case.quantities()[name].dimension, case.units)
+    return "°" if _is_angle(name, case) else unit_name(case.quantities()[name].dimension, case.units)
+
+
+def _is_angle(name: str, case: Case) -> bool:
+    return case.quantities()[name].dimension == "angle"
 
 
 def _size(name: str, first: Case) -> float:

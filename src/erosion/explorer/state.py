@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
-from urllib.parse import urlencode
+from urllib.parse import unquote, urlencode
 
 import numpy as np
 
@@ -49,10 +49,18 @@ class OwnNumber(NamedTuple):
             value = read_quantity(text, self.quantity.dimension, units)
         except ValueError as error:
             raise ValueError(f"Field `{self.key}` {error}.") from error
+        return self.with_value(value)
+
+    def with_value(self, value: float) -> "OwnNumber":
+        """Return the same parameter with another number.
+
+        Raises:
+            ValueError: if the number is not finite.
+        """
         if not np.isfinite(value):
-            raise ValueError(f"Field `{self.key}` must be a finite number, but is {text}.")
+            raise ValueError(f"Field `{self.key}` must be a finite number, but is {value:g}.")
         if value < self.least:
-            raise ValueError(f"Field `{self.key}` must be at least {self.least:g}, but is {text}.")
+            raise ValueError(f"Field `{self.key}` must be at least {self.least:g}, but is {value:g}.")
         return self._replace(value=value)
 
 
@@ -113,7 +121,7 @@ class Case(NamedTuple):
         Raises:
             ValueError: for a number out of range.
         """
-        own = tuple(number._replace(value=changes.pop(number.key, number.value)) for number in self.own)
+        own = tuple(number.with_value(changes.pop(number.key, number.value)) for number in self.own)
         p = self.parameters().replace(**changes)
         validate(p)
         return Case.of(p, own)
@@ -135,14 +143,21 @@ class Case(NamedTuple):
         Raises:
             ValueError: one sentence that says what is wrong with the text.
         """
-        return self.reading({name: f"{text} deg" if name == "alpha" and _is_number(text) else text})
+        in_degrees = self.quantities()[name].dimension == "angle" and _is_number(text)
+        return self.reading({name: f"{text} deg" if in_degrees else text})
 
     def to(self, units: str) -> "Case":
-        """The same impact in another unit system."""
-        p = self.parameters().to(units)
+        """The same impact in another unit system.
+
+        Raises:
+            ValueError: for another name than those of the unit systems, and for a number too great for a float there.
+        """
+        with np.errstate(over="ignore"):
+            p = self.parameters().to(units)
+        validate(p)
         factors = [conversion_factor(number.quantity.dimension, self.units, p.units) for number in self.own]
         pairs = zip(self.own, factors, strict=True)
-        return Case.of(p, tuple(number._replace(value=number.value * factor) for number, factor in pairs))
+        return Case.of(p, tuple(number.with_value(number.value * factor) for number, factor in pairs))
 
     def at_any_angle(self) -> "Case":
         """One case for all angles: answers over the angle are kept by this case."""
@@ -179,7 +194,12 @@ class State:
         """The state as the query of a link, exact to the last bit, without models that are not checked."""
         own = tuple(number for number in self.case.own if number.model in self.models)
         numbers = {name: repr(number) for name, number in self.case._replace(own=own).numbers().items()}
-        fields = {"units": self.case.units, **numbers, "models": ",".join(self.models), "shown": self.shown}
+        fields = {
+            "units": self.case.units,
+            **numbers,
+            "models": ",".join(map(_spelled, self.models)),
+            "shown": self.shown,
+        }
         if self.instant != 1:
             fields["instant"] = repr(self.instant)
         if self.dark is not None:
@@ -202,7 +222,7 @@ class State:
                 raise ValueError(f"Field `{name}` is unknown.")
         case = self.case.to(query.get("units", self.case.units))
         case = case.reading({name: text for name, text in query.items() if name in parameters})
-        checked = query["models"].split(",") if "models" in query else list(self.models)
+        checked = [unquote(name) for name in query["models"].split(",")] if "models" in query else list(self.models)
         shown = query.get("shown", self.shown if self.shown in checked else checked[0])
         for name in (*checked, shown):
             if name not in known:
@@ -216,6 +236,11 @@ class State:
             raise ValueError(f"Field `dark` must be 'true' or 'false', but is {dark!r}.")
         models = tuple(name for name in known if name in checked)
         return State(case, models, shown, float(instant), self.dark if dark is None else dark == _TEXTS[True])
+
+
+def _spelled(model: str) -> str:
+    """A model's name in a list with commas; few names of files hold one."""
+    return model.replace("%", "%25").replace(",", "%2C")
 
 
 def _is_number(text: str) -> bool:

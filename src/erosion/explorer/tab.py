@@ -3,8 +3,8 @@
 import asyncio
 import contextlib
 import dataclasses
-from collections.abc import Awaitable, Mapping
-from typing import Any
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, TypeVar
 
 from nicegui import background_tasks, ui
 
@@ -16,12 +16,15 @@ from erosion.explorer.elements import Cut, Plot, Prose
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.sharing import Sharing
-from erosion.explorer.sliders import at_position, with_spin
+from erosion.explorer.sliders import ANGLES, SPINS, at_position, with_spin
 from erosion.explorer.state import State
 from erosion.explorer.threads import in_thread
 from erosion.explorer.views import VIEWS
 
+T = TypeVar("T")
+
 _REST = 0.2  # s; the slower answers begin after this time without a change
+_IN_PARALLEL = 2  # tabs; each computes its models in threads of their own, and the page's event loop needs its share
 _PATIENCE = 0.4  # s; after this time the page says that it computes
 
 _TITLES: Mapping[str, str] = {
@@ -52,6 +55,13 @@ class Service:
     start: State
     summaries: Mapping[str, str]
     sources: Mapping[str, str]
+    _turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
+    _later_turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
+
+    async def in_turn(self, work: Callable[[], T], *, later: bool = False) -> T:
+        """Do the work of a tab in a thread, when it is the tab's turn; work for later keeps no other work waiting."""
+        async with self._later_turns if later else self._turns:
+            return await asyncio.wrap_future(in_thread(work))
 
 
 class Tab:
@@ -111,19 +121,19 @@ class Tab:
             if name == "histories":
                 return Plot("400px", follows=True)
             if name == "spins":
-                return Plot("400px", on_pick=lambda s: self._go(self._with_case(with_spin(s, self.state.case))))
+                return Plot("400px", range_=SPINS, on_pick=self._pick_spin)
             if name == "sensitivities":
                 return Plot("400px")
-            return Plot("400px", on_pick=self._pick_angle)
+            return Plot("400px", range_=ANGLES, on_pick=self._pick_angle)
 
     def _stay_at(self, instant: float) -> None:
         self._go(dataclasses.replace(self.state, instant=instant))
 
     def _pick_angle(self, degrees: float) -> None:
-        self._go(self._with_case(at_position("alpha", degrees, self.state.case, self.service.start.case)))
+        self._controls.change(lambda case: at_position("alpha", degrees, case, self.service.start.case))
 
-    def _with_case(self, case: Any) -> State:
-        return dataclasses.replace(self.state, case=case)
+    def _pick_spin(self, s: float) -> None:
+        self._controls.change(lambda case: with_spin(s, case))
 
     def _go(self, state: State) -> None:
         """Change to another state and show it."""
@@ -166,7 +176,7 @@ class Tab:
                 computing.at_once(computed, stage, self.service.preparation)
                 return {name: VIEWS[name](computed, self._models) for name in stage.views}
 
-            self._draw(await asyncio.wrap_future(in_thread(work)), computed)
+            self._draw(await self.service.in_turn(work), computed)
         patience.cancel()
         self._tell_progress(computed)
 
@@ -177,14 +187,14 @@ class Tab:
         answers, preparation = self.service.answers, self.service.preparation
         computed = Computed(state)
         for stage in computing.stages(answers, computed):
-            await asyncio.wrap_future(in_thread(lambda stage=stage: computing.at_once(computed, stage, preparation)))
+            await self.service.in_turn(lambda stage=stage: computing.at_once(computed, stage, preparation))
         for step in computing.later(answers, computed, preparation):
 
             def work(step: computing.Step = step) -> dict[str, Any]:
                 computing.take(computed, [step], preparation, computing.PATIENCE_LATER)
                 return {name: VIEWS[name](computed, self._models) for name in step.views}
 
-            contents = await asyncio.wrap_future(in_thread(work))
+            contents = await self.service.in_turn(work, later=True)
             if self._later.waiting:
                 return
             self._draw(contents, computed)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 
-from erosion.lanes.graph import BOOL, Graph, Value
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Equation, Kind, Params, Rule, aval_of, converted, type_of
+from erosion.lanes.graph import BOOL, CannotCompileError, Graph, Value
+from erosion.lanes.scalars import SCALARS, Equation, Kind, Params, Rule, aval_of, converted, type_of
 
 Elements = Any
 """An array of values. numpy's types do not say that an index gives one element of it."""

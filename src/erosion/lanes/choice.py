@@ -24,7 +24,13 @@ class Compiled(Protocol):
     inputs: list[tuple[int, ...]]
     """Shapes of one lane's arguments."""
 
-    def run(self, leaves: Sequence[np.ndarray], order: np.ndarray, results: Sequence[np.ndarray]) -> None:
+    def run(
+        self,
+        leaves: Sequence[np.ndarray],
+        order: np.ndarray,
+        results: Sequence[np.ndarray],
+        stop: np.ndarray | None = None,
+    ) -> None:
         """Compute some lanes; see `Lanewise.run`."""
         ...
 

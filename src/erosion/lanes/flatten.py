@@ -13,10 +13,10 @@ from jax.typing import ArrayLike
 
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
-from erosion.lanes.graph import BOOL, LONG, Graph, Value
+from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
 from erosion.lanes.passes import finish
 from erosion.lanes.places import PLACES
-from erosion.lanes.scalars import SCALARS, Atom, CannotCompileError, Equation, Kind, aval_of, converted
+from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
 _CALLS = {
     "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
@@ -100,11 +100,11 @@ class Flattener:
             inner = equation.params["jaxpr" if "jaxpr" in equation.params else "call_jaxpr"]
             body, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
             return lambda _, inputs: self.call(body, constants, inputs)
-        if equation.effects:
-            raise CannotCompileError(f"`{name}` for what it does beside computing")
         control = {"while": self._while, "cond": self._cond, "scan": self._scan}.get(name)
         if control is not None:
             return functools.partial(control, equation)
+        if equation.effects:
+            raise CannotCompileError(f"`{name}` for what it does beside computing")
         if name in FUNCTIONS:
             return elementwise(self._function(name, len(equation.invars)), equation)
         if name in ARRAYS or name in PLACES:

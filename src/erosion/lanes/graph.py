@@ -15,6 +15,13 @@ import numpy as np
 
 DOUBLE, BOOL, LONG = "double", "i1", "i64"
 
+_MOST = 100_000  # operations of a function; the code generator takes a minute for them, and longer than in proportion
+_MOST_ASKED = 2_000_000  # operations asked for, of which many may be known already: some ten seconds
+
+
+class CannotCompileError(Exception):
+    """Something that lanes cannot do; the message says what."""
+
 
 class Value:
     """A scalar: the result of an operation.
@@ -103,11 +110,15 @@ class Graph:
 
     `op` adds an operation and returns its value. Constants are folded; what changes no bit is left out:
     x·1, x - 0, a choice between equal values, a sign that is changed twice.
+
+    Raises:
+        CannotCompileError: for too many operations.
     """
 
     def __init__(self) -> None:
         self.root = self.region = Region(None)
         self.outputs: list[Value] = []
+        self._made = self._asked = 0  # operations
 
     def constant(self, number: float, type_: str) -> Value:
         """A number."""
@@ -129,6 +140,9 @@ class Graph:
 
     def op(self, name: str, type_: str, *inputs: Value, extra: Any = None) -> Value:
         """The value of an operation."""
+        self._asked += 1
+        if self._made > _MOST or self._asked > _MOST_ASKED:
+            raise CannotCompileError(f"more than {_MOST:,} operations")
         simpler = self._simplified(name, type_, inputs)
         if simpler is not None:
             return simpler
@@ -145,6 +159,7 @@ class Graph:
             if value is not None:
                 return value
             region = region.parent
+        self._made += 1
         value = target.known[key] = Value(name, inputs, type_, target, extra)
         target.steps.append(value)
         return value

@@ -32,10 +32,19 @@ def read(key: str) -> bytes | None:
     if folder is None:
         return None
     try:
-        handle = os.open(folder / key, os.O_RDONLY | os.O_NOFOLLOW)
-        with os.fdopen(handle, "rb") as file:
-            content = file.read()
-        os.utime(folder / key)  # the longest unused goes first
+        # By its handle: the folder is the one that is looked at, whatever comes into its place meanwhile.
+        place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            handle = os.open(key, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=place)
+            with os.fdopen(handle, "rb") as file:
+                status = os.fstat(handle)
+                if not (_is_own(os.fstat(place)) and _is_own(status) and stat.S_ISREG(status.st_mode)):
+                    return None
+                content = file.read()
+                with contextlib.suppress(OSError):  # the folder may only be read
+                    os.utime(handle)  # the longest unused goes first
+        finally:
+            os.close(place)
     except OSError:
         return None
     code = content[_DIGEST:]
@@ -53,7 +62,7 @@ def write(key: str, code: bytes) -> None:
             with os.fdopen(handle, "wb") as file:
                 file.write(_seal(key, code) + code)
             Path(draft).replace(folder / key)
-        except OSError:
+        except BaseException:
             Path(draft).unlink()
             raise
         _forget_old(folder)
@@ -66,7 +75,8 @@ def _seal(key: str, code: bytes) -> bytes:
 def _forget_old(folder: Path) -> None:
     files = sorted(folder.iterdir(), key=lambda file: file.stat().st_mtime)
     for file in files[:-_MANY]:
-        file.unlink()
+        with contextlib.suppress(OSError):
+            file.unlink()
 
 
 def _own_folder() -> Path | None:
@@ -76,11 +86,15 @@ def _own_folder() -> Path | None:
         return None
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError:
         return None
-    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-    return folder if private else None
+    return folder if stat.S_ISDIR(status.st_mode) and _is_own(status) else None
+
+
+def _is_own(status: os.stat_result) -> bool:
+    """Whether a file or a folder is the user's own, and closed to all others."""
+    return status.st_uid == os.getuid() and not status.st_mode & 0o077
 
 
 @functools.cache
@@ -91,6 +105,8 @@ def _place() -> Path | None:
     import platformdirs
 
     try:
-        return platformdirs.user_cache_path("erosion") / "lanes"
+        place = platformdirs.user_cache_path("erosion") / "lanes"
     except (OSError, RuntimeError):
         return None
+    # Of a user without a home it is "~/.cache", in whatever folder this is.
+    return place if place.is_absolute() else None

@@ -4,7 +4,6 @@ add = Lanewise(lambda x, y: x + y, (number, number))
 add((np.arange(5.0), 2.0))  # -> an array of 5
 """
 
-import threading
 from collections.abc import Callable, Sequence
 
 import jax
@@ -51,7 +50,6 @@ class Lanewise:
         self.outputs = [(tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves]
         self._places = np.cumsum([0, *(int(np.prod(shape, dtype=int)) for shape in self.inputs)])
         self._width = width
-        self._threads = threading.local()
 
     def __call__(self, *arguments: PyTree) -> PyTree:
         """The function of all lanes: leaves of shape (lanes, …), or of one lane's shape where all share it."""
@@ -63,13 +61,23 @@ class Lanewise:
         self.run(leaves, np.arange(lanes), results)
         return jax.tree.unflatten(self.structure, results)
 
-    def run(self, leaves: Sequence[np.ndarray], order: np.ndarray, results: Sequence[np.ndarray]) -> None:
+    def run(
+        self,
+        leaves: Sequence[np.ndarray],
+        order: np.ndarray,
+        results: Sequence[np.ndarray],
+        stop: np.ndarray | None = None,
+    ) -> None:
         """Compute some lanes, in an order, and write their results; other threads run meanwhile.
+
+        A signal's handler may interrupt it, also in a loop that never ends.
 
         Args:
             leaves: float64, of shape (lanes, …), or of one lane's shape where all share it.
             order: which lanes, shape (n,), int64; neighbours share a vector.
             results: for each output an array (lanes, …) of its type, in C's order.
+            stop: an int64, not 0 once the results are wanted no more. For a thread that signals do not reach: it
+                takes the place of looking for them.
         """
         if not len(order):
             return
@@ -98,18 +106,18 @@ class Lanewise:
             of_inputs.ctypes.data,
             len(varying) // 3,
             order.ctypes.data,
-            0,
             len(order),
             of_outputs.ctypes.data,
+            0 if stop is None else stop.ctypes.data,
         )
 
     def _inputs(self) -> np.ndarray:
-        """Memory for one vector of arguments, shape (places, width). Each thread has its own."""
-        inputs = getattr(self._threads, "inputs", None)
-        if inputs is None:
-            line = 64
-            size = int(self._places[-1]) * self._width
-            memory = np.zeros(size + line // 8)
-            begin = -memory.ctypes.data % line // 8
-            inputs = self._threads.inputs = memory[begin : begin + size].reshape(-1, self._width)
-        return inputs
+        """Memory for one vector of arguments, shape (places, width).
+
+        Each call has its own: a signal's handler may call the function while it runs, in the same thread.
+        """
+        line = 64
+        size = int(self._places[-1]) * self._width
+        memory = np.empty(size + line // 8)
+        begin = -memory.ctypes.data % line // 8
+        return memory[begin : begin + size].reshape(-1, self._width)

@@ -12,6 +12,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from erosion.lanes import kept
+from erosion.lanes.interruption import PYTHONS
 from erosion.lanes.vector_ir import ENTRY
 
 # LLVM's code generator at its level 0 takes a third of the time of level 1, and makes code that takes 1.2 to 1.3 times
@@ -48,9 +49,9 @@ class MachineCode:
         self._replacing = threading.Lock()
         self._code = _Compiled(text, target, _QUICK if len(text) <= _LONG else _CAREFUL)
 
-    def run(self, inputs: int, varying: int, count: int, order: int, begin: int, end: int, outputs: int) -> None:
+    def run(self, inputs: int, varying: int, count: int, order: int, lanes: int, outputs: int, stop: int) -> None:
         """Call the function, with its arguments (see `vector_ir`)."""
-        self._lanes += end - begin
+        self._lanes += lanes
         # Other threads go on with the quick code meanwhile.
         if self._lanes > _MANY and self._code.level == _QUICK and self._replacing.acquire(blocking=False):
             try:
@@ -59,7 +60,7 @@ class MachineCode:
             finally:
                 self._replacing.release()
         code = self._code  # replaced code is kept until it has run
-        code.run(inputs, varying, count, order, begin, end, outputs)
+        code.run(inputs, varying, count, order, lanes, outputs, stop)
 
 
 class _Compiled:
@@ -81,8 +82,8 @@ class _Compiled:
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
         address, whole = ctypes.c_void_p, ctypes.c_int64
-        # ctypes releases Python's lock during a call.
-        signature = ctypes.CFUNCTYPE(None, address, address, whole, address, whole, whole, address)
+        # The code itself releases Python's lock; ctypes raises what it brings back.
+        signature = ctypes.PYFUNCTYPE(None, address, address, whole, address, whole, address, address)
         self.run: Callable[..., None] = signature(self._engine.get_function_address(ENTRY))
 
 
@@ -99,6 +100,8 @@ def this_machine() -> Target:
 def _triple() -> llvm.Target:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    for name in PYTHONS:
+        llvm.add_symbol(name, ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value)
     return llvm.Target.from_default_triple()
 
 

@@ -6,11 +6,20 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from erosion.lanes.arrays import Elements, Part, Work, kind_of, part, whole
-from erosion.lanes.graph import BOOL, LONG, Graph, Value
-from erosion.lanes.scalars import SCALARS, CannotCompileError, Equation, Kind, aval_of, converted, type_of
+from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
+from erosion.lanes.scalars import SCALARS, Equation, Kind, aval_of, converted, type_of
 
 _LONG = np.dtype(np.int64)
 _OF_LONGS = Kind({}, (_LONG, _LONG), _LONG)
+
+
+def _start(graph: Graph, value: Value, dtype: np.dtype) -> Value:
+    """Where a slice starts, as an int64; the largest where an unsigned number is larger still."""
+    start = converted(graph, value, dtype, _LONG)
+    if dtype != np.uint64:
+        return start
+    beyond = graph.compare("icmp slt", start, graph.constant(0, LONG))
+    return graph.select(beyond, graph.constant(np.iinfo(np.int64).max, LONG), start)
 
 
 def _clamped(graph: Graph, start: Value, most: int) -> Value:
@@ -64,7 +73,7 @@ def _dynamic_slice(equation: Equation) -> Work:
     def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
         array, places = whole(inputs[0]), zip(inputs[1:], dtypes, strict=True)
         starts = [
-            _clamped(graph, converted(graph, *place, _LONG), n - size)
+            _clamped(graph, _start(graph, *place), n - size)
             for place, n, size in zip(places, array.shape, sizes, strict=True)
         ]
         made = np.empty(sizes, object)
@@ -82,7 +91,7 @@ def _dynamic_update_slice(equation: Equation) -> Work:
         array, update = whole(inputs[0]).copy(), whole(inputs[1])
         places = zip(inputs[2:], dtypes, strict=True)
         starts = [
-            _clamped(graph, converted(graph, *place, _LONG), n - size)
+            _clamped(graph, _start(graph, *place), n - size)
             for place, n, size in zip(places, array.shape, update.shape, strict=True)
         ]
         for offset in np.ndindex(update.shape):
@@ -128,7 +137,7 @@ def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dt
     """Where a slice starts, for each axis of the array."""
     starts = [graph.constant(0, LONG)] * ndim
     for axis, value in zip(axes, vector, strict=True):
-        starts[axis] = converted(graph, value, dtype, _LONG)
+        starts[axis] = _start(graph, value, dtype)
     return starts
 
 

@@ -8,7 +8,7 @@ from jax.core import ShapedArray
 from jax.extend.core import JaxprEqn, Literal, Var
 from jax.typing import DTypeLike
 
-from erosion.lanes.graph import BOOL, DOUBLE, Graph, Value
+from erosion.lanes.graph import BOOL, DOUBLE, CannotCompileError, Graph, Value
 
 _TYPES = {
     "float64": DOUBLE, "float32": "float", "bool": BOOL,
@@ -25,10 +25,6 @@ Atom = Var | Literal
 
 Params = Mapping[str, Any]
 """The parameters of an equation, by their names in JAX."""
-
-
-class CannotCompileError(Exception):
-    """Something that lanes cannot do; the message says what."""
 
 
 class Kind(NamedTuple):

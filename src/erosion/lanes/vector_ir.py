@@ -8,6 +8,7 @@ no pass over the result, so its bits depend on the graph alone.
 import struct
 
 from erosion.lanes.graph import BOOL, Branch, Graph, Loop, Region, Value
+from erosion.lanes.interruption import INTERRUPTED, look_for_a_stop
 
 ENTRY = "run"
 _FEW = 8  # operations of a case that are no longer than the jump around them
@@ -20,13 +21,14 @@ _CASTS = {"sitofp", "uitofp", "fpext", "fptrunc", "sext", "zext", "trunc", "bitc
 def vector_ir(graph: Graph, width: int) -> str:
     """The text of a module with one function.
 
-        void run(double* inputs, Varying* varying, i64 count, i64* order, i64 begin, i64 end, Place* outputs)
+        void run(double* inputs, Varying* varying, i64 count, i64* order, i64 lanes, Place* outputs, i64* stop)
 
-    For each group of `width` lanes order[begin:end] it copies the lanes' numbers into `inputs`, computes, and
+    For each group of `width` lanes order[:lanes] it copies the lanes' numbers into `inputs`, computes, and
     writes the results. `inputs` is an array (places, width), which holds what all lanes share; `varying` says
     for `count` places where a lane's number is found: an address, the bytes from lane to lane, the place.
     `outputs` has for each output an address, and the bytes from lane to lane. A group that is not full
-    repeats its last lane. Truths are written as bytes.
+    repeats its last lane. Truths are written as bytes. It is called with Python's lock held, and works without.
+    It ends early where *stop is not 0, or, without `stop`, where a signal's handler raises an exception.
 
     Args:
         graph: finished.
@@ -54,8 +56,7 @@ class _Writer:
 
     def get(self, text: str) -> str:
         """The name of an operation's result."""
-        self.count += 1
-        name = f"%v{self.count}"
+        name = f"%{self.new()}"
         self.lines.append(f"  {name} = {text}")
         return name
 
@@ -93,7 +94,9 @@ class _Writer:
         """The whole text."""
         longs, all_lanes = self.vector("i64"), "splat (i1 true)"
         self.start("entry")
-        self.do("%last = sub i64 %end, 1")
+        self.do("store i64 0, ptr %rounds")
+        self.do("%thread = call ptr @PyEval_SaveThread()")
+        self.do("%last = sub i64 %lanes, 1")
         last = self.splat("%last")
         places = []
         for i in range(len(self.graph.outputs)):
@@ -102,7 +105,7 @@ class _Writer:
             places.append((self.get(f"load ptr, ptr {self.get(address)}"), stride))
         self.do("br label %group")
         self.start("group")
-        self.do("%at = phi i64 [ %begin, %entry ], [ %next, %written ]")
+        self.do("%at = phi i64 [ 0, %entry ], [ %next, %written ]")
         steps = ", ".join(f"i64 {i}" for i in range(self.width))
         position = self.get(f"add {longs} {self.splat('%at')}, <{steps}>")
         least = self.intrinsic(f"llvm.smin.v{self.width}i64", longs, f"{longs}, {longs}")
@@ -124,20 +127,23 @@ class _Writer:
         self.do("br label %written")
         self.start("written")
         self.do(f"%next = add i64 %at, {self.width}")
-        self.do("%more = icmp slt i64 %next, %end")
+        self.do("%more = icmp slt i64 %next, %lanes")
         self.do("br i1 %more, label %group, label %exit")
         self.start("exit")
+        self.do("call void @PyEval_RestoreThread(ptr %thread)")
         self.do("ret void")
         parameters = (
-            "ptr noalias align 64 %inputs, ptr noalias %varying, i64 %count, ptr noalias %order, i64 %begin, i64 %end, "
-            "ptr noalias %outputs"
+            "ptr noalias align 64 %inputs, ptr noalias %varying, i64 %count, ptr noalias %order, i64 %lanes, "
+            "ptr noalias %outputs, ptr %stop"
         )
         return "\n".join([
+            INTERRUPTED,
             *self.declared.values(),
             *self.tables,
             # Vectors that do not fit the registers go onto the stack, where they must not straddle cache lines.
             f'define void @{ENTRY}({parameters}) nounwind "stackrealign" {{',
             self.lines[0],
+            "  %rounds = alloca i64",
             *self.memory,
             *self.lines[1:],
             "}",
@@ -319,7 +325,7 @@ class _Writer:
 
     def loop(self, loop: Loop, mask: str) -> None:
         """A loop: the condition, and what is done where it holds."""
-        head, body, done = self.new("head"), self.new("body"), self.new("done")
+        head, body, again, done = (self.new(label) for label in ("head", "body", "again", "done"))
         before = self.label
         self.do(f"br label %{head}")
         self.start(head)
@@ -337,11 +343,12 @@ class _Writer:
             updates.append(
                 self.get(f"select {self.vector(BOOL)} {active}, {type_} {self.text(update)}, {type_} {argument.name}")
             )
-        after = self.label
+        self.lines += look_for_a_stop(again)
+        self.start(again)
         self.do(f"br label %{head}")
         self.lines[phis:phis] = [
             f"  {argument.name} = phi {self.vector(argument.type)} [ {self.text(initial)}, %{before} ], "
-            f"[ {update}, %{after} ]"
+            f"[ {update}, %{again} ]"
             for argument, initial, update in zip(loop.arguments, loop.initial, updates, strict=True)
         ]
         self.start(done)

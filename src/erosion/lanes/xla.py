@@ -26,8 +26,15 @@ class XlaLanes:
         options = _ON_A_CPU if jax.default_backend() == "cpu" else None
         self._lanes = jax.jit(jax.vmap(lane), compiler_options=options)
 
-    def run(self, leaves: Sequence[np.ndarray], order: np.ndarray, results: Sequence[np.ndarray]) -> None:
-        """Compute some lanes, in an order, and write their results; see `Lanewise.run`."""
+    def run(
+        self,
+        leaves: Sequence[np.ndarray],
+        order: np.ndarray,
+        results: Sequence[np.ndarray],
+        stop: np.ndarray | None = None,
+    ) -> None:
+        """Compute some lanes, in an order, and write their results; see `Lanewise.run`. XLA cannot be stopped."""
+        del stop
         if not len(order):
             return
         # A program for each power of two: the last lane is repeated.

@@ -1,8 +1,11 @@
 """Checks of a model before anything is computed with it, by the shapes of its methods' results."""
 
 import functools
+import traceback
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +17,8 @@ from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
 _Shape = tuple[tuple[int, ...], str]
+
+_PACKAGE = Path(__file__).parents[1]
 
 
 def flaw(model: CuttingModel) -> str | None:
@@ -29,6 +34,9 @@ def flaw(model: CuttingModel) -> str | None:
         )
         if not callable(leaf) and not is_number:
             return f"its own parameters must be numbers, arrays or functions, but one is {leaf!r}"
+    for name, part in vars(model).items():
+        if isinstance(part, type):
+            return f"its part `{name}` must be made, as in {name}={part.__name__}(), but is the class {part.__name__}"
     own = own_parameters(model)
     for name in own:
         if name in QUANTITIES:
@@ -84,9 +92,29 @@ def _given(
         return jax.eval_shape(lambda numbers, *rest: method(model_of(numbers), *rest), numbers, *arguments)
     # A model's own code may raise anything, and may ask to end the program.
     except (Exception, SystemExit) as error:
-        said = " ".join(str(error).split())
-        short = said if len(said) <= 200 else said[:200] + " …"
-        raise _FlawError(f"`{name}` fails: {type(error).__name__}: {short.rstrip('.')}") from error
+        raise _FlawError(f"`{name}` fails{_where(error)}: {_said(error)}") from error
+
+
+def _said(error: BaseException) -> str:
+    """What went wrong; where JAX says it about tracers, what to write instead."""
+    # All tell that a number's value is asked for, while JAX traces the method and there is none.
+    if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
+        return (
+            "it asks for the value of a number while JAX traces it; write `jnp.where(condition, a, b)` for `if`, "
+            "and functions of jax.numpy for those of numpy and math"
+        )
+    said = " ".join(str(error).split())
+    return f"{type(error).__name__}: {(said if len(said) <= 200 else said[:200] + ' …').rstrip('.')}"
+
+
+def _where(error: BaseException) -> str:
+    """The last line of the user's own code on the way to an error: " in line 9 of kink.py"."""
+    packages = (str(_PACKAGE), *(str(Path(str(module.__file__)).parent) for module in (jax, eqx, np)))
+    own = [
+        frame for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith((*packages, "<frozen", "<string"))
+    ]  # fmt: skip
+    return f" in line {own[-1].lineno} of {Path(own[-1].filename).name}" if own else ""
 
 
 def _require(name: str, given: PyTree, kind: type | None) -> None:

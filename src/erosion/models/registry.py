@@ -20,15 +20,18 @@ from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.check import flaw
 from erosion.models.correlated import Correlated, correlated
-from erosion.models.deformation import ProportionalDeformationWear
+from erosion.models.deformation import Deformation, ProportionalDeformationWear
 from erosion.models.finnie import Finnie
-from erosion.models.forces import TanAlpha, VelocityAligned
+from erosion.models.forces import ForceLaw, TanAlpha, VelocityAligned
 from erosion.models.linearized import Linearized
 from erosion.models.own_parameters import own_parameters
 from erosion.models.rotating import Rotating
-from erosion.models.torques import FullTorque
+from erosion.models.tips import TipKinematics
+from erosion.models.torques import FullTorque, Torque
 from erosion.parameters.parameters import Parameters
 from erosion.tables import Record, to_plain
+
+_PARTS = {"force": ForceLaw, "torque": Torque, "kinematics": TipKinematics, "deformation": Deformation}
 
 ENTRY_POINT_GROUP = "erosion.models"
 """A package offers a model as an entry point here: its name, and a model or a class of one."""
@@ -155,6 +158,12 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     """
     if isinstance(name, CuttingModel):
         return _sound(name, f"Model {model_name(name)}")
+    for part, kind in _PARTS.items():
+        if isinstance(name, kind):
+            example = f"erosion.models.Rotating({part}={type(name).__name__}())"
+            raise ModelError(
+                f"Argument `model` must be a model, but is a part of one: give it to one, as in `{example}`."
+            )
     if not isinstance(name, (str, Path)):
         raise ModelError(f"Argument `model` must be a model, its name or a path, but is {name!r}.")
     if str(name) in BUILT_IN:

@@ -34,6 +34,9 @@ class RigidErodent(CuttingModel):
 
     def derivative(self, state: State, p: Parameters) -> State:
         force = self.force(state, self.kinematics(state, p), p)
+        if not isinstance(force, tuple | list) or len(force) != 2:
+            given = f"{len(force)} of them" if isinstance(force, tuple | list) else "something else"
+            raise TypeError(f"{type(self.force).__name__} must give two numbers, (F_x, F_y), but gives {given}")
         return State(
             x=state.vx,
             y=state.vy,

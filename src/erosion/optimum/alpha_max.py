@@ -120,9 +120,7 @@ class Optimum(Result):
         ]
         if self.objective != "volume":
             rows.append(self.value_row(self.value))
-        if not np.all(self.certified):
-            share = f"{np.sum(self.certified):,} of {np.size(self.certified):,}" if np.ndim(self.certified) else "no"
-            rows.append(Row("certified", "", share, "", NOT_CERTIFIED))
+        rows.append(self._certificate())
         return rows
 
     def to_dict(self) -> Record:
@@ -143,6 +141,12 @@ class Optimum(Result):
             **dict.fromkeys(("dvolume", "dvalue"), f"{value}/{angle}"),
             **dict.fromkeys(("d2volume", "d2value"), f"{value}/{angle}^2"),
         }
+
+    def _certificate(self) -> Row:
+        count, size = int(np.sum(self.certified)), np.size(self.certified)
+        share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
+        better = "smaller" if self.least else "greater"
+        return Row("certified", "", share, "", NOT_CERTIFIED if count < size else f"no {better} value was missed")
 
     def value_row(self, value: PerImpact) -> Row:
         """A value of the objective as a table row, in the unit of the greatest one."""

@@ -24,8 +24,8 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     for model in computed.state.models:
         point, best = computed.points.get(model), computed.best.get(model)
         at_angle = ["…"] * 4 if point is None else [
-            _read("time", float(point.t_c), units), str(point.ended_by), _read("volume", float(point.volume), units),
-            _read("volume per angle", float(point.dvolume), units),
+            _read("time", float(point.t_c), units), html.escape(str(point.ended_by)),
+            _read("volume", float(point.volume), units), _read("volume per angle", float(point.dvolume), units),
         ]  # fmt: skip
         at_best = ["…"] * 2 if best is None else [_where(best), _read("volume", float(best.volume), units)]
         mark = "shown" if model == computed.state.shown else ""

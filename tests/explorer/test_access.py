@@ -1,0 +1,197 @@
+"""Who may speak with the explorer, and what strangers leave behind."""
+
+import contextlib
+import http.client
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+import pytest
+
+from tests.explorer.conftest import served
+
+pytestmark = pytest.mark.slow
+
+SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport="
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "ZXJvc2lvbiBleHBsb3Jlcg==",
+}
+
+# NiceGUI looks every ten seconds for clients that are a minute old; here they are old after a second.
+HASTY = """
+import sys
+from nicegui.client import Client
+prune = Client.prune_instances
+Client.prune_instances = lambda: prune(client_age_threshold=1.0)
+from erosion.cli import main
+sys.argv[0] = "erosion"
+main()
+"""
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[str]:
+    """Host and port of a running explorer."""
+    with served() as (_, address):
+        yield urlsplit(address).netloc
+
+
+class Answer(NamedTuple):
+    """Status, headers and text of an answer."""
+
+    status: int
+    headers: http.client.HTTPMessage
+    text: str
+
+
+def ask(place: str, path: str = "/", headers: Mapping[str, str] | None = None) -> Answer:
+    """The answer to a request; a host named here replaces the usual one."""
+    with contextlib.closing(http.client.HTTPConnection(place, timeout=30)) as connection:
+        connection.putrequest("GET", path, skip_host="Host" in (headers or {}))
+        for name, value in (headers or {}).items():
+            connection.putheader(name, value)
+        connection.endheaders()
+        with connection.getresponse() as response:
+            text = "" if response.status == 101 else response.read().decode()
+            return Answer(response.status, response.headers, text)
+
+
+STRANGERS = {
+    "rebound name": {"Host": "evil.example:8080"},
+    "name that begins like ours": {"Host": "127.0.0.1.evil.example:8080"},
+    "name that ends like ours": {"Host": "evil-localhost:8080"},
+    "name with a user": {"Host": "127.0.0.1:80@evil.example"},
+    "every address": {"Host": "0.0.0.0:8080"},
+    "empty name": {"Host": ""},
+    "foreign page": {"Origin": "http://evil.example"},
+    "page without a name": {"Origin": "null"},
+    "page of another port": {"Origin": "http://127.0.0.1:1"},
+    "other scheme": {"Origin": "chrome-extension://127.0.0.1"},
+    "script of another page": {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"},
+    "script of another port": {"Sec-Fetch-Site": "same-site", "Sec-Fetch-Mode": "cors"},
+}
+
+
+@pytest.mark.parametrize("headers", STRANGERS.values(), ids=STRANGERS)
+@pytest.mark.parametrize("path", ["/", SOCKET + "polling", SOCKET + "websocket"])
+def test_a_stranger_is_refused(place: str, path: str, headers: Mapping[str, str]) -> None:
+    upgrade = UPGRADE if path.endswith("websocket") else {}
+    answer = ask(place, path, {**upgrade, **headers})
+    assert answer.status == 403
+    assert answer.text.startswith("The explorer answers to ")
+    assert answer.text.count("\n") == 1
+    assert answer.headers["Content-Type"] == "text/plain; charset=utf-8"
+    assert "Access-Control-Allow-Origin" not in answer.headers
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "LOCALHOST", "127.0.0.1:{port}", "localhost:9"])
+def test_the_own_page_is_answered(place: str, name: str) -> None:
+    host = name.format(port=place.rsplit(":", 1)[1])
+    own = {"Host": host, "Origin": f"http://{host.lower()}"}
+    assert ask(place, headers={"Host": host}).status == 200
+    assert ask(place, headers=own).status == 200
+    assert ask(place, SOCKET + "websocket", {**UPGRADE, **own}).status == 101
+    assert ask(place, SOCKET + "websocket", {**UPGRADE, "Host": host}).status == 101
+
+
+def test_a_link_on_another_page_may_lead_here(place: str) -> None:
+    headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
+    assert ask(place, "/?alpha=30deg", headers).status == 200
+
+
+def test_two_hosts_are_no_host(place: str) -> None:
+    with contextlib.closing(http.client.HTTPConnection(place, timeout=30)) as connection:
+        connection.putrequest("GET", "/")
+        connection.putheader("Host", "evil.example")
+        connection.endheaders()
+        with connection.getresponse() as response:
+            assert response.status == 403
+
+
+@pytest.mark.parametrize("path", ["/", "/nothing", SOCKET + "polling"])
+def test_no_other_page_may_show_or_read_it(place: str, path: str) -> None:
+    answer = ask(place, path)
+    assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+    assert answer.headers["X-Frame-Options"] == "DENY"
+    assert answer.headers["Cross-Origin-Opener-Policy"] == "same-origin"
+    assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+
+
+CLIMBS = ["/..%2f", "/../../etc/passwd", "/_nicegui/../../../etc/passwd", "/..%5c..%5cetc", "/%2e%2e/%2e%2e/etc/passwd"]
+
+
+@pytest.mark.parametrize("path", [*CLIMBS, "/%00", "/docs", "/openapi.json"])
+def test_no_path_leads_out(place: str, path: str) -> None:
+    answer = ask(place, path)
+    assert answer.status in (400, 404)
+    assert "root:" not in answer.text
+
+
+@pytest.mark.parametrize("part", ["resources", "libraries", "components", "esm", "static", "dynamic_resources"])
+def test_no_folder_of_the_server_leads_out(place: str, part: str) -> None:
+    import nicegui
+
+    for climb in ("../" * 12, "..%2f" * 12, "%2e%2e%2f" * 12, "x/" + "../" * 12):
+        answer = ask(place, f"/_nicegui/{nicegui.__version__}/{part}/{climb}etc/passwd")
+        assert answer.status in (400, 403, 404)
+        assert "root:" not in answer.text
+
+
+@pytest.mark.parametrize("characters", [20_000, 60_000])
+def test_a_link_of_absurd_length_is_refused(place: str, characters: int) -> None:
+    answer = ask(place, "/?alpha=" + "9" * characters)
+    assert answer.status == 414
+    assert answer.text == f"The address must have at most 16000 characters, but has {characters + 7}.\n"
+
+
+def test_megabytes_of_address_end_no_more_than_the_connection(place: str) -> None:
+    with contextlib.suppress(OSError):
+        assert ask(place, "/?alpha=" + "9" * 2_000_000).status in (400, 414)
+    assert ask(place).status == 200
+
+
+def test_a_page_without_javascript_says_so(place: str) -> None:
+    assert "<noscript><p>The explorer needs JavaScript.</p></noscript>" in ask(place).text
+
+
+def test_requests_without_a_browser_leave_nothing(tmp_path: Path) -> None:
+    errors = tmp_path / "errors"
+    with errors.open("w") as file, served(command=(sys.executable, "-c", HASTY), errors=file) as (process, address):
+        place = urlsplit(address).netloc
+        wait_until_idle(process.pid)
+        for _ in range(20):
+            ask(place, "/?k=3")
+        before = memory(process.pid)
+        for _ in range(300):
+            ask(place, "/?k=3")
+        after = memory(process.pid)
+        time.sleep(12)
+    assert errors.read_text() == ""
+    # A tab takes nearly 1 MB: all of them took 270.
+    assert after - before < 30
+
+
+def memory(pid: int) -> float:
+    """Resident memory of a process [MB], from Linux's own tables."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition("VmRSS:")[2].split()[0]) / 1024
+
+
+def wait_until_idle(pid: int) -> None:
+    """Wait until everything is compiled: until a process computes nothing for a second."""
+    computed = -1
+    while True:
+        # The fields after the name in brackets; the 12th and 13th are the times computed [1/100 s].
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        now = int(fields[11]) + int(fields[12])
+        if now - computed < 10:
+            return
+        computed = now
+        time.sleep(1)

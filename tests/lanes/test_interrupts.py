@@ -1,0 +1,144 @@
+"""Signals while lanes compute: loops that never end, and handlers that compute themselves."""
+
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jax import lax
+
+from erosion.lanes.lanewise import Lanewise, number
+
+_ENDLESS = '''
+"""A lip whose force is found by a search that never ends."""
+
+import jax.numpy as jnp
+from jax import lax
+
+import erosion
+
+
+class Endless(erosion.models.ForceLaw):
+    """A search for a number that is not there."""
+
+    def __call__(self, state, tip, p):
+        """Return (F_x, F_y)."""
+        depth = lax.while_loop(lambda x: x < jnp.inf, lambda x: -x, tip.depth)
+        return -p.stiffness * depth, -p.k * p.stiffness * depth
+
+    def typical_ratio(self, p):
+        """k."""
+        return p.k
+
+
+model = erosion.models.Rotating(force=Endless())
+'''
+
+
+def _interrupted(arguments: list[str], folder: Path) -> tuple[int, str]:
+    """Exit status and errors of a process that gets Ctrl-C a second after it says that it begins."""
+    with subprocess.Popen(
+        [sys.executable, *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(1)
+        process.send_signal(signal.SIGINT)
+        try:
+            errors = process.communicate(timeout=10)[1]  # it takes a tenth of a second
+        except subprocess.TimeoutExpired:
+            process.kill()
+            pytest.fail("Ctrl-C did not end it.")
+        return process.returncode, errors
+
+
+def test_ctrl_c_ends_a_loop_that_never_ends(tmp_path):
+    program = """
+        import signal
+        import numpy as np
+        from jax import lax
+        from erosion.lanes.lanewise import Lanewise, number
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+        endless = Lanewise(lambda x: lax.while_loop(lambda s: s >= 0, lambda s: s + x, 0.0 * x), (number,))
+        print(endless(-1.0), flush=True)
+        try:
+            endless(np.array([-1.0, 0.0]))
+        except KeyboardInterrupt:
+            print(endless(-1.0))
+            raise SystemExit(7)
+    """
+    status, errors = _interrupted(["-c", textwrap.dedent(program)], tmp_path)
+    assert (status, errors) == (7, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("impacts", [1, 5000])
+def test_ctrl_c_ends_a_model_that_never_ends(impacts, tmp_path):
+    """In one thread, and in several."""
+    (tmp_path / "endless.py").write_text(_ENDLESS)
+    program = f"""
+        import signal
+        import sys
+        import numpy as np
+        import erosion
+        from erosion.cli import main
+        from erosion.engine import batch
+        from erosion.lanes.lanewise import Lanewise
+        usual = Lanewise.run
+        Lanewise.run = lambda *arguments: (print("begins", flush=True), usual(*arguments))
+        batch.threads = lambda: 2
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if {impacts} == 1:
+            main(["run", "--model", "endless.py"])
+        try:
+            erosion.impact("endless.py", erosion.TABLE_1.replace(alpha=np.linspace(0.1, 1, {impacts})))
+        except KeyboardInterrupt:
+            print("erosion: interrupted", file=sys.stderr)
+            sys.exit(130)
+    """
+    status, errors = _interrupted(["-c", textwrap.dedent(program)], tmp_path)
+    assert (status, errors) == (130, "erosion: interrupted\n")
+
+
+def test_a_function_may_be_called_while_it_runs():
+    """As a signal's handler does that comes before the machine code begins."""
+    product = Lanewise(lambda x, y: x * y, (number, number))
+
+    class Interrupted(np.ndarray):
+        @property
+        def ctypes(self):
+            assert product(5.0, 7.0) == 35.0
+            return super().ctypes
+
+    result = np.empty(3).view(Interrupted)
+    product.run([np.array(2.0), np.arange(3.0)], np.arange(3), [result])
+    assert np.array_equal(np.asarray(result), [0.0, 2.0, 4.0])
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers")
+def test_a_signals_handler_may_compute():
+    """While the same function's machine code runs in the same thread."""
+
+    def slow(x, y):
+        return lax.fori_loop(0, 3_000_000, lambda i, s: s + y, x)
+
+    function, results = Lanewise(slow, (number, number)), []
+    expected = function(1.0, 3.0)
+    usual = signal.signal(signal.SIGALRM, lambda *_: results.append(function(0.0, 2.0)[0]))
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.005)
+        done = function(1.0, 3.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, usual)
+    assert done == expected
+    assert results == [6_000_000.0]
+
+
+def test_a_stop_ends_a_loop_that_never_ends():
+    endless = Lanewise(lambda x: lax.while_loop(lambda s: s >= 0, lambda s: s + x, 0.0 * x), (number,))
+    endless.run([np.array(0.0)], np.arange(1), [np.empty(1)], np.ones(1, np.int64))
