@@ -31,7 +31,7 @@ ROWS = [
     (
         "erosion.load_model(erosion.models.TanAlpha())",
         "ModelError",
-        "is a part of one: give it to one, as erosion.models.Rotating(force=TanAlpha()).",
+        "is a part of one: give it to one, as in `erosion.models.Rotating(force=TanAlpha())`.",
     ),
     ("erosion.impact('finnie', None)", "TypeError", "Argument `p` must be Parameters, but is None."),
     (

@@ -26,7 +26,13 @@ class Program:
         self.directions = directions
         self.runs: list[tuple[np.ndarray, np.ndarray]] = []
 
-    def run(self, leaves: Sequence[np.ndarray], lanes: np.ndarray, outputs: Sequence[np.ndarray]) -> None:
+    def run(
+        self,
+        leaves: Sequence[np.ndarray],
+        lanes: np.ndarray,
+        outputs: Sequence[np.ndarray],
+        stop: np.ndarray | None = None,
+    ) -> None:
         own = [
             np.broadcast_to(leaf, lanes.max(initial=0) + 1)[lanes] if leaf.ndim == 0 else leaf[lanes] for leaf in leaves
         ]

@@ -126,7 +126,7 @@ BROKEN = {
         "import erosion\nclass F(erosion.models.ForceLaw):\n"
         "  def __call__(self, state, tip, p): return tip.height, 0.0\n"
         "  def typical_ratio(self, p): return p.k\nmodel = erosion.models.Linearized(force=F())\n",
-        "`derivative` fails: AttributeError: 'Tip' object has no attribute 'height'",
+        "`derivative` fails in line 3 of mine.py: AttributeError: 'Tip' object has no attribute 'height'",
     ),
     "half-state": (
         "import erosion\nclass M(erosion.models.Rotating):\n  def derivative(self, state, p): return state.x\n",
