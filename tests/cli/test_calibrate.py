@@ -223,6 +223,8 @@ def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, capsys):
     for ends in ("100:300 kip/in^2", "100 kip/in^2:300"):
         assert _status(["calibrate", str(table), "--free", "k,sigma", "--bounds", f"sigma={ends}", "--json"]) == 0
         assert result_of(capsys.readouterr().out)["bounds"]["sigma"] == pytest.approx([1e5, 3e5])
+    assert _status(["calibrate", str(table), "--free", "k,sigma", "--bounds", "sigma=1:3 kg"]) == 2
+    assert "but is '3 kg', of dimension [mass]" in capsys.readouterr().err
 
 
 def test_help_says_what_may_be_free_and_that_masses_are_read(monkeypatch, capsys):

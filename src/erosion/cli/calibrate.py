@@ -139,14 +139,13 @@ def _read_bounds(
         if name in bounds:
             raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
         dimension = _dimension(name, models)
-        # "1:3 GPa" is from 1 GPa.
-        units_given = unit_of(least), unit_of(greatest)
-        if not units_given[0]:
-            least += units_given[1]
-        if not units_given[1]:
-            greatest += units_given[0]
+        # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
+        shared = unit_of(least) or unit_of(greatest)
+        ends_read = {}
         try:
-            bounds[name] = (read_quantity(least, dimension, units), read_quantity(greatest, dimension, units))
+            for end in sorted({least, greatest}, key=unit_of, reverse=True):
+                ends_read[end] = read_quantity(end if unit_of(end) else end + shared, dimension, units)
+            bounds[name] = ends_read[least], ends_read[greatest]
         except ValueError as error:
             raise InputError(f"Option `--bounds`, {name}, {error}.") from error
         if not bounds[name][0] < bounds[name][1]:
