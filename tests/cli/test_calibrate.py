@@ -173,7 +173,9 @@ def test_openfoam_is_refused_a_curve_that_it_cannot_have(aluminium, tmp_path, ca
     coefficients, case = tmp_path / "erosionDict", tmp_path / "fitted.toml"
     options = ["--openfoam", str(coefficients), "--write-case", str(case)]
     assert _status([*aluminium, *DEFORMATION, *options]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    said = capsys.readouterr()
+    assert "energy_ratio" in said.out  # the fit is shown before
+    line = said.err.splitlines()[-1]
     assert "is not of that shape: the best coefficients are off by up to 6" in line
     assert "is without limit" in line
     assert "--fluent" in line

@@ -104,13 +104,19 @@ def calibrate(
             starts=32 if starts is None else starts,
         )
         drawn = None if profile is None else ranking.best.profile(profile)
-    written, warnings = _write(ranking, level, outputs)
+    try:
+        written, warnings, refused = *_write(ranking, level, outputs), None
+    except InputError as error:
+        # A fit takes longer than any file: it is shown first.
+        written, warnings, refused = [], [], error
     for statement in (*ranking.statements, *warnings):
         output.warn(statement)
     if json:
         _document(output, ranking, level, drawn)
     else:
-        _print(ranking, level, drawn, written, write_case)
+        _print(ranking, level, drawn, written, None if refused else write_case)
+    if refused is not None:
+        raise refused
 
 
 class _Outputs(NamedTuple):
