@@ -68,7 +68,7 @@ class Calibration(Result):
 
     @property
     def cutting_fraction(self) -> float:
-        """The share of the particles that cut: the estimate, or what was given."""
+        """The share of the particles that cut, estimated or given."""
         return self.estimates.get(FRACTION, self.problem.forward.cutting_fraction)
 
     @property

@@ -64,7 +64,7 @@ class Impact(Result):
 
     @functools.cached_property
     def volume_at_contact(self) -> PerImpact:
-        """What is removed at contact, beside the cut: by deformation [volume]; computed when first read."""
+        """The volume removed at contact by deformation, beside the cut [volume]; computed when first read."""
         layout, numbers, shape = lanes_of(self.model, self.p)
 
         def of_one(numbers: Sequence[Number]) -> Array:

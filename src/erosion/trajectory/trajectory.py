@@ -110,7 +110,7 @@ class Trajectory(Result):
 
     @property
     def volume_at_contact(self) -> float:
-        """What is removed at contact, beside the cut: by deformation [volume]."""
+        """The volume removed at contact by deformation, beside the cut [volume]."""
         return float(self.removed[0])
 
     @property
