@@ -13,7 +13,6 @@ from erosion.cli.options import (
     InputError,
     JsonOption,
     WholeOption,
-    load,
     require_outputs,
     start_engine,
     user_errors,
@@ -144,7 +143,7 @@ def _read_bounds(
             raise InputError(f"Option `--bounds` must name free parameters ({', '.join(free)}), but has {name!r}.")
         if name in bounds:
             raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
-        dimension = _dimension(name, models)
+        dimension = _dimension(name, models, units)
         # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
         shared = unit_of(least) or unit_of(greatest)
         ends_read = {}
@@ -159,7 +158,7 @@ def _read_bounds(
     return bounds
 
 
-def _dimension(name: str, models: Sequence[str]) -> "Dimension":
+def _dimension(name: str, models: Sequence[str], units: "System") -> "Dimension":
     """What a parameter is measured in: of an impact, of one of the models, or a factor."""
     from erosion.models.own_parameters import own_parameters
     from erosion.parameters.quantities import QUANTITIES
@@ -167,7 +166,7 @@ def _dimension(name: str, models: Sequence[str]) -> "Dimension":
     if name in QUANTITIES:
         return QUANTITIES[name].dimension
     for model in models:
-        own = own_parameters(load(model))
+        own = own_parameters(load_set(model, {}, units))
         if name in own:
             return own[name].quantity.dimension
     return "1"

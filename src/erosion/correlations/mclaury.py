@@ -69,20 +69,7 @@ def mclaury(
 ) -> Array:
     """The erosion of carbon steel by sand after Edwards, McLaury and Shirazi (2000): E = A BH^-0.59 F_s v₀^1.73 F(α).
 
-    Args:
-        alpha: α [rad]; all numbers broadcast.
-        v0: speed of the particles at the wall [m/s].
-        brinell: Brinell hardness BH of the target [kgf/mm²]; 120 is a carbon steel.
-        sharpness: F_s [-], or "sharp" (1), "semi-rounded" (0.53), "rounded" (0.2).
-        density: of the target [kg/m³], for volumes.
-        units: "kg/kg", "mm3/kg" or "mm3/impact".
-        mass: of a particle [kg], for "mm3/impact".
-
-    Returns:
-        E in `units`, of the broadcast shape; differentiable by JAX away from α = 15°.
-
-    Raises:
-        ValueError: for an unknown shape or unit.
+    Arguments, result and errors are those of `ecrc`; the derivative by α does not exist at α = 15°.
 
     References:
         J. K. Edwards, B. S. McLaury, S. A. Shirazi, ASME FEDSM 2000, 959-966. The paper was not at hand: constants of
