@@ -1,7 +1,8 @@
 """The correlation of the Erosion/Corrosion Research Center in Tulsa (Zhang 2007)."""
 
+import functools
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
@@ -75,10 +76,19 @@ def ecrc(
     require_jax(alpha, v0)
     factor = sharpness_factor(sharpness)
     warn_outside("E/CRC", ECRC_RANGES, alpha=alpha)
-    return in_units(_ratio(alpha, v0, brinell, factor), units, density, mass)
+    ratio = hardness_law(alpha, v0, brinell, factor, (COEFFICIENT, SPEED_EXPONENT, ecrc_angle))
+    return in_units(ratio, units, density, mass)
 
 
-@jax.jit
-def _ratio(alpha: Values, v0: Values, brinell: Values, sharpness: Values) -> Array:
+@functools.partial(jax.jit, static_argnames="constants")
+def hardness_law(
+    alpha: Values,
+    v0: Values,
+    brinell: Values,
+    sharpness: Values,
+    constants: tuple[float, float, Callable[[Values], Array]],
+) -> Array:
+    """E = C BH^-0.59 F_s v₀ⁿ F(α) [kg/kg], for the constants (C, n, F)."""
+    coefficient, exponent, angle = constants
     hardness, speed = (jnp.asarray(value, float) for value in (brinell, v0))
-    return COEFFICIENT * hardness**HARDNESS_EXPONENT * sharpness * speed**SPEED_EXPONENT * ecrc_angle(alpha)
+    return coefficient * hardness**HARDNESS_EXPONENT * sharpness * speed**exponent * angle(alpha)

@@ -4,11 +4,10 @@ import types
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from erosion.correlations.ecrc import BRINELL_CARBON_STEEL, HARDNESS_EXPONENT, STEEL_DENSITY, sharpness_factor
+from erosion.correlations.ecrc import BRINELL_CARBON_STEEL, STEEL_DENSITY, hardness_law, sharpness_factor
 from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
 from erosion.correlations.units import Values, in_units
 
@@ -80,10 +79,5 @@ def mclaury(
     require_jax(alpha, v0)
     factor = sharpness_factor(sharpness)
     warn_outside("McLaury", MCLAURY_RANGES, alpha=alpha)
-    return in_units(_ratio(alpha, v0, brinell, factor), units, density, mass)
-
-
-@jax.jit
-def _ratio(alpha: Values, v0: Values, brinell: Values, sharpness: Values) -> Array:
-    hardness, speed = (jnp.asarray(value, float) for value in (brinell, v0))
-    return COEFFICIENT * hardness**HARDNESS_EXPONENT * sharpness * speed**SPEED_EXPONENT * mclaury_angle(alpha)
+    ratio = hardness_law(alpha, v0, brinell, factor, (COEFFICIENT, SPEED_EXPONENT, mclaury_angle))
+    return in_units(ratio, units, density, mass)
