@@ -6,6 +6,7 @@ from scipy import special, stats
 
 from erosion.distributions import (
     LogNormal,
+    LogUniform,
     Normal,
     RosinRammler,
     Samples,
@@ -23,6 +24,7 @@ U = (np.arange(4096) + 0.5) / 4096
         (Normal(20, 3), stats.norm(20, 3)),
         (LogNormal(100, 0.2), stats.lognorm(0.2, scale=100)),
         (Uniform(-1, 3), stats.uniform(-1, 4)),
+        (LogUniform(0.5, 30), stats.loguniform(0.5, 30)),
         (Weibull(5, 2.5), stats.weibull_min(2.5, scale=5)),
     ],
 )

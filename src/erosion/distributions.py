@@ -5,6 +5,7 @@ As text, on the command line and in case files:
     normal(20deg, 3deg)                 mean, standard deviation
     lognormal(100 m/s, 0.2)             median, standard deviation of the logarithm
     uniform(80 m/s, 120 m/s)            least, greatest
+    loguniform(0.01, 1)                 least > 0, greatest; all factors alike
     weibull(100 m/s, 4)                 scale, shape
     rosin-rammler(1 mm, 3, 0.2 mm)      size of which 1/e of the mass is coarser, spread, least size
     samples(jet.csv)                    the file's column of the parameter's name
@@ -131,6 +132,28 @@ class Uniform(Distribution):
 
 
 @dataclasses.dataclass(frozen=True)
+class LogUniform(Distribution):
+    """All factors from `low` > 0 to `high` alike: the logarithm has the uniform law."""
+
+    low: Number
+    high: Number
+    positive: ClassVar[tuple[str, ...]] = ("low", "high")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.low >= self.high:
+            raise ValueError(f"Argument `low` must be less than `high`, {self.high:g}, but is {self.low:g}.")
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        return self.low * np.exp(math.log(self.high / self.low) * u)
+
+    def cdf(self, x: float) -> float:
+        if x <= self.low:
+            return 0.0
+        return min(math.log(x / self.low) / math.log(self.high / self.low), 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
 class Weibull(Distribution):
     """Weibull's law by number: scale > 0 (1 - 1/e lie below it), and shape > 0."""
 
@@ -247,6 +270,7 @@ LAWS: Mapping[str, type[Any]] = {
     "normal": Normal,
     "lognormal": LogNormal,
     "uniform": Uniform,
+    "loguniform": LogUniform,
     "weibull": Weibull,
     "rosin-rammler": RosinRammler,
 }

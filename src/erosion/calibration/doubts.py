@@ -17,7 +17,7 @@ _FACTOR = 1.5  # by which the two may differ without a warning
 _OPEN = np.log(20.0)  # width of an interval in θ, from which on a parameter is not decided
 _TOGETHER = 0.9  # correlation of parameters that are left open together
 _TOUCH = 1e-6  # of θ
-_POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
+POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
 
 
 def bounds_touched(fit: "Calibration", level: float) -> dict[str, tuple[str, ...]]:
@@ -80,7 +80,7 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
 def is_poor(fit: "Calibration") -> bool:
     """Whether the given uncertainties cannot explain the misfit."""
     freedom = fit.degrees_of_freedom
-    return fit.data.uncertainty is not None and freedom > 0 and bool(stats.chi2.sf(fit.chi2, freedom) < _POOR)
+    return fit.data.uncertainty is not None and freedom > 0 and bool(stats.chi2.sf(fit.chi2, freedom) < POOR)
 
 
 def sentences(fit: "Calibration") -> tuple[str, ...]:

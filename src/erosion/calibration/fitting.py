@@ -64,6 +64,24 @@ def calibrate(
         The cutting fraction: I. Finnie, Erosion of surfaces by solid particles, Wear 3 (1960)
         87-103: about half of the particles cut in the idealized manner.
     """
+    forward = make_forward(model, p, data, free, density, cutting_fraction)
+    if loss not in LOSSES:
+        raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
+    starts = check_whole("starts", starts, 1)
+    _require_enough(forward.data, len(forward.names))
+    problem = make_problem(forward, forward.data, bounds or {})
+    return Calibration(*fit(problem, loss, starts))
+
+
+def make_forward(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    data: Any,
+    free: Sequence[str],
+    density: float | str | None,
+    cutting_fraction: float,
+) -> Forward:
+    """The model's prediction of what was measured; arguments and errors as of `calibrate`."""
     model = load_model(model)
     validate(p)
     require_one_impact(model, p)
@@ -71,13 +89,7 @@ def calibrate(
     if not isinstance(cutting_fraction, (int, float, np.number)) or not 0 < cutting_fraction <= 1:
         raise ValueError(f"Argument `cutting_fraction` must be above 0 and at most 1, but is {cutting_fraction!r}.")
     names = check_free(free, measured, model)
-    forward = Forward(model, p, names, measured, _density(density, measured, p), float(cutting_fraction))
-    if loss not in LOSSES:
-        raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
-    starts = check_whole("starts", starts, 1)
-    _require_enough(measured, len(forward.names))
-    problem = make_problem(forward, measured, bounds or {})
-    return Calibration(*fit(problem, loss, starts))
+    return Forward(model, p, names, measured, _density(density, measured, p), float(cutting_fraction))
 
 
 def _require_enough(measured: Measurements, free: int) -> None:

@@ -34,7 +34,7 @@ class Forward:
         model: any model.
         p: the case, with the values of all parameters that are neither free nor in the data.
         free: the free parameters.
-        data: the measurements; only the kind of erosion matters here.
+        data: the measurements; a prediction depends on their kind of erosion alone.
         density: of the target [density]; needed where mass losses were measured.
         cutting_fraction: the share of the particles that cut, or its first guess where it is free.
     """
@@ -137,18 +137,33 @@ class Forward:
             Erosion, shape (points, rows); NaN where an impact failed.
         """
         columns = zip(self.names, thetas.T, strict=True)
-        hits, factor = self._impacts(
-            {name: self.from_theta(name, column[:, None]) for name, column in columns}, conditions, derivatives=0
-        )
-        return hits.volume * factor
+        return self.erosion({name: self.from_theta(name, column) for name, column in columns}, conditions)
+
+    def erosion(
+        self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray], rtol: float = 1e-9
+    ) -> np.ndarray:
+        """The erosion at several values of the parameters, in one batch.
+
+        Args:
+            values: of each of `names`, shape (points,).
+            conditions: as for `predict`.
+            rtol: see `impact`.
+
+        Returns:
+            Erosion, shape (points, rows); NaN where an impact failed.
+        """
+        columns = {name: column[:, None] for name, column in values.items()}
+        hits, factor = self._impacts(columns, conditions, derivatives=0, rtol=rtol)
+        return np.broadcast_to(hits.volume * factor, (len(next(iter(values.values()))), len(conditions["alpha"])))
 
     def _impacts(
-        self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int
+        self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int, rtol: float = 1e-9
     ) -> tuple[Impact, Any]:
         """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
         model, p = with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
         p = p.replace(**conditions)
-        hits = impact(model, p, derivatives=derivatives, wrt=self.of_impact) if derivatives else impact(model, p)
+        along = {"derivatives": derivatives, "wrt": self.of_impact} if derivatives else {}
+        hits = impact(model, p, rtol=rtol, **along)
         factor = values.get(FRACTION, self.cutting_fraction)
         if self.data.needs_density and self.density is not None:
             factor = factor * self.density

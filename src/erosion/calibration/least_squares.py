@@ -135,7 +135,7 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
             lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
     unbounded = Problem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
     start = _of_data_size(unbounded.thinned(), unbounded.start[None])[0]
-    width = np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
+    width = default_width(forward)
     width[len(forward.free) :] = np.inf  # the scale has no bounds
     lower = np.where(lower == -np.inf, start - width, lower)
     upper = np.where(upper == np.inf, start + width, upper)
@@ -143,6 +143,11 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
     at_least = ~forward.logarithmic & (start <= lower)
     start[at_least] = (1 - _INSIDE) * lower[at_least] + _INSIDE * upper[at_least]
     return dataclasses.replace(unbounded, lower=lower, upper=upper, start=start)
+
+
+def default_width(forward: Forward) -> np.ndarray:
+    """How far from a first guess each θ is looked for, shape (names,), where nothing else limits it."""
+    return np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
 
 
 def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:

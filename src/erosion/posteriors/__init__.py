@@ -1,0 +1,6 @@
+"""What data say: the posterior of a model's parameters, its evidence, and the next experiment."""
+
+from erosion.posteriors.posterior import posterior as posterior
+from erosion.posteriors.result import ConvergenceWarning as ConvergenceWarning
+from erosion.posteriors.result import Posterior as Posterior
+from erosion.posteriors.tempering import SamplingError as SamplingError

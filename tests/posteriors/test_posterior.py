@@ -1,0 +1,231 @@
+"""Posteriors of models: against closed ones, and what is said about them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+import erosion
+from erosion.distributions import LogUniform, Normal, Uniform
+from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters.parameters import TABLE_1
+from erosion.posteriors import ConvergenceWarning, Posterior, SamplingError, posterior, tempering
+
+
+def volumes(degrees: np.ndarray) -> np.ndarray:
+    return np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+
+
+def measured(rows: int, seed: int = 0, *, known: bool = True, noise: float = 0.03) -> dict[str, Any]:
+    """Table 1 by the linearized model, with errors over the greatest volume."""
+    degrees = np.linspace(8.0, 80.0, rows)
+    exact = volumes(degrees)
+    error = noise * exact.max()
+    data = {"angle [deg]": degrees, "volume [in^3]": exact + error * np.random.default_rng(seed).standard_normal(rows)}
+    return {**data, "uncertainty [in^3]": np.full(rows, error)} if known else data
+
+
+@pytest.fixture(scope="module")
+def result() -> Posterior:
+    return posterior("linearized", TABLE_1.replace(k=3.0), measured(12), ["k", "psi"], draws=200, seed=1)
+
+
+@pytest.mark.slow
+def test_with_k_fixed_the_posterior_is_the_closed_one():
+    data, law = measured(5), Normal(0.6, 0.15)
+    drawn = posterior("linearized", TABLE_1, data, ["cutting_fraction"], priors={"cutting_fraction": law}, draws=10_000)
+    # Volumes are proportional to the fraction: a normal prior gives a normal posterior, cut off at 0 and 1.
+    shape, error = volumes(data["angle [deg]"]), data["uncertainty [in^3]"]
+    variance = 1 / (1 / law.deviation**2 + np.sum((shape / error) ** 2))
+    mean = variance * (law.mean / law.deviation**2 + np.sum(shape * data["volume [in^3]"] / error**2))
+    closed = stats.truncnorm((0 - mean) / variance**0.5, (1 - mean) / variance**0.5, mean, variance**0.5)
+    # Of 40 000 draws the mean is known to half a percent of the deviation, and the deviation to 0.4 %.
+    assert drawn.means["cutting_fraction"] == pytest.approx(closed.mean(), abs=0.01 * closed.std())
+    assert drawn.deviations["cutting_fraction"] == pytest.approx(closed.std(), rel=0.01)
+    low, high = drawn.intervals(0.9)["cutting_fraction"]
+    np.testing.assert_allclose([low, high], closed.ppf([0.05, 0.95]), atol=0.03 * closed.std())
+    # The marginal density of the data, of which the truncation keeps a part.
+    joint = np.diag(error**2) + law.deviation**2 * np.outer(shape, shape)
+    evidence = stats.multivariate_normal(law.mean * shape, joint).logpdf(data["volume [in^3]"])
+    whole = stats.norm(mean, variance**0.5)
+    evidence += np.log(whole.cdf(1) - whole.cdf(0)) - np.log(law.cdf(1.0) - law.cdf(0.0))
+    assert drawn.log_evidence == pytest.approx(evidence, abs=0.05)
+    assert drawn.log_evidence_error < 0.05
+
+
+def test_psi_with_an_unknown_noise_has_the_integral_of_both():
+    data = measured(10, known=False)
+    priors = {"psi": Uniform(0.01, 0.2), "noise": LogUniform(1e-6, 1e-4)}
+    drawn = posterior("linearized", TABLE_1, data, ["psi"], priors=priors, draws=1000, seed=3)
+    psi, noise = np.linspace(0.03, 0.05, 400), np.geomspace(1e-6, 1e-4, 401)
+    residuals = data["volume [in^3]"] - volumes(data["angle [deg]"]) * 0.04 / psi[:, None]
+    chi2 = np.sum(residuals**2, axis=1)[:, None] / noise**2
+    density = np.exp(-0.5 * chi2 - 10 * np.log(noise) - 5 * np.log(2 * np.pi) - 90)
+    total = density.sum()
+    cell = (psi[1] - psi[0]) / 0.19 * np.log(noise[1] / noise[0]) / np.log(100)
+    mean = (density * psi[:, None]).sum() / total
+    deviation = np.sqrt((density * (psi[:, None] - mean) ** 2).sum() / total)
+    assert drawn.names == ("psi", "noise")
+    assert drawn.means["psi"] == pytest.approx(mean, abs=0.08 * deviation)
+    assert drawn.deviations["psi"] == pytest.approx(deviation, rel=0.08)
+    assert np.log(drawn.samples["noise"]).mean() == pytest.approx(
+        (density.sum(axis=0) * np.log(noise)).sum() / total, abs=0.03
+    )
+    assert drawn.log_evidence == pytest.approx(np.log(total * cell) + 90, abs=0.15)
+
+
+def test_draws_are_labelled_arrays_over_chains(result):
+    assert result.samples["psi"].dims == ("chain", "draw")
+    assert np.shape(result.samples["psi"]) == (4, 200)
+    assert result.samples["k"].attrs["long_name"] == "force ratio"
+    assert result.converged
+    assert result.statements == ()
+    assert result.p.k == 3.0
+    low, high = result.intervals()["k"]
+    assert low < 2.0 < high
+    assert result.correlation[0, 1] == pytest.approx(
+        np.corrcoef(*(np.ravel(result.samples[name]) for name in ("k", "psi")))[0, 1]
+    )
+
+
+def test_the_same_seed_gives_the_same_draws(result):
+    again = posterior("linearized", TABLE_1.replace(k=3.0), measured(12), ["k", "psi"], draws=200, seed=1)
+    np.testing.assert_array_equal(again.run.points, result.run.points)
+    other = posterior("linearized", TABLE_1.replace(k=3.0), measured(12), ["k", "psi"], draws=200, seed=2)
+    assert other.means["k"] != result.means["k"]
+    assert other.means["k"] == pytest.approx(result.means["k"], abs=0.4 * result.deviations["k"])
+
+
+def test_a_file_has_arvizs_layout(result, tmp_path):
+    path = result.save(tmp_path / "draws.nc")
+    with xr.open_datatree(path) as tree:
+        assert {"posterior", "sample_stats", "observed_data", "constant_data"} == {*tree.children}
+        np.testing.assert_array_equal(tree["posterior"]["psi"], result.samples["psi"])
+        np.testing.assert_array_equal(tree["observed_data"]["erosion"], result.data.erosion)
+        np.testing.assert_array_equal(tree["constant_data"]["alpha"], result.data.angle)
+        assert tree["posterior"].attrs["log_evidence"] == pytest.approx(result.log_evidence)
+        assert tree["observed_data"]["erosion"].attrs["units"] == "in^3"
+        squares = ((result.data.erosion - result.predict(result.data.angle, count=800)) / result.data.uncertainty) ** 2
+        logs = -0.5 * squares.sum(axis=1) - np.log(result.data.uncertainty * np.sqrt(2 * np.pi)).sum()
+        np.testing.assert_allclose(tree["sample_stats"]["log_likelihood"].values.ravel(), logs, rtol=1e-9)
+    with pytest.raises(ValueError, match=r"must end in \.nc"):
+        result.save(tmp_path / "draws.csv")
+
+
+def test_a_program_reads_numbers(result):
+    numbers = result.to_dict(0.9)
+    assert numbers["model"] == "linearized"
+    assert numbers["intervals"] == {name: list(ends) for name, ends in result.intervals(0.9).items()}
+    assert numbers["priors"]["psi"] == "loguniform(0.0004, 4), the default"
+    assert numbers["draws"] == 800
+    assert numbers["converged"] is True
+    text = str(result)
+    assert "ln Z" in text
+    assert "prior: loguniform(0.03, 300), the default" in text
+
+
+def test_curves_are_those_of_the_draws(result):
+    angles = np.deg2rad([[10.0, 30.0]])
+    erosion = result.predict(angles, count=50)
+    assert erosion.shape == (50, 1, 2)
+    model, p = result.cases(50)
+    np.testing.assert_allclose(erosion[:, 0, 1], erosion_at(model, p, angles[0, 1]), rtol=1e-5)
+    noisy = result.predict(angles, count=800, noise=True) - result.predict(angles, count=800)
+    assert noisy.std() == pytest.approx(result.data.uncertainty[0], rel=0.1)
+    times = result.derive(lambda model, p: erosion_at(model, p, 0.3), count=50)
+    assert times.shape == (50,)
+    twice = result.predict(angles, {"v0": 2 * float(TABLE_1.v0)}, count=50)
+    np.testing.assert_allclose(twice, 4 * erosion, rtol=1e-5)
+
+
+def erosion_at(model, p, alpha):
+    return erosion.impact(model, p.replace(alpha=alpha)).volume
+
+
+def test_the_best_angle_is_half_of_arctan_k(result):
+    best = result.alpha_max(100)
+    np.testing.assert_allclose(best.alpha, np.arctan(result.some(100)["k"]) / 2, rtol=1e-6)
+    assert best.kinds == {"interior": 1.0}
+    assert "interior" in str(best)
+    assert len(best.to_dict()["alpha"]) == 100
+
+
+def test_a_ridge_is_said_in_one_sentence():
+    drawn = posterior("linearized", TABLE_1, measured(8), ["sigma", "psi"], draws=200)
+    [sentence] = drawn.statements
+    assert sentence.startswith("sigma and psi cannot be told apart: only sigma·psi is determined.")
+    assert sentence.endswith("How far the ridge goes, the priors say.")
+    # The product is known to some percents, where each alone varies by decades.
+    product = np.log(drawn.samples["sigma"] * drawn.samples["psi"]).std()
+    assert product < 0.05
+    assert np.log(drawn.samples["psi"]).std() > 1
+    alone = posterior("linearized", TABLE_1, measured(8), ["r", "psi"], draws=200)
+    assert alone.statements == (
+        "r has no influence on these data and cannot be determined. Its draws are those of the prior.",
+    )
+
+
+def test_a_prior_that_decides_is_said():
+    drawn = posterior("linearized", TABLE_1, measured(8), ["psi"], priors={"psi": Uniform(0.05, 0.2)}, draws=200)
+    assert any("lowest hundredth of its prior, uniform(0.05, 0.2)" in sentence for sentence in drawn.statements)
+    assert any("The uncertainties do not explain the misfit" in sentence for sentence in drawn.statements)
+
+
+def test_scipys_laws_are_priors():
+    drawn = posterior(
+        "linearized", TABLE_1, measured(8), ["psi"], priors={"psi": stats.gamma(4, scale=0.01)}, draws=100
+    )
+    assert drawn.prior_in_words("psi") == "gamma(4, scale=0.01)"
+    assert drawn.means["psi"] == pytest.approx(0.04, rel=0.05)
+
+
+def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
+    data = measured(10, known=False)
+    data["erosion [-]"] = data.pop("volume [in^3]") * 1e7
+    drawn = posterior("linearized", TABLE_1, data, ["k"], draws=200)
+    assert drawn.names == ("k", "scale", "noise")
+    assert drawn.means["scale"] == pytest.approx(1e7, rel=0.1)
+
+
+@pytest.mark.parametrize(("draws", "sentence"), [(100, "Not converged: ")])
+def test_draws_that_are_not_good_are_never_silent(monkeypatch, draws, sentence):
+    # One sweep and one look: copies of few draws remain.
+    for name in ("_MOST", "_FEWEST", "_LAST", "_LOOKS"):
+        monkeypatch.setattr(tempering, name, 1)
+    with pytest.warns(ConvergenceWarning, match=sentence):
+        drawn = posterior("linearized", TABLE_1.replace(k=3.0), measured(12), ["k", "psi", "sigma"], draws=draws)
+    assert not drawn.converged
+    assert drawn.statements[0].startswith(sentence)
+    assert "Ask for more draws." in str(drawn)
+    assert drawn.to_dict()["converged"] is False
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"priors": {"k": Uniform(1, 3)}}, "Argument `priors` must name free parameters \\(psi\\), but has 'k'"),
+        ({"priors": {"psi": 0.04}}, "must give psi a distribution such as Uniform"),
+        ({"priors": {"psi": Normal(0.0, 0.1)}}, "must give psi values above 0, but 50.0% of Normal"),
+        ({"priors": {"psi": stats.multivariate_normal([0, 0])}}, "must give psi a distribution"),
+        ({"draws": 10}, "`draws` must be a whole number of at least 100, but is 10"),
+        ({"seed": -1}, "`seed` must be a whole number of at least 0"),
+        ({"cutting_fraction": 2.0}, "`cutting_fraction` must be above 0 and at most 1"),
+    ],
+)
+def test_bad_arguments(options, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        posterior("linearized", TABLE_1, measured(5), ["psi"], **options)
+    with pytest.raises(ValueError, match="must have erosion other than zero"):
+        posterior("linearized", TABLE_1, {"angle [deg]": [10, 20], "volume [in^3]": [0, 0]}, ["psi"])
+
+
+def test_a_model_that_fails_is_said_to_fail(monkeypatch):
+    from erosion.calibration.forward import Forward
+
+    monkeypatch.setattr(
+        Forward, "erosion", lambda self, values, conditions, rtol: np.full((len(values["psi"]), 5), np.nan)
+    )
+    with pytest.raises(SamplingError, match="impacts of all draws"):
+        posterior("linearized", TABLE_1, measured(5), ["psi"])
