@@ -43,8 +43,10 @@ from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import validate as validate
 from erosion.posteriors import ConvergenceWarning as ConvergenceWarning
 from erosion.posteriors import Posterior as Posterior
+from erosion.posteriors import PosteriorRanking as PosteriorRanking
 from erosion.posteriors import SamplingError as SamplingError
 from erosion.posteriors import posterior as posterior
+from erosion.posteriors import rank_posteriors as rank_posteriors
 from erosion.storage.identity import StoreError as StoreError
 from erosion.streams.nozzle import NozzleAngle as NozzleAngle
 from erosion.streams.replicates import Estimate as Estimate

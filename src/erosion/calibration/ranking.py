@@ -152,7 +152,7 @@ def rank_models(
     if not wanted or len(set(names)) != len(names):
         raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
     loaded = [load_model(source) for source in wanted]
-    for done, (model, own_free) in enumerate(zip(loaded, _free_in_each(loaded, free), strict=True)):
+    for done, (model, own_free) in enumerate(zip(loaded, free_in_each(loaded, free), strict=True)):
         progress(f"fitting {model_name(model)}", done, len(wanted))
         # Bounds of what no model has are refused by `calibrate`.
         within = {name: pair for name, pair in (bounds or {}).items() if name in own_free or name not in free}
@@ -167,7 +167,7 @@ def rank_models(
     return Ranking(tuple(fits), _ties(fits), tuple(failures))
 
 
-def _free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[Sequence[str]]:
+def free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[Sequence[str]]:
     """Of the free parameters, those that each model has.
 
     Raises:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.draw_options import DrawOptions
 from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
 from erosion.cli.lists import ModelsOption, chosen_models
@@ -16,6 +17,7 @@ from erosion.cli.set_option import SetOption, load_set, settings
 if TYPE_CHECKING:
     from erosion.calibration import Calibration, Ranking
     from erosion.calibration.profiles import Profile
+    from erosion.posteriors import PosteriorRanking
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or '
@@ -35,70 +37,109 @@ def calibrate(
     level: Annotated[float, Parameter(help="Of the confidence intervals.")] = 0.95,
     profile: Annotated[str | None, Parameter(help="Also the likelihood's profile along this parameter.")] = None,
     files: FitFiles | None = None,
+    draw: DrawOptions | None = None,
     json: JsonOption = False,
 ) -> None:
     """Fit a model's parameters to measured erosion, or rank several models.
 
     Without --model, the model is linearized.
     """
-    options, fit, files = with_file(case, file), fit or FitOptions(), files or FitFiles()
+    options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p = options.parameters()
-    if not 0 < level < 1:
-        raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
+    _require_level(level)
     names = ["linearized"] if model is None else chosen_models(model)
-    if own and len(names) > 1:
-        raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
+    _require_one_model(own, names)
     files.require_writable(inputs=(data, options.case, *names))
+    draw.require_sense(files.paths, inputs=(data, options.case, *names))
     start_engine()
     from erosion.calibration import rank_models, read_measurements
+    from erosion.calibration.export import command
 
     chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
-    output = Output("calibrate", p, options.case, json=json)
+    output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
         measured = read_measurements(data, p.units)
         if measured.unused:
             output.warn(f"{data}: columns that are not used: {', '.join(map(repr, measured.unused))}.")
         bounds, along = fit.bounds_of(names, p.units, measured), fit.names(measured)
+        laws = draw.laws(measured, chosen, fit)
         if profile is not None and profile not in along:
             raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
         ranking = rank_models(p, measured, fit.free, models=chosen, progress=progress, bounds=bounds, **fit.arguments())
-        drawn = None if profile is None else ranking.best.profile(profile)
+        along_profile = None if profile is None else ranking.best.profile(profile)
+        posteriors = draw.drawn(p, measured, chosen, fit, laws, progress)
     try:
         written, warnings, refused = *files.write(ranking, level), None
+        written += [] if posteriors is None else draw.write(posteriors.best)
     except InputError as error:
         # A fit takes longer than any file: it is shown first.
         written, warnings, refused = [], [], error
-    for statement in (*ranking.statements, *warnings):
+    for statement in (*ranking.statements, *warnings, *_of_draws(posteriors)):
         output.warn(statement)
     if json:
-        _document(output, ranking, level, drawn)
+        _document(output, ranking, level, along_profile, posteriors)
     else:
-        _print(ranking, level, drawn, written, None if refused else files.write_case)
+        case_file = None if refused else files.write_case
+        best_angle = None if case_file is None else command(ranking.best, str(case_file))
+        _print(_tables(ranking, level, along_profile, posteriors), written, best_angle)
     if refused is not None:
         raise refused
 
 
-def _print(ranking: "Ranking", level: float, profile: "Profile | None", written: list[Path], case: Path | None) -> None:
+def _of_draws(posteriors: "PosteriorRanking | None") -> list[str]:
+    """The sentences on posteriors, apart from those on fits."""
+    return [] if posteriors is None else [f"posterior: {sentence}" for sentence in posteriors.statements]
+
+
+def _require_one_model(own: list[str] | None, names: list[str]) -> None:
+    if own and len(names) > 1:
+        raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
+
+
+def _require_level(level: float) -> None:
+    if not 0 < level < 1:
+        raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
+
+
+def _tables(
+    ranking: "Ranking", level: float, profile: "Profile | None", posteriors: "PosteriorRanking | None"
+) -> list[tuple[Any, ...]]:
+    """All tables, as arguments of `print_table`."""
+    tables: list[tuple[Any, ...]] = []
     if _ranks_several(ranking):
-        print_table(ranking.title, ranking.rows(), ranking.headings, numbers=(1, 2, 3, 4))
-    print_table(ranking.best.title, ranking.best.rows(level))
+        tables.append((ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4)))
+    tables.append((ranking.best.title, ranking.best.rows(level)))
     if profile is not None:
-        print_table(f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), numbers=(0, 1))
+        tables.append((f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), (0, 1)))
+    if posteriors is not None:
+        if len(posteriors.posteriors) > 1:
+            tables.append((posteriors.title, posteriors.rows(), posteriors.headings, (1, 2)))
+        tables.append((posteriors.best.title, posteriors.best.rows(level)))
+    return tables
+
+
+def _print(tables: list[tuple[Any, ...]], written: list[Path], best_angle: str | None) -> None:
+    for table in tables:
+        print_table(*table)
     for path in written:
         print(f"written: {path}")
-    if case is not None:
-        from erosion.calibration.export import command
-
-        print(f"the best angle of this fit: {command(ranking.best, str(case))}")
+    if best_angle is not None:
+        print(f"the best angle of this fit: {best_angle}")
 
 
 def _ranks_several(ranking: "Ranking") -> bool:
     return len(ranking.fits) + len(ranking.failures) > 1
 
 
-def _document(output: Output, ranking: "Ranking", level: float, profile: "Profile | None") -> None:
-    """The best fit, the ranking of several models and the profile as JSON."""
+def _document(
+    output: Output,
+    ranking: "Ranking",
+    level: float,
+    profile: "Profile | None",
+    posteriors: "PosteriorRanking | None",
+) -> None:
+    """The best fit, the ranking of several models, the profile and the posteriors as JSON."""
     from erosion.models.own_parameters import quantities
 
     content = _fit_as_json(ranking.best, level)
@@ -109,6 +150,9 @@ def _document(output: Output, ranking: "Ranking", level: float, profile: "Profil
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
+    if posteriors is not None:
+        drawn = [_as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
+        content["posterior"], content["posteriors"] = drawn[0], drawn
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
              for name, quantity in quantities(fit.model).items()}  # fmt: skip
@@ -117,5 +161,9 @@ def _document(output: Output, ranking: "Ranking", level: float, profile: "Profil
 
 
 def _fit_as_json(fit: "Calibration", level: float) -> dict[str, Any]:
-    described = ("model", "own_parameters", "parameters", "warnings")
-    return {name: value for name, value in fit.to_dict(level).items() if name not in described}
+    return {name: value for name, value in _as_json(fit.to_dict(level)).items() if name != "model"}
+
+
+def _as_json(numbers: dict[str, Any]) -> dict[str, Any]:
+    """Without what the document says elsewhere."""
+    return {name: value for name, value in numbers.items() if name not in ("own_parameters", "parameters", "warnings")}

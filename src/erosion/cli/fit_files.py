@@ -23,6 +23,11 @@ class FitFiles:
     fluent: Annotated[Path | None, Parameter(help="Write the angle function as a piecewise-linear table.")] = None
     write_case: Annotated[Path | None, Parameter(help="Write the best fit as a case file, for --case.")] = None
 
+    @property
+    def paths(self) -> tuple[Path | None, ...]:
+        """All of them."""
+        return self.plot, self.openfoam, self.fluent, self.write_case
+
     def require_writable(self, inputs: Sequence[Any]) -> None:
         """Know before the fit that all files can be written, and that none of them is read."""
         require_outputs(self.openfoam, self.fluent, self.write_case, plot=self.plot, inputs=inputs)

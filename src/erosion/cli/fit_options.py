@@ -72,7 +72,7 @@ def _read_bounds(
             raise InputError(f"Option `--bounds` must name free parameters ({', '.join(free)}), but has {name!r}.")
         if name in bounds:
             raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
-        dimension = _dimension(name, models, units)
+        dimension = dimension_of(name, models, units)
         # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
         shared = unit_of(least) or unit_of(greatest)
         ends_read = {}
@@ -87,15 +87,15 @@ def _read_bounds(
     return bounds
 
 
-def _dimension(name: str, models: Sequence[str], units: "System") -> "Dimension":
-    """What a parameter is measured in: of an impact, of one of the models, or a factor."""
+def dimension_of(name: str, models: Sequence[Any], units: "System") -> "Dimension":
+    """What a parameter is measured in: of an impact, of one of the models (names or models), or a factor."""
     from erosion.models.own_parameters import own_parameters
     from erosion.parameters.quantities import QUANTITIES
 
     if name in QUANTITIES:
         return QUANTITIES[name].dimension
     for model in models:
-        own = own_parameters(load_set(model, {}, units))
+        own = own_parameters(load_set(model, {}, units) if isinstance(model, str) else model)
         if name in own:
             return own[name].quantity.dimension
     return "1"

@@ -228,7 +228,12 @@ def sentence(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-_OPTIONS = {"models": "Option `--model`", "store": "Option `--output`", "data": "The table"}
+_OPTIONS = {
+    "models": "Option `--model`",
+    "priors": "Option `--prior`",
+    "store": "Option `--output`",
+    "data": "The table",
+}
 """Python's arguments that have another name on the command line."""
 
 

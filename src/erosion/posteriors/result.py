@@ -12,6 +12,7 @@ import xarray as xr
 from erosion.arguments import check_path, check_whole
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
+from erosion.engine.impact import impact
 from erosion.files import require_writable, write_whole
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
@@ -203,6 +204,15 @@ class Posterior(Result):
             )
         return erosion.reshape((-1, *np.shape(alpha)))
 
+    def ends(self, alpha: Any, at: Mapping[str, float] | None = None, count: int = _SOME) -> np.ndarray:
+        """How the cuts end at angles, for draws of the parameters; arguments and shape as of `predict`."""
+        angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
+        draws, of_impact = self.some(count), self.likelihood.forward.of_impact
+        model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
+        ends = impact(model, p.replace(alpha=angles, **(at or {}))).ended_by
+        drawn = len(next(iter(draws.values())))
+        return np.broadcast_to(ends, (drawn, angles.size)).reshape((drawn, *np.shape(alpha)))
+
     def noise(self, draws: Mapping[str, np.ndarray]) -> np.ndarray:
         """The standard deviation of a measurement at draws: sampled, or the median of the data's uncertainties."""
         if self.data.uncertainty is None:
@@ -252,12 +262,13 @@ class Posterior(Result):
             "intervals": self.intervals(level),
             "level": level,
             "correlation": self.correlation,
-            "priors": {name: self.prior_in_words(name) for name in self.names},
+            "priors": [{"parameter": name, "law": self.prior_in_words(name)} for name in self.names],
             "log_evidence": self.log_evidence,
             "log_evidence_error": self.log_evidence_error,
             "converged": self.converged,
-            "rhat": self.rhat,
-            "effective": self.effective,
+            "quality": [
+                {"parameter": name, "rhat": self.rhat[name], "effective": self.effective[name]} for name in self.names
+            ],
             "acceptance": self.run.acceptance,
             "draws": self.run.log_likelihood.size,
             "chains": len(self.run.log_evidence),

@@ -1,0 +1,148 @@
+"""What `erosion calibrate --posterior` draws, and the files that it writes."""
+
+import dataclasses
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.fit_options import FitOptions, dimension_of
+from erosion.cli.options import InputError, WholeOption, require_outputs, user_errors
+
+if TYPE_CHECKING:
+    from erosion.arguments import Progress
+    from erosion.calibration import Measurements
+    from erosion.parameters.parameters import Parameters
+    from erosion.posteriors import Posterior, PosteriorRanking
+
+_PRIOR = 'Law of a parameter before the data: "psi=uniform(0.01, 0.2)"; repeat it for other parameters, or "noise".'
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class DrawOptions:
+    """What is drawn, and into which files."""
+
+    posterior: Annotated[
+        bool, Parameter(negative="", help="Also draw all values that data and priors leave, and find the evidence.")
+    ] = False
+    prior: Annotated[list[str] | None, Parameter(negative="", help=_PRIOR)] = None
+    draws: Annotated[WholeOption, Parameter(help="Of each of 4 populations; 500 without it.")] = None
+    seed: Annotated[WholeOption, Parameter(help="The same seed gives the same draws.")] = None
+    write_draws: Annotated[Path | None, Parameter(help="Keep the likeliest model's draws in this file (.nc).")] = None
+    plot_pairs: Annotated[Path | None, Parameter(help="Draw each pair of parameters.")] = None
+    plot_traces: Annotated[Path | None, Parameter(help="Draw the populations, one draw after the other.")] = None
+    plot_prediction: Annotated[Path | None, Parameter(help="Draw the bands of the curve, with its jumps.")] = None
+    plot_best_angles: Annotated[Path | None, Parameter(help="Draw the angles of greatest removal.")] = None
+
+    @property
+    def seed_used(self) -> int | None:
+        """The seed of the draws, where there are any."""
+        return (0 if self.seed is None else self.seed) if self.posterior else None
+
+    @property
+    def figures(self) -> dict[str, Path]:
+        """The figures that are asked for, by the name of their function."""
+        names = ("plot_pairs", "plot_traces", "plot_prediction", "plot_best_angles")
+        return {name: path for name in names if (path := getattr(self, name)) is not None}
+
+    def require_sense(self, taken: Sequence[Path | None], inputs: Sequence[Any]) -> None:
+        """Know before computing that the options go together, and that all files can be written.
+
+        Args:
+            taken: other files that the verb writes.
+            inputs: what the verb reads.
+        """
+        if not self.posterior:
+            for field in dataclasses.fields(self):
+                given = getattr(self, field.name)
+                if given is not None and given is not False:
+                    raise InputError(f"Option `--{field.name.replace('_', '-')}` needs `--posterior`.")
+            return
+        if self.write_draws is not None and self.write_draws.suffix != ".nc":
+            raise InputError(f"Option `--write-draws` must end in .nc, but is {self.write_draws}.")
+        from erosion.plotting.style import require_plot_path
+
+        with user_errors():
+            for path in self.figures.values():
+                require_plot_path(path)
+        require_outputs(self.write_draws, *self.figures.values(), *taken, inputs=inputs)
+
+    def laws(self, measured: "Measurements", models: Sequence[Any], fit: FitOptions) -> Mapping[str, Any]:
+        """The laws that are given, by parameter; checked before anything is computed."""
+        return _read_priors(self.prior or (), fit.names(measured), models, measured)
+
+    def drawn(
+        self,
+        p: "Parameters",
+        measured: "Measurements",
+        models: Sequence[Any],
+        fit: FitOptions,
+        laws: Mapping[str, Any],
+        progress: "Progress",
+    ) -> "PosteriorRanking | None":
+        """The posteriors of all models; None where they are not asked for."""
+        if not self.posterior:
+            return None
+        from erosion.posteriors import ConvergenceWarning, rank_posteriors
+
+        with warnings.catch_warnings():
+            # The result says it in its own sentences.
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            return rank_posteriors(
+                p,
+                measured,
+                fit.free,
+                models=models,
+                priors=laws,
+                progress=progress,
+                density=fit.density,
+                cutting_fraction=fit.cutting_fraction,
+                draws=500 if self.draws is None else self.draws,
+                seed=self.seed_used or 0,
+            )
+
+    def write(self, posterior: "Posterior") -> list[Path]:
+        """Write the files; gives their paths."""
+        from erosion.plotting import posteriors as figures
+        from erosion.plotting.style import save_plot
+
+        written = []
+        with user_errors():
+            for name, path in self.figures.items():
+                result = posterior.alpha_max() if name == "plot_best_angles" else posterior
+                written.append(save_plot(getattr(figures, name)(result), path))
+            if self.write_draws is not None:
+                written.append(posterior.save(self.write_draws))
+        return written
+
+
+def _read_priors(
+    texts: Sequence[str], free: Sequence[str], models: Sequence[Any], measured: "Measurements"
+) -> Mapping[str, Any]:
+    """Laws such as "psi=uniform(0.01, 0.2)", by parameter."""
+    from erosion.distributions import LAWS, read_distribution
+    from erosion.posteriors.priors import NOISE
+
+    known = (*free, NOISE) if measured.uncertainty is None else free
+    laws: dict[str, Any] = {}
+    for text in texts:
+        name, _, law = (part.strip() for part in text.partition("="))
+        if name not in known:
+            raise InputError(
+                f'Option `--prior` must be such as "{known[0]}=uniform(1, 3)", of {", ".join(known)}, but is {text!r}.'
+            )
+        if name in laws:
+            raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
+        dimension = measured.dimension if name == NOISE else dimension_of(name, models, measured.units)
+        try:
+            read = read_distribution(law, name, dimension, measured.units)
+        except ValueError as error:
+            raise InputError(f"Option `--prior`, {name}, {error}.") from error
+        if read is None:
+            listed = ", ".join((*LAWS, "samples"))
+            raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {law!r}.")
+        laws[name] = read
+    return laws

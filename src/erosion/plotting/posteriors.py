@@ -1,0 +1,203 @@
+"""Figures of posteriors: pairs of parameters, traces, predictions with their jumps, and best angles."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from erosion.calibration.conditions import conditions
+from erosion.models import model_name
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import Scale, readable_scale
+from erosion.parameters.units import unit_name
+from erosion.plotting.colors import ENDS, INK, PALETTE
+from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
+from erosion.posteriors import Posterior
+from erosion.posteriors.best_angles import BestAngles
+
+_ANGLES = np.deg2rad(np.linspace(0.5, 89.5, 179))
+_DRAWS = 400  # of a band: its 95 % ends are known to some percents of its width
+_DECADE = 10.0  # of an interval, from which on the axis is logarithmic
+_BINS = 40
+_BANDS = ((0.95, 0.18), (0.5, 0.4))  # probability, opacity
+
+
+@house_style()
+def plot_pairs(posterior: Posterior) -> Figure:
+    """Each parameter's draws as a histogram, and each pair's as points: ridges and several modes are seen here.
+
+    A parameter that varies by more than a factor of 10 has a logarithmic axis.
+    """
+    names = posterior.names
+    columns = [_Column(posterior, name) for name in names]
+    size = max(1.7 * len(names), 3.2)
+    fig = new_figure(size + 0.5, size)
+    axes = np.atleast_2d(fig.subplots(len(names), len(names), squeeze=False))
+    for i, row in enumerate(columns):
+        for j, column in enumerate(columns):
+            ax = axes[i, j]
+            if j > i:
+                ax.remove()
+                continue
+            _draw_histogram(ax, row) if i == j else _draw_cloud(ax, column, row)
+            column.scale_axis(ax.xaxis)
+            ax.tick_params(labelbottom=i == len(names) - 1, labelleft=0 == j < i, labelsize=8)
+            if i == len(names) - 1:
+                ax.set_xlabel(column.label)
+                ax.tick_params(axis="x", rotation=45)
+            if 0 == j < i:
+                ax.set_ylabel(row.label)
+    fig.align_labels()
+    return fig
+
+
+@house_style()
+def plot_traces(posterior: Posterior) -> Figure:
+    """The draws of each population one after the other, and their histograms: populations that agree look alike."""
+    names = posterior.names
+    fig = new_figure(6.2, 1.5 * len(names) + 0.7)
+    axes = fig.subplots(len(names), 2, squeeze=False, width_ratios=(0.7, 0.3), sharey="row")
+    for (left, right), name in zip(axes, names, strict=True):
+        column = _Column(posterior, name)
+        for chain, color in zip(column.chains, PALETTE.values(), strict=False):
+            left.plot(chain, color=color, linewidth=0.5)
+            right.hist(chain, column.bins, histtype="step", orientation="horizontal", color=color)
+        column.scale_axis(left.yaxis)
+        left.set_ylabel(column.label)
+        right.set_xticks([])
+        left.tick_params(labelbottom=False)
+        right.grid(visible=False)
+    axes[-1, 0].tick_params(labelbottom=True)
+    axes[-1, 0].set_xlabel("draw of each population")
+    axes[0, 0].set_title(f"R̂ {max(posterior.rhat.values()):.4f}", fontsize=8, loc="left")
+    return fig
+
+
+@house_style()
+def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None) -> Figure:
+    """What the model predicts over all angles, and below how its cuts end, for draws of the posterior.
+
+    The bands are quantiles of the curve, without the error of a measurement, at each angle. Where V(α) jumps at another
+    angle for each draw, a band spans the jump, and the panel below says which share of the draws is beyond it.
+
+    Args:
+        posterior: the draws.
+        at: other parameters of the case, such as {"v0": 60.0}; by default those of the first group of rows that were
+            measured together, whose rows are drawn.
+    """
+    data = posterior.data
+    group = conditions(data)[0]
+    at = dict(group.values) if at is None else dict(at)
+    rows = group.rows if at == dict(group.values) else np.zeros(0, int)
+    curves = posterior.predict(_ANGLES, at, _DRAWS)
+    scale = readable_scale(data.dimension, data.units, float(np.nanmax(np.abs(curves))))
+    fig = new_figure(6.2, 5.4)
+    upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.76, 0.24))
+    degrees = np.rad2deg(_ANGLES)
+    for level, opacity in _BANDS:
+        low, high = np.nanquantile(curves, [(1 - level) / 2, (1 + level) / 2], axis=0) / scale.size
+        upper.fill_between(degrees, low, high, color=PALETTE["blue"], alpha=opacity, linewidth=0, label=f"{level:.0%}")
+    upper.plot(degrees, np.nanmedian(curves, axis=0) / scale.size, color=PALETTE["blue"], label="median")
+    _draw_rows(upper, posterior, rows, scale)
+    _draw_ends(lower, posterior, at)
+    angle_axis(lower)
+    lower.set_xlim(0, 92)
+    unit = f"  [{scale.unit}]" if scale.unit else ""
+    upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}{unit}")
+    upper.set_title(f"{model_name(posterior.model)}  {group.label if rows.size else ''}", fontsize=8.5, loc="left")
+    upper.set_ylim(bottom=0)
+    handles = [*upper.get_legend_handles_labels()[0], *lower.get_legend_handles_labels()[0]]
+    labels = [*upper.get_legend_handles_labels()[1], *lower.get_legend_handles_labels()[1]]
+    fig.legend(handles, labels, loc="outside lower center", ncols=4)
+    return fig
+
+
+@house_style()
+def plot_best_angles(best: BestAngles) -> Figure:
+    """The angle of greatest removal at each draw, and the removal there, coloured by the kind of the maximum."""
+    optimum = best.optimum
+    volume, kinds = np.atleast_1d(optimum.volume), np.atleast_1d(optimum.kind)
+    scale = readable_scale("volume", optimum.p.units, float(np.nanmax(volume)))
+    fig = new_figure(5.4, 4.6)
+    upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.4, 0.6))
+    degrees = np.rad2deg(best.alpha)
+    bins = np.linspace(np.nanmin(degrees), np.nanmax(degrees) + 1e-9, _BINS)
+    shares = best.kinds
+    colors = dict(zip(shares, PALETTE.values(), strict=False))
+    parts = [degrees[(kinds == kind) & np.isfinite(degrees)] for kind in shares]
+    labels = [f"{kind}: {share:.1%} of the draws" for kind, share in shares.items()]
+    upper.hist(parts, bins, stacked=True, color=list(colors.values()), label=labels)
+    for kind, color in colors.items():
+        lower.plot(
+            degrees[kinds == kind], volume[kinds == kind] / scale.size, ".", color=color, markersize=4, alpha=0.5
+        )
+    upper.set_ylabel("draws")
+    lower.set_xlabel(f"{typeset(RESULTS['alpha_max'].symbol)} [°]")
+    lower.set_ylabel(f"{typeset(RESULTS['volume_max'].symbol)}  [{scale.unit}]")
+    fig.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return fig
+
+
+class _Column:
+    """The draws of one parameter in the unit of its axis."""
+
+    def __init__(self, posterior: Posterior, name: str) -> None:
+        quantity = posterior.quantities[name]
+        chains = posterior.samples[name].values
+        low, high = np.quantile(chains, [0.025, 0.975])
+        self.logarithmic = bool(low > 0 and high / low > _DECADE)
+        middle = float(np.median(chains))
+        scale = readable_scale(quantity.dimension, posterior.p.units, abs(middle))
+        if quantity.dimension == "1" or self.logarithmic:
+            scale = Scale(1.0, unit_name(quantity.dimension, posterior.p.units))
+        self.chains = chains / scale.size
+        self.values = self.chains.ravel()
+        unit = f" [{scale.unit}]" if scale.unit else ""
+        self.label = f"{typeset(quantity.symbol)}{unit}"
+        least, greatest = self.values.min(), self.values.max()
+        spaced: Any = np.geomspace if self.logarithmic else np.linspace
+        ends = spaced(least, greatest, _BINS) if greatest > least else [least - 0.5, least + 0.5]
+        self.bins = [float(end) for end in ends]
+
+    def scale_axis(self, axis: Any) -> None:
+        """Make the axis logarithmic where the draws are."""
+        if self.logarithmic:
+            axis._set_axes_scale("log")
+
+
+def _draw_histogram(ax: Axes, column: _Column) -> None:
+    ax.hist(column.values, column.bins, color=PALETTE["blue"], alpha=0.8)
+    ax.set_yticks([])
+    ax.grid(visible=False)
+
+
+def _draw_cloud(ax: Axes, column: _Column, row: _Column) -> None:
+    ax.plot(column.values, row.values, ".", color=PALETTE["blue"], markersize=2, alpha=0.25)
+    row.scale_axis(ax.yaxis)
+
+
+def _draw_rows(ax: Axes, posterior: Posterior, rows: np.ndarray, scale: Scale) -> None:
+    """The measurements, with their uncertainties or the mean of the sampled noise."""
+    if not rows.size:
+        return
+    data = posterior.data
+    errors = posterior.noise(posterior.some(_DRAWS)).mean() if data.uncertainty is None else data.uncertainty[rows]
+    angle, erosion = np.rad2deg(data.angle[rows]), data.erosion[rows] / scale.size
+    label = "measured" if data.source == "data" else data.source
+    ax.errorbar(
+        angle, erosion, yerr=errors / scale.size, fmt="o", color=INK, markersize=3.5, elinewidth=0.9, label=label
+    )
+
+
+def _draw_ends(ax: Axes, posterior: Posterior, at: Mapping[str, float]) -> None:
+    """The shares of the draws by how their cuts end, over the angle."""
+    ends = posterior.ends(_ANGLES, at, _DRAWS)
+    kinds = sorted(set(ends.ravel().tolist()), key=lambda kind: [*ENDS, kind].index(kind))
+    shares = [(ends == kind).mean(axis=0) for kind in kinds]
+    others = iter(PALETTE[name] for name in ("green", "purple", "sky", "orange"))
+    colors = [ENDS[kind] if kind in ENDS else next(others) for kind in kinds]
+    ax.stackplot(np.rad2deg(_ANGLES), *shares, colors=colors, labels=kinds, alpha=0.6, linewidth=0)
+    ax.set_ylim(0, 1)
+    ax.set_ylabel("share of draws")

@@ -1,0 +1,72 @@
+"""`erosion calibrate --posterior` as a user types it."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from erosion.cli import _status
+from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters.parameters import TABLE_1
+from tests.documents import result_of
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    degrees = np.linspace(8.0, 80.0, 10)
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(10)
+    path = tmp_path_factory.mktemp("data") / "sand.csv"
+    lines = [f"{angle},{part:.6e},6e-6" for angle, part in zip(degrees, noisy, strict=True)]
+    path.write_text("angle [deg], volume [in^3], uncertainty [in^3]\n" + "\n".join(lines))
+    return path
+
+
+def test_the_table_and_the_files(table, tmp_path, capsys):
+    names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
+    options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "--write-draws")
+    files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
+    prior = ["--prior", "psi=uniform(0.01, 0.2)"]
+    assert _status(["calibrate", str(table), "--posterior", "--draws", "100", "--seed", "3", *prior, *files]) == 0
+    out = capsys.readouterr().out
+    assert "linearized: the posterior from 10 rows of sand.csv" in out
+    assert "prior: uniform(0.01, 0.2)" in out
+    assert "prior: loguniform(0.02, 200), the default" in out
+    assert all((tmp_path / name).stat().st_size > 1000 for name in names)
+    with xr.open_datatree(tmp_path / "draws.nc") as tree:
+        assert tree["posterior"].attrs["seed"] == 3
+        assert tree["posterior"]["psi"].shape == (4, 100)
+
+
+def test_several_models_as_json(table, capsys):
+    arguments = ["calibrate", str(table), "--posterior", "--free", "psi", "--model", "linearized,tan-alpha"]
+    assert _status([*arguments, "--draws", "100", "--json"]) == 0
+    printed = result_of(capsys.readouterr().out)
+    assert printed["posterior"]["model"] == "linearized"
+    assert [part["model"] for part in printed["posteriors"]] == ["linearized", "tan-alpha"]
+    first, second = printed["posteriors"]
+    assert first["log_evidence"] > second["log_evidence"] + 10
+    assert first["probability"] + second["probability"] == pytest.approx(1)
+    assert printed["ranking"][0]["model"] == "linearized"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--prior", "psi=uniform(0, 1)"], "Option `--prior` needs `--posterior`."),
+        (["--seed", "0"], "Option `--seed` needs `--posterior`."),
+        (["--posterior", "--prior", "r=uniform(0, 1)"], "of k, psi, but is 'r=uniform(0, 1)'."),
+        (["--posterior", "--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
+        (["--posterior", "--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
+        (["--posterior", "--prior", "psi=normal(0, 1)"], "Option `--prior` must give psi values above 0, but 50.0%"),
+        (["--posterior", "--draws", "5"], "Option `--draws` must be a whole number of at least 100, but is 5."),
+        (["--posterior", "--write-draws", "d.csv"], "Option `--write-draws` must end in .nc, but is d.csv."),
+        (["--posterior", "--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
+    ],
+)
+def test_mistakes_are_one_line(table, capsys, options, message):
+    assert _status(["calibrate", str(table), "--starts", "1", *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

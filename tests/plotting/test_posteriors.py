@@ -1,0 +1,60 @@
+"""Figures of posteriors show the draws."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters.parameters import TABLE_1
+from erosion.plotting.posteriors import plot_best_angles, plot_pairs, plot_prediction, plot_traces
+from erosion.posteriors import posterior
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def result():
+    degrees = np.linspace(8.0, 80.0, 8)
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(8, 5e-6)}
+    return posterior("linearized", TABLE_1, data, ["sigma", "psi", "k"], draws=100)
+
+
+def test_pairs_show_each_draw_and_a_ridge_on_logarithmic_axes(result):
+    fig = plot_pairs(result)
+    assert len(fig.axes) == 6  # three parameters, and their pairs
+    cloud = next(ax for ax in fig.axes if ax.get_ylabel() == "$ψ$")
+    assert (cloud.get_xscale(), cloud.get_yscale()) == ("log", "log")
+    x, y = cloud.lines[0].get_data()
+    np.testing.assert_array_equal(y, result.samples["psi"].values.ravel())
+    np.testing.assert_array_equal(x, result.samples["sigma"].values.ravel())
+    k = fig.axes[-1]
+    assert k.get_xscale() == "linear"
+
+
+def test_traces_have_a_line_for_each_population(result):
+    fig = plot_traces(result)
+    left = fig.axes[4]
+    assert len(left.lines) == 4
+    np.testing.assert_array_equal(left.lines[2].get_ydata(), result.samples["k"].values[2])
+
+
+def test_a_prediction_has_bands_and_how_cuts_end(result):
+    fig = plot_prediction(result)
+    upper, lower = fig.axes
+    angles, median = upper.lines[0].get_data()
+    exact = LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(angles)))
+    np.testing.assert_allclose(np.asarray(median) * 1e-4, exact, atol=0.03 * np.max(exact))
+    labels = fig.legends[0].get_texts()
+    assert {"95%", "50%", "median", "measured", "rebound", "stop"} <= {text.get_text() for text in labels}
+    assert lower.get_ylim() == (0, 1)
+
+
+def test_best_angles_are_coloured_by_kind(result):
+    best = result.alpha_max(50)
+    fig = plot_best_angles(best)
+    upper, lower = fig.axes
+    bars: list[Any] = list(upper.patches)
+    assert sum(bar.get_height() for bar in bars) == pytest.approx(50)
+    np.testing.assert_allclose(np.sort(lower.lines[0].get_xdata()), np.sort(np.rad2deg(best.alpha)))
