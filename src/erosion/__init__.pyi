@@ -42,9 +42,11 @@ from erosion.parameters.parameters import TABLE_1 as TABLE_1
 from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import validate as validate
 from erosion.posteriors import ConvergenceWarning as ConvergenceWarning
+from erosion.posteriors import NextExperiment as NextExperiment
 from erosion.posteriors import Posterior as Posterior
 from erosion.posteriors import PosteriorRanking as PosteriorRanking
 from erosion.posteriors import SamplingError as SamplingError
+from erosion.posteriors import next_experiment as next_experiment
 from erosion.posteriors import posterior as posterior
 from erosion.posteriors import rank_posteriors as rank_posteriors
 from erosion.storage.identity import StoreError as StoreError

@@ -28,7 +28,7 @@ def test_the_table_and_the_files(table, tmp_path, capsys):
     options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "--write-draws")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
     prior = ["--prior", "psi=uniform(0.01, 0.2)"]
-    assert _status(["calibrate", str(table), "--posterior", "--draws", "100", "--seed", "3", *prior, *files]) == 0
+    assert _status(["calibrate", str(table), "--posterior", "--draws", "125", "--seed", "3", *prior, *files]) == 0
     out = capsys.readouterr().out
     assert "linearized: the posterior from 10 rows of sand.csv" in out
     assert "prior: uniform(0.01, 0.2)" in out
@@ -36,12 +36,12 @@ def test_the_table_and_the_files(table, tmp_path, capsys):
     assert all((tmp_path / name).stat().st_size > 1000 for name in names)
     with xr.open_datatree(tmp_path / "draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
-        assert tree["posterior"]["psi"].shape == (4, 100)
+        assert tree["posterior"]["psi"].shape == (4, 125)
 
 
 def test_several_models_as_json(table, capsys):
     arguments = ["calibrate", str(table), "--posterior", "--free", "psi", "--model", "linearized,tan-alpha"]
-    assert _status([*arguments, "--draws", "100", "--json"]) == 0
+    assert _status([*arguments, "--draws", "125", "--json"]) == 0
     printed = result_of(capsys.readouterr().out)
     assert printed["posterior"]["model"] == "linearized"
     assert [part["model"] for part in printed["posteriors"]] == ["linearized", "tan-alpha"]
@@ -60,7 +60,7 @@ def test_several_models_as_json(table, capsys):
         (["--posterior", "--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
         (["--posterior", "--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
         (["--posterior", "--prior", "psi=normal(0, 1)"], "Option `--prior` must give psi values above 0, but 50.0%"),
-        (["--posterior", "--draws", "5"], "Option `--draws` must be a whole number of at least 100, but is 5."),
+        (["--posterior", "--draws", "5"], "Option `--draws` must be a whole number of at least 125, but is 5."),
         (["--posterior", "--write-draws", "d.csv"], "Option `--write-draws` must end in .nc, but is d.csv."),
         (["--posterior", "--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
     ],

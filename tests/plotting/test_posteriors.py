@@ -18,7 +18,7 @@ def result():
     degrees = np.linspace(8.0, 80.0, 8)
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
     data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(8, 5e-6)}
-    return posterior("linearized", TABLE_1, data, ["sigma", "psi", "k"], draws=100)
+    return posterior("linearized", TABLE_1, data, ["sigma", "psi", "k"], draws=125)
 
 
 def test_pairs_show_each_draw_and_a_ridge_on_logarithmic_axes(result):

@@ -190,7 +190,7 @@ def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
     assert drawn.means["scale"] == pytest.approx(1e7, rel=0.1)
 
 
-@pytest.mark.parametrize(("draws", "sentence"), [(100, "Not converged: ")])
+@pytest.mark.parametrize(("draws", "sentence"), [(125, "Not converged: ")])
 def test_draws_that_are_not_good_are_never_silent(monkeypatch, draws, sentence):
     # One sweep and one look: copies of few draws remain.
     for name in ("_MOST", "_FEWEST", "_LAST", "_LOOKS"):
@@ -210,7 +210,7 @@ def test_draws_that_are_not_good_are_never_silent(monkeypatch, draws, sentence):
         ({"priors": {"psi": 0.04}}, "must give psi a distribution such as Uniform"),
         ({"priors": {"psi": Normal(0.0, 0.1)}}, "must give psi values above 0, but 50.0% of Normal"),
         ({"priors": {"psi": stats.multivariate_normal([0, 0])}}, "must give psi a distribution"),
-        ({"draws": 10}, "`draws` must be a whole number of at least 100, but is 10"),
+        ({"draws": 10}, "`draws` must be a whole number of at least 125, but is 10"),
         ({"seed": -1}, "`seed` must be a whole number of at least 0"),
         ({"cutting_fraction": 2.0}, "`cutting_fraction` must be above 0 and at most 1"),
     ],

@@ -2,6 +2,8 @@
 
 from erosion.posteriors.evidence import PosteriorRanking as PosteriorRanking
 from erosion.posteriors.evidence import rank_posteriors as rank_posteriors
+from erosion.posteriors.experiments import NextExperiment as NextExperiment
+from erosion.posteriors.experiments import next_experiment as next_experiment
 from erosion.posteriors.posterior import posterior as posterior
 from erosion.posteriors.result import ConvergenceWarning as ConvergenceWarning
 from erosion.posteriors.result import Posterior as Posterior

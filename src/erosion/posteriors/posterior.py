@@ -21,6 +21,8 @@ from erosion.posteriors.tempering import sample
 CHAINS = 4
 """Populations of draws, as many as R̂ needs."""
 
+_LEAST = 125  # draws of a population, of which 100 can be effective
+
 
 def posterior(
     model: CuttingModel | str | Path,
@@ -53,7 +55,7 @@ def posterior(
             docs/posterior.md. The result names them all.
         density: of the target, as for `calibrate`.
         cutting_fraction: as for `calibrate`; where it is free, its prior counts alone.
-        draws: of each of the 4 populations, 100 or more.
+        draws: of each of the 4 populations, 125 or more.
         seed: the same seed gives the same draws.
         progress: called with the name of the work, how much of it is done in percent, and 100.
 
@@ -73,7 +75,7 @@ def posterior(
     if not np.any(forward.data.erosion):
         raise ValueError("Argument `data` must have erosion other than zero.")
     likelihood = Likelihood(forward, make_priors(forward, priors or {}))
-    draws, seed = check_whole("draws", draws, EFFECTIVE), check_whole("seed", seed, 0)
+    draws, seed = check_whole("draws", draws, _LEAST), check_whole("seed", seed, 0)
     shape = CHAINS, draws, len(likelihood.priors.names)
     result = Posterior(likelihood, sample(likelihood, shape, np.random.default_rng(seed), _are_good, progress), seed)
     for sentence in result.not_converged:

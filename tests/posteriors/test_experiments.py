@@ -1,0 +1,110 @@
+"""The next experiment: information in closed form, beside a jump, and between models."""
+
+import numpy as np
+import pytest
+
+from erosion.distributions import Normal, Uniform
+from erosion.engine.impact import impact
+from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters.parameters import TABLE_1
+from erosion.posteriors import next_experiment, posterior, rank_posteriors
+from erosion.posteriors.experiments import _gains
+
+
+def test_the_information_of_a_normal_prediction_is_shannons():
+    rng = np.random.default_rng(0)
+    for ratio in (0.3, 1.0, 10.0):
+        predicted, noise = ratio * rng.standard_normal(200_000), np.ones(200_000)
+        # log₂ √(1 + (deviation/noise)²), of 200 000 draws.
+        information, discrimination = _gains([(predicted, noise)], np.ones(1))
+        assert information == pytest.approx(0.5 * np.log2(1 + ratio**2), abs=0.005)
+        assert discrimination == pytest.approx(0, abs=1e-9)
+
+
+def test_models_that_predict_far_apart_are_told_apart_by_one_row():
+    here, there = (np.full(100, value) for value in (0.0, 100.0))
+    noise = np.ones(100)
+    information, discrimination = _gains([(here, noise), (there, noise)], np.array([0.5, 0.5]))
+    assert information == pytest.approx(0, abs=1e-3)
+    assert discrimination == pytest.approx(1, abs=1e-3)  # one bit: which of two
+    _, discrimination = _gains([(here, noise), (there, noise)], np.array([0.9, 0.1]))
+    assert discrimination == pytest.approx(-0.9 * np.log2(0.9) - 0.1 * np.log2(0.1), abs=1e-3)
+    _, discrimination = _gains([(here, noise), (here, noise)], np.array([0.5, 0.5]))
+    assert discrimination == pytest.approx(0, abs=1e-9)
+
+
+def test_noises_that_differ_from_draw_to_draw_are_a_mixture():
+    noise = np.where(np.arange(4000) % 2 == 0, 1.0, 3.0)
+    x = np.linspace(-30, 30, 200_001)
+    density = sum(np.exp(-0.5 * (x / s) ** 2) / s for s in (1.0, 3.0)) / (2 * np.sqrt(2 * np.pi))
+    entropy = -np.trapezoid(density * np.log2(np.maximum(density, 1e-300)), x)
+    error = np.mean(0.5 * np.log2(2 * np.pi * np.e * noise**2))
+    information, _ = _gains([(np.zeros(4000), noise)], np.ones(1))
+    assert information == pytest.approx(entropy - error, abs=0.01)
+
+
+def measured(model, degrees, k, share=0.05):
+    exact = impact(model, TABLE_1.replace(alpha=np.deg2rad(degrees), k=k)).volume
+    error = share * exact.max()
+    noisy = exact + error * np.random.default_rng(2).standard_normal(len(degrees))
+    return {"angle [deg]": degrees, "volume [in^3]": noisy, "uncertainty [in^3]": np.full(len(degrees), error)}
+
+
+def test_a_scale_is_best_measured_at_the_greatest_volume():
+    # Of one factor the information is a function of the volume at the angle alone.
+    data = measured("linearized", np.array([10.0, 60.0]), 2.0)
+    priors = {"cutting_fraction": Normal(0.5, 0.1)}
+    drawn = posterior("linearized", TABLE_1, data, ["cutting_fraction"], priors=priors, draws=250)
+    degrees = np.array([5.0, 20.0, 31.7, 45.0, 80.0])
+    answer = next_experiment(drawn, {"alpha": np.deg2rad(degrees)})
+    exact = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    assert answer.best["alpha"] == pytest.approx(np.deg2rad(31.7))
+    spread = drawn.deviations["cutting_fraction"] * exact / data["uncertainty [in^3]"][0]
+    np.testing.assert_allclose(answer.information, 0.5 * np.log2(1 + spread**2), rtol=0.05, atol=2e-4)
+    assert answer.to_dict()["best"] == answer.best
+    assert "about the parameters [bit]" in str(answer)
+
+
+@pytest.mark.slow
+def test_a_jump_whose_place_is_not_known_is_the_place_to_measure():
+    # With k = 1 V(α) falls to half at 40°; the data leave 30° to 50° open.
+    data = measured("rotating", np.array([10.0, 20.0, 30.0, 50.0, 60.0]), 1.0)
+    drawn = posterior("rotating", TABLE_1.replace(k=1.0), data, ["k", "psi"], draws=250)
+    answer = next_experiment(drawn)
+    assert 35 < np.rad2deg(answer.best["alpha"]) < 45
+    assert answer.information.max() > 2 * np.median(answer.information)
+    # Twice the speed has four times the volume, and the errors stay.
+    twice = next_experiment(drawn, {"alpha": np.deg2rad([[40.0], [20.0]]), "v0": [4400.0, 8800.0]})
+    assert twice.information.shape == (4,)
+    assert twice.information[3] > twice.information[2]
+
+
+@pytest.mark.slow
+def test_two_models_are_told_apart_where_they_differ():
+    data = measured("linearized", np.array([10.0, 15.0, 20.0, 25.0]), 2.0)
+    priors = {"k": Uniform(0.5, 10.0), "psi": Uniform(0.001, 0.2)}
+    both = rank_posteriors(TABLE_1, data, ["k", "psi"], models=["linearized", "tan-alpha"], priors=priors, draws=250)
+    answer = next_experiment(both)
+    assert answer.names == both.names
+    assert answer.discrimination.max() <= -(both.weights @ np.log2(both.weights)) + 1e-6
+    assert "about the model [bit]" in str(answer)
+    where = answer.best_to_discriminate["alpha"]
+    assert answer.discrimination.max() == answer.discrimination[answer.candidates["alpha"] == where]
+
+
+@pytest.mark.parametrize(
+    ("candidates", "message"),
+    [
+        ({"alpha": [0.1, 2.0]}, r"values of alpha in \(0, π/2\]"),
+        ({"v0": [1.0]}, "must give angles"),
+        ({"alpha": [0.1], "psi": 0.1}, "parameters of the case that are known, but has 'psi'"),
+        ({"alpha": [0.1], "v0": -1.0}, "values of v0 positive and finite"),
+        ({"alpha": [0.1, 0.2], "v0": [1.0, 2.0, 3.0]}, "must be arrays that broadcast"),
+    ],
+)
+def test_candidates_that_make_no_sense(candidates, message):
+    drawn = posterior("linearized", TABLE_1, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"], draws=125)
+    with pytest.raises(ValueError, match=message):
+        next_experiment(drawn, candidates)
+    with pytest.raises(ValueError, match="`noise` must be positive"):
+        next_experiment(drawn, noise=0.0)
