@@ -1,8 +1,8 @@
 """Do posteriors hold the truth as often as they say? `python -m benchmarks.sbc`, some minutes on 2 cores.
 
-Simulation-based calibration: parameters are drawn from the priors, data from the parameters, and the posterior from the
-data. Then the rank of the true value among the draws of the posterior is as often any number as any other, and intervals
-of 90 % hold the truth in 90 % of the sets. A sampler that is biased, too wide or too narrow fails here.
+Simulation-based calibration: parameters are drawn from the priors, data from the parameters, and the posterior from
+the data. Then the rank of the true value among the draws of the posterior is as often any number as any other, and
+intervals of 90 % hold the truth in 90 % of the sets. A sampler that is biased, too wide or too narrow fails here.
 
     S. Talts, M. Betancourt, D. Simpson, A. Vehtari, A. Gelman, Validating Bayesian inference algorithms with
     simulation-based calibration, arXiv:1804.06788 (2018).

@@ -2,6 +2,7 @@
 
 from erosion import correlations as correlations
 from erosion import distributions as distributions
+from erosion import joint_laws as joint_laws
 from erosion import models as models
 from erosion.calibration import Calibration as Calibration
 from erosion.calibration import CalibrationError as CalibrationError

@@ -317,6 +317,17 @@ def read_distribution(text: str, name: str, dimension: Dimension, system: System
 
 
 def read_samples(path: str | Path, name: str, dimension: Dimension, system: System) -> Samples:
+    """A column of a CSV file as a law; errors as of `read_column`."""
+    return Samples(read_column(path, name, dimension, system), str(path))
+
+
+def column_names(path: str | Path) -> list[str]:
+    """The names of the columns of a CSV file, without units; errors as of `read_column`."""
+    parts = [_HEAD.fullmatch(head) for head in _read_columns(path)[0] if len(head) <= _LONGEST_HEAD]
+    return [part[1] for part in parts if part is not None]
+
+
+def read_column(path: str | Path, name: str, dimension: Dimension, system: System) -> list[float]:
     """The column of a CSV file that bears a parameter's name, with its unit if it has one: "v0 [m/s]".
 
     Raises:
@@ -343,7 +354,7 @@ def read_samples(path: str | Path, name: str, dimension: Dimension, system: Syst
             ) from error
     if not values:
         raise ValueError(f"must have a number in each row of column `{name}` in {path}, which has no rows")
-    return Samples(values, str(path))
+    return values
 
 
 _HEAD = re.compile(r"\s*([\w.]+)\s*(?:\[(.*)\])?\s*")

@@ -14,6 +14,7 @@ from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
 from erosion.engine.impact import impact
 from erosion.files import require_writable, write_whole
+from erosion.joint_laws import Rows
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import with_values
@@ -171,6 +172,11 @@ class Posterior(Result):
         """Model and case at draws, as arrays of shape (count,), for `erosion.impact` and all that takes arrays."""
         of_impact = self.likelihood.forward.of_impact
         return with_values(self.model, self.p, {name: self.some(count)[name] for name in of_impact})
+
+    def rows_of_draws(self) -> Rows:
+        """All draws of the parameters of an impact as a joint law: `erosion.stream(model, p, **rows)`."""
+        names = self.likelihood.forward.of_impact
+        return Rows({name: self.samples[name].values for name in names}, f"the posterior of {self.data.source}")
 
     def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
         """A function of model and case at draws; it gets arrays of shape (count,): see `cases`."""

@@ -107,7 +107,7 @@ def best_nozzle_angle(
         rtol: see `impact`.
         progress: called with "angles", the number of angles of the curve that are done, and of all.
     """
-    sample = particles.draw(Points(points, len(particles.laws), seed, replicates).take(_DRAWN))
+    sample = particles.draw(Points(points, particles.dimension, seed, replicates).take(_DRAWN))
     jet = _Jet(particles, sample, rtol)
     curves = jet.curves(_ANGLES, max(1, _LANES // (replicates * _DRAWN)), progress)
     tops = np.array([jet.best(curve, slice(i, i + 1))[0] for i, curve in enumerate(curves)])

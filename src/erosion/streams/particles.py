@@ -1,12 +1,14 @@
 """Particles of a stream: from points of the unit cube to the parameters of impacts."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from erosion.distributions import Distribution
+from erosion.joint_laws import JointLaw, Member
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities, with_values
 from erosion.parameters.parameters import QUANTITIES, Parameters
@@ -29,8 +31,9 @@ class Particles:
     Args:
         model: the model of the cut.
         p: the case, all scalars.
-        laws: parameter name, of the case or the model's own, to its `Distribution`, one or more.
-            The range of an own parameter is not known here, so its law is not restricted.
+        laws: parameter name, of the case or the model's own, to its `Distribution`, one or more; those of a joint law
+            (`erosion.joint_laws`) all together. The range of an own parameter is not known here, so its law is not
+            restricted.
     """
 
     model: CuttingModel
@@ -50,22 +53,52 @@ class Particles:
                 raise ValueError(
                     f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
                 )
+        for joint in self._joints:
+            if missing := [name for name in joint if name not in self.laws]:
+                raise ValueError(f"Arguments must include all of a joint law, but {missing[0]} is missing.")
         # So that an own parameter that cannot be an array is refused before anything is computed.
         self.impacts(self._middle)
+
+    @functools.cached_property
+    def _joints(self) -> list[JointLaw]:
+        """The joint laws, each once."""
+        joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
+        return [joint for i, joint in enumerate(joints) if all(joint is not other for other in joints[:i])]
+
+    @functools.cached_property
+    def inputs(self) -> dict[tuple[str, ...], int]:
+        """What varies independently of all else: the parameters of a law or a joint law, and its uniform numbers."""
+        alone = {(name,): 1 for name, law in self.laws.items() if not isinstance(law, Member)}
+        return alone | {tuple(joint): joint.dimension for joint in self._joints}
+
+    @property
+    def dimension(self) -> int:
+        """How many uniform numbers a particle is made from."""
+        return sum(self.inputs.values())
 
     def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """The parameters that vary.
 
         Args:
-            points: in (0, 1), shape (…, number of laws).
+            points: in (0, 1), shape (…, dimension).
 
         Returns:
             Values by name, shape (…); the laws of positive parameters are restricted to x > 0.
         """
         values = {}
-        for i, (name, law) in enumerate(self.laws.items()):
-            share = self._least_share(name)
-            values[name] = law.ppf(share + (1 - share) * points[..., i])
+        parts = np.split(points, np.cumsum([*self.inputs.values()])[:-1], axis=-1)
+        joints = {tuple(joint): joint for joint in self._joints}
+        for names, part in zip(self.inputs, parts, strict=True):
+            least = {name: self._least_share(name) for name in names}
+            if names in joints:
+                values |= joints[names].draw(part, least)
+            else:
+                share = least[names[0]]
+                values[names[0]] = self.laws[names[0]].ppf(share + (1 - share) * part[..., 0])
+        return self._grown(values)
+
+    def _grown(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The same, with width and mass of scaled particles where the size varies."""
         if "r" in values:
             growth = values["r"] / float(self.p.r)
             values.setdefault("b", float(self.p.b) * growth)
@@ -85,7 +118,11 @@ class Particles:
     @property
     def _middle(self) -> dict[str, np.ndarray]:
         """One particle, each law at its median; shape (1,)."""
-        return self.draw(np.full((1, len(self.laws)), 0.5))
+        values = {}
+        for name, law in self.laws.items():
+            share = self._least_share(name)
+            values[name] = law.ppf(np.array([share + (1 - share) * 0.5]))
+        return self._grown(values)
 
     def impacts(
         self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None

@@ -35,9 +35,9 @@ class Stream(Result):
         tally: counts and moments of the particles.
         ends: the outcomes of a particle, the columns of `tally.ends`.
         nozzle: the stream's own best angle, or None where it was not asked for.
-        sensitivities: by parameter, the shares of the volume's variance that the parameter causes
-            alone (first order) and with its interactions (total), or None for a single
-            distribution or where nothing is removed.
+        sensitivities: by parameter, or by the parameters of a joint law ("alpha, v0"), the shares of the volume's
+            variance that it causes alone (first order) and with its interactions (total), or None for a
+            single law or where nothing is removed.
     """
 
     particles: Particles
@@ -108,7 +108,7 @@ class Stream(Result):
             rows.append(_with_error(Row(f"share {end}", "", "", "%"), share, 100.0))
         parameters = quantities(self.model)
         for name, (first, total) in (self.sensitivities or {}).items():
-            symbol = parameters[name].symbol
+            symbol = ", ".join(parameters[part].symbol for part in name.split(", "))
             rows.append(_with_error(Row("sensitivity", f"S({symbol})", "", "", "of the variance, alone"), first))
             rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), total))
         if self.nozzle is not None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
 from erosion.engine.impact import impact
@@ -28,6 +27,7 @@ from erosion.streams.nozzle import best_nozzle_angle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate, Points
 from erosion.streams.result import Stream
+from erosion.streams.sensitivity import sobol_indices
 from erosion.streams.tally import Tally
 from erosion.trajectory.trajectory import SimulationError
 
@@ -197,7 +197,7 @@ class StreamJob:
         """The tally of all particles so far, after each block."""
         options, tally = self.options, self.begun
         drawn, wanted = 0 if tally is None else tally.drawn, self._total // REPLICATES
-        points = Points(options.points, len(self.particles.laws), options.seed, REPLICATES, skip=drawn)
+        points = Points(options.points, self.particles.dimension, options.seed, REPLICATES, skip=drawn)
         while drawn < wanted:
             # Sobol points come in powers of 2; the last block may have too many.
             block = points.take(_BLOCK)[:, : wanted - drawn]
@@ -246,22 +246,20 @@ def _tally(particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol
 
 
 def _sensitivities(particles: Particles, seed: int, rtol: float) -> dict[str, tuple[Estimate, Estimate]] | None:
-    """Sobol's indices (first order, total) by parameter, from independent replicates (Saltelli et al., 2010)."""
-    if len(particles.laws) == 1:
+    """Sobol's indices (first order, total) of each input, from independent replicates; one input may be a joint law."""
+    if len(particles.inputs) == 1:
         return None
 
     def volume(points: np.ndarray) -> np.ndarray:
-        model, p, hits = particles.impacts(particles.draw(points.T))
+        model, p, hits = particles.impacts(particles.draw(points))
         return np.where(hits, np.nan_to_num(impact(model, p, rtol=rtol).volume), 0.0)
 
-    uniform = [stats.uniform(2.0**-31, 1 - 2.0**-30)] * len(particles.laws)
     # Other points than the stream's, so that their errors are independent.
     seeds = np.random.SeedSequence([seed, 1]).spawn(REPLICATES)
-    indices = [
-        stats.sobol_indices(func=volume, n=_SENSITIVITY_POINTS, dists=uniform, rng=np.random.default_rng(child))
-        for child in seeds
-    ]
-    first, total = (np.array([getattr(index, name) for index in indices]) for name in ("first_order", "total_order"))
+    sizes = [*particles.inputs.values()]
+    replicates = [sobol_indices(volume, sizes, _SENSITIVITY_POINTS, np.random.default_rng(child)) for child in seeds]
+    first, total = np.swapaxes(np.array(replicates), 0, 1)
     if not np.isfinite(total).all():
         return None
-    return {name: (Estimate.of(first[:, i]), Estimate.of(total[:, i])) for i, name in enumerate(particles.laws)}
+    names = [", ".join(names) for names in particles.inputs]
+    return {name: (Estimate.of(first[:, i]), Estimate.of(total[:, i])) for i, name in enumerate(names)}

@@ -1,0 +1,245 @@
+"""How several parameters vary together: laws with a correlation, and rows of a table.
+
+A joint law is a mapping of parameters to laws, which is given to a stream as such:
+
+    erosion.stream("rotating", p, **Rows({"alpha": angles, "v0": speeds}))
+    laws = {"v0": LogNormal(4400, 0.1), "r": Normal(0.04, 0.004)}
+    erosion.stream("rotating", p, **Correlated(laws, {("v0", "r"): -0.5}))
+"""
+
+import abc
+import dataclasses
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from erosion.arguments import check_unmasked
+from erosion.distributions import Distribution, Samples, column_names, read_column
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import Dimension, System
+
+
+class JointLaw(Mapping[str, Any], abc.ABC):
+    """Parameters that vary together, by name; each has a law of its own, the marginal one."""
+
+    @property
+    @abc.abstractmethod
+    def marginals(self) -> Mapping[str, Distribution]:
+        """The law of each parameter where the others are not looked at."""
+
+    @property
+    @abc.abstractmethod
+    def dimension(self) -> int:
+        """How many uniform numbers all parameters together are made from."""
+
+    @abc.abstractmethod
+    def draw(self, points: np.ndarray, least: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """The parameters of particles.
+
+        Args:
+            points: uniform numbers in (0, 1), shape (…, dimension).
+            least: by parameter, the share of its marginal law that is cut off from below.
+
+        Returns:
+            Values by name, shape (…).
+        """
+
+    @property
+    @abc.abstractmethod
+    def words(self) -> str:
+        """What ties the parameters together."""
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self.marginals:
+            raise KeyError(name)
+        return Member(self, name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.marginals)
+
+    def __len__(self) -> int:
+        return len(self.marginals)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Member(Distribution):
+    """The law of one parameter of several that vary together.
+
+    Args:
+        joint: of all of them.
+        name: of the parameter.
+    """
+
+    joint: JointLaw
+    name: str
+
+    def __post_init__(self) -> None:
+        """Nothing to check: the joint law is checked."""
+
+    def __str__(self) -> str:
+        return f"{self._marginal}, {self.joint.words}"
+
+    def in_words(self, dimension: Dimension, system: System) -> str:
+        """The marginal law, and what ties it to others."""
+        return f"{self._marginal.in_words(dimension, system)}, {self.joint.words}"
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        """Of the marginal law."""
+        return self._marginal.ppf(u)
+
+    def cdf(self, x: float) -> float:
+        """Of the marginal law."""
+        return self._marginal.cdf(x)
+
+    @property
+    def _marginal(self) -> Distribution:
+        return self.joint.marginals[self.name]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rows(JointLaw):
+    """Rows of a table, each as likely as the others: all parameters of a particle come from one row.
+
+    Args:
+        columns: by parameter, its values, all of the same shape (rows,) or with the same number of values: measured
+            impacts, or draws of a posterior (`Posterior.rows_of_draws`).
+        source: words for the table.
+
+    Raises:
+        ValueError: for columns that differ in length, or values that are not finite.
+    """
+
+    columns: Mapping[str, Any]
+    source: str = "a table"
+
+    def __post_init__(self) -> None:
+        columns = {}
+        for name, values in self.columns.items():
+            check_unmasked(name, values)
+            columns[name] = np.asarray(values, float).reshape(-1)
+            if not columns[name].size or not np.isfinite(columns[name]).all():
+                raise ValueError(f"Argument `columns` must give {name} finite numbers, one or more, but does not.")
+        lengths = {name: len(values) for name, values in columns.items()}
+        if len({*lengths.values()}) != 1:
+            listed = ", ".join(f"{name} {length}" for name, length in lengths.items()) or "none"
+            raise ValueError(f"Argument `columns` must be of one length, but lengths are {listed}.")
+        object.__setattr__(self, "columns", columns)
+
+    def __repr__(self) -> str:
+        checksum = hashlib.sha256(b"".join(values.tobytes() for values in self.columns.values())).hexdigest()[:8]
+        return f"Rows({self.source}: {', '.join(self.columns)}; {self._count:,} rows, {checksum})"
+
+    @property
+    def marginals(self) -> Mapping[str, Distribution]:
+        """The values of each column."""
+        return {name: Samples(values, self.source) for name, values in self.columns.items()}
+
+    @property
+    def dimension(self) -> int:
+        """One number chooses the row."""
+        return 1
+
+    def draw(self, points: np.ndarray, least: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Values by name; see `JointLaw.draw`."""
+        for name, share in least.items():
+            if share > 0:
+                raise ValueError(f"Argument `{name}` must be positive in each row, but {share:.1%} of {self} is not.")
+        row = np.minimum((points[..., 0] * self._count).astype(int), self._count - 1)
+        return {name: values[row] for name, values in self.columns.items()}
+
+    @property
+    def words(self) -> str:
+        """The columns."""
+        return f"row by row of {', '.join(self.columns)}"
+
+    @property
+    def _count(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Correlated(JointLaw):
+    """Laws tied by a Gaussian copula: each parameter keeps its law, and normal scores are correlated.
+
+    Args:
+        laws: by parameter.
+        correlation: ρ of the normal scores, by pairs of parameters, in (-1, 1); pairs that are not given have 0.
+            Spearman's correlation of the parameters is (6/π) asin(ρ/2), some hundredths less.
+
+    Raises:
+        ValueError: for pairs that are not of the laws, or correlations that no laws can have.
+    """
+
+    laws: Mapping[str, Any]
+    correlation: Mapping[tuple[str, str], float]
+
+    def __post_init__(self) -> None:
+        for pair, value in self.correlation.items():
+            if len(pair) != 2 or pair[0] == pair[1] or not {*pair} <= {*self.laws}:
+                raise ValueError(f"Argument `correlation` must name pairs of {', '.join(self.laws)}, but has {pair!r}.")
+            if not -1 < value < 1:
+                raise ValueError(
+                    f"Argument `correlation` must be in (-1, 1), but is {value!r} for {' and '.join(pair)}."
+                )
+        if np.linalg.eigvalsh(self.matrix).min() < 1e-9:
+            raise ValueError("Argument `correlation` must be possible: these pairs contradict each other.")
+        for name, law in self.laws.items():
+            if not isinstance(law, Distribution) or isinstance(law, Member):
+                raise TypeError(
+                    f"Argument `laws` must give {name} a distribution such as Normal(1, 0.1), but is {law!r}."
+                )
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """The correlation of the normal scores, shape (laws, laws)."""
+        names, matrix = list(self.laws), np.eye(len(self.laws))
+        for (first, second), value in self.correlation.items():
+            i, j = names.index(first), names.index(second)
+            matrix[i, j] = matrix[j, i] = value
+        return matrix
+
+    @property
+    def marginals(self) -> Mapping[str, Distribution]:
+        """The laws."""
+        return self.laws
+
+    @property
+    def dimension(self) -> int:
+        """A number for each parameter."""
+        return len(self.laws)
+
+    def draw(self, points: np.ndarray, least: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Values by name; see `JointLaw.draw`."""
+        scores = special.ndtri(points) @ np.linalg.cholesky(self.matrix).T
+        shares = special.ndtr(scores)
+        values = {}
+        for i, (name, law) in enumerate(self.laws.items()):
+            values[name] = law.ppf(least[name] + (1 - least[name]) * shares[..., i])
+        return values
+
+    @property
+    def words(self) -> str:
+        """The pairs."""
+        pairs = ", ".join(f"{first} with {second} by {value:g}" for (first, second), value in self.correlation.items())
+        return f"correlated: {pairs}"
+
+
+def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: System) -> Rows:
+    """The columns of a CSV file that bear names of parameters, with their units: "alpha [deg], v0 [m/s]".
+
+    Args:
+        path: of the file.
+        quantities: what parameters there are.
+        system: the units of bare numbers and of the result.
+
+    Raises:
+        ValueError: with a clause that starts with "must".
+    """
+    names = [name for name in column_names(path) if name in quantities]
+    if not names:
+        raise ValueError(f"must have columns of parameters in {path}, such as `alpha [deg]`, but has none")
+    return Rows({name: read_column(path, name, quantities[name].dimension, system) for name in names}, str(path))

@@ -1,0 +1,99 @@
+"""Streams of particles whose parameters vary together, and the sensitivities of such inputs."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from erosion.distributions import LogNormal, Normal, Uniform
+from erosion.engine.impact import impact
+from erosion.joint_laws import Correlated, Rows
+from erosion.parameters.parameters import TABLE_1
+from erosion.streams.sensitivity import sobol_indices
+from erosion.streams.stream import stream
+
+FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
+
+
+def test_rows_give_the_mean_over_the_table():
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0.2, 1.0, 64)
+    speed = 4400 * (1 + angle)
+    result = stream("linearized", TABLE_1, n=2**12, **FEW, **Rows({"alpha": angle, "v0": speed}))
+    exact = impact("linearized", TABLE_1.replace(alpha=angle, v0=speed)).volume.mean()
+    # 64 rows, and powers of 2 of Sobol points: each row comes equally often.
+    assert result.mean_volume.value == pytest.approx(exact, rel=1e-9)
+    apart = stream("linearized", TABLE_1, n=2**12, **FEW, alpha=Uniform(0.2, 1.0), v0=Uniform(5280, 8800))
+    assert abs(apart.mean_volume.value / exact - 1) > 0.005
+    assert "row by row of alpha, v0" in str(result)
+    assert result.to_dict()["mean_volume"] == result.mean_volume.value
+
+
+def test_correlated_speed_and_size_remove_more():
+    laws: dict[str, Any] = {"v0": LogNormal(4400.0, 0.2), "r": LogNormal(0.04, 0.2)}
+    together = stream("linearized", TABLE_1, n=2**13, **FEW, **Correlated(laws, {("v0", "r"): 0.8}))
+    apart = stream("linearized", TABLE_1, n=2**13, **FEW, **laws)
+    # V goes with m v0² and m with r³: the logarithms add, and their covariance is 0.8·0.2².
+    ratio = together.mean_volume.value / apart.mean_volume.value
+    assert ratio == pytest.approx(np.exp(2 * 3 * 0.8 * 0.2**2), rel=0.01)
+
+
+def test_a_part_of_a_joint_law_is_refused():
+    rows = Rows({"alpha": [0.2, 0.3], "v0": [4000.0, 5000.0]})
+    with pytest.raises(ValueError, match="must include all of a joint law, but v0 is missing"):
+        stream("linearized", TABLE_1, n=64, alpha=rows["alpha"])
+    with pytest.raises(ValueError, match="`v0` must be positive"):
+        stream("linearized", TABLE_1, n=64, **Rows({"v0": [-1.0, 4000.0]}))
+
+
+def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
+    laws = {"v0": LogNormal(4400.0, 0.05), "m": LogNormal(float(TABLE_1.m), 0.1)}
+    joint = Correlated(laws, {("v0", "m"): -0.5})
+    result = stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1), **joint,
+                    store=tmp_path / "jet.nc")  # fmt: skip
+    assert result.sensitivities is not None
+    assert list(result.sensitivities) == ["sigma", "v0, m"]
+    # log V = log m + 2 log v0 - log σ: variances 0.01 and 0.01 + 4·0.0025 - 4·0.5·0.1·0.05 = 0.01.
+    first = {name: estimate.value for name, (estimate, _) in result.sensitivities.items()}
+    assert first["sigma"] == pytest.approx(0.5, abs=0.02)
+    assert first["v0, m"] == pytest.approx(0.5, abs=0.02)
+    assert "S(v₀, m)" in str(result)
+    again = stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1),
+                   **Correlated(laws, {("v0", "m"): -0.5}), store=tmp_path / "jet.nc")  # fmt: skip
+    assert again.mean_volume == result.mean_volume
+    with pytest.raises(ValueError, match="another distributions"):
+        stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1),
+               **Correlated(laws, {("v0", "m"): -0.4}), store=tmp_path / "jet.nc")  # fmt: skip
+
+
+def test_sobols_indices_are_those_of_ishigami():
+    # sin x + 7 sin² y + 0.1 z⁴ sin x on (-π, π)³: Saltelli et al., Sensitivity analysis in practice (2004).
+    def ishigami(points: np.ndarray) -> np.ndarray:
+        x, y, z = (2 * points.T - 1) * np.pi
+        return np.sin(x) + 7 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
+
+    first, total = sobol_indices(ishigami, [1, 1, 1], 2**13, np.random.default_rng(0))
+    np.testing.assert_allclose(first, [0.3139, 0.4424, 0.0], atol=0.01)
+    np.testing.assert_allclose(total, [0.5576, 0.4424, 0.2437], atol=0.01)
+    # The first and the third together cause all that the second does not.
+    first, total = sobol_indices(lambda points: ishigami(points[:, [0, 2, 1]]), [2, 1], 2**13, np.random.default_rng(0))
+    np.testing.assert_allclose(first, [0.5576, 0.4424], atol=0.01)
+    np.testing.assert_allclose(total, [0.5576, 0.4424], atol=0.01)
+
+
+def test_inputs_of_one_number_have_scipys_indices():
+    def function(points: np.ndarray) -> np.ndarray:
+        return points[:, 0] + points[:, 1] ** 2 + points[:, 0] * points[:, 2]
+
+    first, total = sobol_indices(function, [1, 1, 1], 2**11, np.random.default_rng(1))
+    uniform = [stats.uniform(2.0**-31, 1 - 2.0**-30)] * 3
+    known = stats.sobol_indices(func=lambda x: function(x.T), n=2**11, dists=uniform, rng=np.random.default_rng(1))
+    np.testing.assert_allclose(first, known.first_order, atol=0.02)
+    np.testing.assert_allclose(total, known.total_order, atol=0.02)
+
+
+def test_normal_laws_of_a_joint_law_are_cut_off_at_zero():
+    laws = {"v0": Normal(4400.0, 1850.0), "r": Normal(0.04, 0.001)}
+    result = stream("linearized", TABLE_1, n=2**12, **FEW, **Correlated(laws, {("v0", "r"): 0.5}))
+    assert set(result.shares) <= {"rebound", "stop"}

@@ -1,0 +1,80 @@
+"""Laws of several parameters together."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from erosion.distributions import LogNormal, Normal, Uniform
+from erosion.joint_laws import Correlated, Rows, read_rows
+from erosion.parameters.quantities import QUANTITIES
+
+POINTS = np.random.default_rng(0).random((100_000, 2))
+NOTHING = {"v0": 0.0, "r": 0.0}
+LAWS = {"v0": LogNormal(4400.0, 0.1), "r": Uniform(0.03, 0.05)}
+
+
+def test_a_copula_keeps_the_laws_and_ties_their_ranks():
+    values = Correlated(LAWS, {("v0", "r"): -0.6}).draw(POINTS, NOTHING)
+    for name, law in LAWS.items():
+        # Kolmogorov and Smirnov's distance of 100 000 draws exceeds 0.006 once in a thousand times.
+        shares = np.sort([law.cdf(value) for value in values[name][:20_000]])
+        assert np.abs(shares - (np.arange(20_000) + 0.5) / 20_000).max() < 0.014
+    ranks = stats.spearmanr(values["v0"], values["r"])[0]
+    assert ranks == pytest.approx(6 / np.pi * np.arcsin(-0.3), abs=0.01)
+    cut = Correlated(LAWS, {}).draw(POINTS, {"v0": 0.5, "r": 0.0})
+    assert cut["v0"].min() >= 4400
+
+
+def test_rows_stay_together():
+    angle, speed = np.arange(5.0), 10 * np.arange(5.0)
+    values = Rows({"alpha": angle, "v0": speed}).draw(POINTS[:, :1], {"alpha": 0.0, "v0": 0.0})
+    np.testing.assert_array_equal(values["v0"], 10 * values["alpha"])
+    np.testing.assert_allclose(np.bincount(values["alpha"].astype(int)) / len(POINTS), 0.2, atol=0.006)
+
+
+def test_a_joint_law_is_a_mapping_of_laws():
+    rows = Rows({"alpha": [0.1, 0.3, 0.2], "v0": [1.0, 3.0, 2.0]}, "jet.csv")
+    assert {**rows}.keys() == {"alpha", "v0"}
+    assert rows["v0"].ppf(np.array([0.5])) == [2.0]
+    assert rows["v0"].cdf(1.5) == pytest.approx(1 / 3)
+    assert str(rows["v0"]).endswith("row by row of alpha, v0")
+    correlated = Correlated(LAWS, {("v0", "r"): 0.5})
+    assert str(correlated["r"]) == "Uniform(0.03, 0.05), correlated: v0 with r by 0.5"
+    assert correlated["r"].in_words("length", "si") == "uniform(30 mm, 50 mm), correlated: v0 with r by 0.5"
+    with pytest.raises(KeyError):
+        rows["r"]
+
+
+def test_rows_of_a_file(tmp_path):
+    path = tmp_path / "hits.csv"
+    path.write_text("cell, alpha [deg], v0 [m/s]\n1, 30, 100\n2, 20, 200\n")
+    rows = read_rows(path, QUANTITIES, "si")
+    np.testing.assert_allclose(rows.columns["alpha"], np.deg2rad([30, 20]))
+    np.testing.assert_array_equal(rows.columns["v0"], [100, 200])
+    path.write_text("cell, angle\n1, 30\n")
+    with pytest.raises(ValueError, match="must have columns of parameters"):
+        read_rows(path, QUANTITIES, "si")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Rows({}), "must be of one length, but lengths are none"),
+        (lambda: Rows({"r": [1.0], "v0": [1.0, 2.0]}), "but lengths are r 1, v0 2"),
+        (lambda: Rows({"r": [np.nan]}), "must give r finite numbers"),
+        (lambda: Correlated(LAWS, {("v0", "b"): 0.5}), "must name pairs of v0, r, but has"),
+        (lambda: Correlated(LAWS, {("v0", "r"): 1.0}), r"must be in \(-1, 1\), but is 1.0 for v0 and r"),
+        (lambda: Correlated({"r": 0.04}, {}), "must give r a distribution such as"),
+        (
+            lambda: Correlated({**LAWS, "b": Normal(1, 0.1)}, {("v0", "r"): 0.9, ("r", "b"): 0.9, ("v0", "b"): -0.9}),
+            "these pairs contradict each other",
+        ),
+        (
+            lambda: Rows({"r": [-1.0, 1.0]}).draw(POINTS[:, :1], {"r": 0.5}),
+            "`r` must be positive in each row, but 50.0%",
+        ),
+    ],
+)
+def test_what_cannot_be(make, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
