@@ -65,7 +65,7 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
     ranks, covered = np.empty((2, sets, len(laws)))
     for i in range(sets):
         rng = np.random.default_rng([seed, i])
-        truth = {name: float(law.ppf(rng.random())) for name, law in laws.items()}
+        truth = {name: float(law.ppf(rng.random(1))[0]) for name, law in laws.items()}
         # Each set has its own angles: a jump of V(α) may lie between any two rows.
         degrees = np.sort(rng.uniform(5.0, 85.0, ROWS))
         p = erosion.TABLE_1.replace(alpha=np.deg2rad(degrees), **{name: truth[name] for name in free})
