@@ -35,7 +35,7 @@ class AngleConstants:
 
 # Sand on carbon steel: Edwards et al. 2000 as quoted by Autodesk CFD 2023, Erosion. That page prints y = -0.1192,
 # with which F would jump by 2.5 % at the transition; with -1.192 its branches meet to 0.5 %.
-# Nektar++ has another F, 22.7α - 38.4α² at first, for the same A and n: it is a third greater at 10°, three times at 90°.
+# Nektar++ has another F, 22.7α - 38.4α² at first, for the same A and n: a third greater at 10°, three times at 90°.
 CARBON_STEEL = AngleConstants(0.2617993877991494, -33.4, 17.9, 1.0, 1.239, -1.192, 2.167)
 
 COEFFICIENT = 1.559e-6  # A [(m/s)⁻ⁿ], for Brinell hardness; Nektar++ (a copy of it), ProcessWear.cpp, TulsaAnsys
