@@ -1,6 +1,7 @@
 """A correlation as a model: the engine's volumes, derivatives and best angles are the correlation's."""
 
 import json
+from typing import Any
 
 import jax
 import numpy as np
@@ -99,7 +100,10 @@ def test_sweeps_say_which_share_is_outside_of_the_range():
 
 def test_streams_say_which_share_is_outside_of_the_range():
     # Particles that miss are not counted: every second one, whatever its speed.
-    laws = {"v0": erosion.distributions.Uniform(150.0, 350.0), "alpha": erosion.distributions.Uniform(-0.5, 0.5)}
+    laws: dict[str, Any] = {
+        "v0": erosion.distributions.Uniform(150.0, 350.0),
+        "alpha": erosion.distributions.Uniform(-0.5, 0.5),
+    }
     with pytest.warns(erosion.correlations.OutOfRangeWarning, match=f"^75 % of the impacts are {BEYOND}$"):
         jet = erosion.stream("dnv", SI, **laws, n=256, best_angle=False, sensitivities=False)
     assert str(jet).endswith(f"75 % of the impacts are {BEYOND}")

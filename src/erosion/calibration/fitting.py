@@ -43,8 +43,7 @@ def calibrate(
             that starts at zero or below it, ±2 times its size (of zero: 1), but not below its least
             value; of an own speed with a least value, up to the data's greatest normal speed. The first guess is
             the case, but ψ, σ or the cutting fraction, the first of these that is free, is
-            guessed from the size of the data; and an own stress is σψ at first, if the data are nearer to that
-            than to the model's value.
+            guessed from the size of the data; and an own stress is σψ at first, if that fits better.
         density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
             for data of mass loss.
         cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
