@@ -127,7 +127,8 @@ def test_one_impact_outside_of_the_range_is_a_warning():
         ("stream --model dnv --v0 uniform(100m/s,300m/s) --n 256 --no-best-angle", f"50 % of the impacts are {BEYOND}"),
     ],
 )
-def test_the_command_line_says_it_in_one_sentence(words, said, capsys):
+def test_the_command_line_says_it_in_one_sentence(words, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     assert _status(words.split()) == 0
     assert capsys.readouterr().err.count(f"warning: {said}\n") == 1
     assert _status([*words.split(), "--json"]) == 0

@@ -269,7 +269,9 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
             max_nfev=200,
         )
     theta, jacobian = theta.copy(), np.zeros_like(jacobian)
-    theta[moving], jacobian[:, moving] = result.x, result.jac
+    # scipy's steps never reach a bound: no threshold is 0, and not 1e-33.
+    at_least = result.x - problem.lower[moving] < _EXACT
+    theta[moving], jacobian[:, moving] = np.where(at_least, problem.lower[moving], result.x), result.jac
     return Solution(theta, float(result.cost), jacobian)
 
 
