@@ -38,6 +38,7 @@ def test_every_fact_has_a_source_a_kind_and_a_computation():
     assert len(kinds) > 40
 
 
+@pytest.mark.slow
 def test_all_numbers_with_a_stated_error_agree(validation):
     stated = [comparison for comparison in validation.comparisons if comparison.within is not None]
     assert len(stated) == 12
