@@ -33,8 +33,8 @@ import jax, erosion
 from erosion.lanes.xla import _ON_A_CPU
 p = erosion.TABLE_1
 hits = erosion.impact("linearized", p.replace(alpha=[0.3, 0.6, 1.1]))
-slope = jax.jit(jax.grad(lambda alpha: erosion.volume("linearized", p.replace(alpha=alpha))), compiler_options=_ON_A_CPU)
-print(*hits.volume, *hits.outcome, slope(0.3))
+slope = jax.grad(lambda alpha: erosion.volume("linearized", p.replace(alpha=alpha)))
+print(*hits.volume, *hits.outcome, jax.jit(slope, compiler_options=_ON_A_CPU)(0.3))
 """
 
 

@@ -62,7 +62,10 @@ PAIRS = {
     "the weights of a network": lambda: (network(0), network(1)),
     "the activation of a network": lambda: (network(0), network(0, jax.nn.tanh)),
     "what a closure holds": lambda: (Weights(times(2.0)), Weights(times(3.0))),
-    "what a partial function holds": lambda: (Weights(functools.partial(doubled, 1)), Weights(functools.partial(doubled, 2))),
+    "what a partial function holds": lambda: (
+        Weights(functools.partial(doubled, 1)),
+        Weights(functools.partial(doubled, 2)),
+    ),
     "the line of a function without a name": lambda: (Weights(lambda x: x), Weights(times(2.0))),
     "a static field": lambda: (Weights(1.0, static="a"), Weights(1.0, static="b")),
     "the type of a number": lambda: (Weights(np.float32(1)), Weights(np.float64(1))),
