@@ -130,6 +130,7 @@ def test_mixed_derivatives_across_kinks_are_differences():
     )
 
 
+@pytest.mark.slow
 def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
     model, p = model_of(Breaking), random_impacts(1000, seed=1)
     hit = erosion.impact(model, p, derivatives=2)
@@ -146,6 +147,7 @@ def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
     assert "no_derivatives" not in str(erosion.impact("rotating", p, derivatives=2))
 
 
+@pytest.mark.slow
 def test_first_derivatives_remain_where_only_the_second_fails():
     class Rooted(erosion.models.RigidErodent):
         """`linearized` with an end that moves as |α - 0.2|^1.5."""
