@@ -160,6 +160,7 @@ def test_one_bad_number_of_many_fails_alone():
     assert erosion.impact(model, P).ended_by.tolist() == ["rebound", "failed", "failed", "rebound"]
 
 
+@pytest.mark.slow
 def test_results_say_what_deformation_removes(capsys):
     angles, energies = np.deg2rad([[20.0], [90.0]]), np.array([1.0, 2.0, 5.0])
     model = Linearized(deformation=ProportionalDeformationWear()).replace(energy_ratio=energies)
@@ -195,6 +196,7 @@ def test_streams_and_sweeps_take_its_numbers():
     np.testing.assert_allclose(shares, [[0.5, 0.125], [0.125, 0.03125]], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_datasets_keep_apart_what_deformation_removes():
     angles = np.deg2rad([5.0, 30.0, 90.0])
     names = ["linearized", "linearized-deformation", "dnv"]
@@ -213,6 +215,7 @@ def test_datasets_keep_apart_what_deformation_removes():
     assert not threshold.sel(threshold=9000.0).any()
 
 
+@pytest.mark.slow
 def test_blocks_of_a_store_all_have_it(tmp_path):
     options = {"alpha": np.deg2rad([20.0, 60.0]), "store": tmp_path / "sweep.zarr", "chunks": {"model": 1}}
     stored = erosion.sweep(["linearized", "linearized-deformation"], P, **options).volume_at_contact.values
