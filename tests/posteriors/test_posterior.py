@@ -176,7 +176,7 @@ def test_a_prior_that_decides_is_said():
 
 def test_scipys_laws_are_priors():
     drawn = posterior(
-        "linearized", TABLE_1, measured(8), ["psi"], priors={"psi": stats.gamma(4, scale=0.01)}, draws=100
+        "linearized", TABLE_1, measured(8), ["psi"], priors={"psi": stats.gamma(4, scale=0.01)}, draws=125
     )
     assert drawn.prior_in_words("psi") == "gamma(4, scale=0.01)"
     assert drawn.means["psi"] == pytest.approx(0.04, rel=0.05)
