@@ -47,7 +47,7 @@ from erosion.streams.replicates import Estimate as Estimate
 from erosion.streams.result import Stream as Stream
 from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import stream as stream
-from erosion.sweeps.cluster import local_cluster as local_cluster
+from erosion.cluster import local_cluster as local_cluster
 from erosion.sweeps.studies import compare as compare
 from erosion.sweeps.studies import regimes as regimes
 from erosion.sweeps.sweep import SweepInterrupted as SweepInterrupted

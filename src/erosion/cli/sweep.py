@@ -176,7 +176,7 @@ def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
     try:
         from distributed import Client
 
-        from erosion.sweeps.cluster import local_cluster
+        from erosion.cluster import local_cluster
     except ImportError as error:
         raise InputError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
     if workers is not None and workers < 1:
