@@ -197,7 +197,7 @@ def _provenance(source: MapSource) -> dict[str, str]:
         "source": f"erosion {__version__}",
         "model": model_name(source.model),
         **({"own_parameters": own} if own else {}),
-        "impacts": source.impacts.title,
+        "table": source.impacts.title,
         "surface": "" if source.surface is None else source.surface.title,
         "options": source.options,
         "far_rows": "; ".join(source.far),
@@ -221,7 +221,7 @@ class MapSummary(Result):
         """Model, table and surface in one line."""
         attrs = self.dataset.attrs
         surface = f" on {attrs['surface']}" if attrs["surface"] else ""
-        return f"{attrs['model']}: {attrs['impacts']}{surface}"
+        return f"{attrs['model']}: {attrs['table']}{surface}"
 
     @property
     def units(self) -> System:
@@ -242,11 +242,11 @@ class MapSummary(Result):
             if name in data:
                 row = quantity_row(f"greatest {name}", FACES[name], float(data[name].max()), self.units)
                 unit = "mm/year" if name == "depth_per_year" else row.unit
-                rows.append(row._replace(unit=unit, meaning=f"at face {int(data[name].argmax()):,}"))
+                rows.append(row._replace(unit=unit, meaning=f"at face {int(np.argmax(data[name].values)):,}"))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
             if count:
-                rows.append(Row(f"ends by {end}", "", f"{100 * count / counts.sum():.3g}", "%", "of the rows that hit"))
+                rows.append(Row(f"share {end}", "", f"{100 * count / counts.sum():.3g}", "%", "of the rows that hit"))
         for name, meaning in (("distance_median", "median"), ("distance_max", "greatest")):
             if name in data:
                 length = quantity_row(name, QUANTITIES["r"], float(data[name]), self.units)
@@ -297,12 +297,13 @@ class MapSummary(Result):
                 numbers[f"greatest_{name}"] = data[name].max().item()
                 units[f"greatest_{name}"] = data[name].attrs["units"]
         if "depth" in data:
-            numbers["deepest_face"] = int(data["depth"].argmax())
+            numbers["deepest_face"] = int(np.argmax(data["depth"].values))
             numbers["faces"], numbers["faces_hit"] = data.sizes["face"], int((data["impacts"] > 0).sum())
         of_patches = [str(name) for name, variable in data.data_vars.items() if variable.dims == ("patch",)]
-        units |= {name: data[name].attrs["units"] for name in of_patches}
+        units |= {name.removeprefix("patch_"): data[name].attrs["units"] for name in of_patches}
         numbers["patches"] = {
-            patch: {name: data[name].values[i] for name in of_patches} for i, patch in enumerate(data["patch"].values)
+            patch: {name.removeprefix("patch_"): data[name].values[i] for name in of_patches}
+            for i, patch in enumerate(data["patch"].values)
         }
         numbers["ends"] = dict(zip(data["end"].values, data["ends"].sum("patch").values, strict=True))
         numbers["left_out"] = dict(zip(data["reason"].values, data["left_out"].values, strict=True))
