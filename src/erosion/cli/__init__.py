@@ -18,6 +18,7 @@ import cyclopts
 from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
 from erosion.cli.explore import explore
+from erosion.cli.map import map_
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
@@ -45,6 +46,7 @@ app = cyclopts.App(
 )
 for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)
+app.command(map_, name="map")
 for verb in (models, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 

@@ -163,7 +163,8 @@ class Incidence:
             row = int(np.argmax(far))
             raise ImpactsError(
                 f"{row_in_words(block, row)} lies {distance[row]:.3g} m from {self.surface.title}, which is "
-                f"{length:.3g} m across: is it in other units, or of another part? A `limit` leaves such rows out."
+                f"{length:.3g} m across: is it in other units, or of another part? Argument `limit` leaves out what is "
+                "too far."
             )
 
     def _named_faces(self, block: ImpactBlock, fate: np.ndarray) -> np.ndarray:
@@ -211,7 +212,8 @@ class Incidence:
             raise ImpactsError(f"{block.source}: must give velocities, or speeds and angles of attack, but does not.")
         if self.restitution is not None:
             raise ImpactsError(
-                f"{block.source}: gives speeds and angles, but `restitution` undoes the rebound of velocities only."
+                f"{block.source}: gives speeds and angles, of which no rebound can be undone: Argument `restitution` "
+                "must be left out."
             )
         _require(block, "speed", (block.speed >= 0) & np.isfinite(block.speed), "must be a number of at least 0")
         _require(block, "alpha", (block.alpha == 0) | are_angles(block.alpha), "must be in [0°, 90°]", _angle_in_words)
