@@ -64,4 +64,4 @@ def sand(surface: Surface, rows: int = 2000, seed: int = 0, **changes: Any) -> T
     velocity = speed[:, None] * (np.sin(alpha)[:, None] * normal + np.cos(alpha)[:, None] * along)
     columns = {"count": rng.uniform(10.0, 1000.0, rows), "mass": 2650 * np.pi / 6 * diameter**3, "diameter": diameter,
                "velocity": velocity, "face": face, "position": surface.centre[face]}  # fmt: skip
-    return Table(**{**{"duration": 2.0}, **columns, **changes})
+    return Table(**{"duration": 2.0, **columns, **changes})

@@ -106,15 +106,16 @@ class _Rows:
             raise InputError(f"Option `--spin` {error}.") from error
         return self.spin if law is None else law
 
-    def _restitution(self) -> tuple[float, ...] | None:
+    def _restitution(self) -> tuple[float, float] | None:
         if self.restitution is None:
             return None
         try:
-            return tuple(float(number) for number in self.restitution.split(","))
+            normal, friction = (float(number) for number in self.restitution.split(","))
         except ValueError as error:
             raise InputError(
                 f'Option `--restitution` must be two numbers such as "0.8,0.1", but is {self.restitution!r}.'
             ) from error
+        return normal, friction
 
 
 @Parameter(name="*")

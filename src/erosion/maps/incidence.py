@@ -8,7 +8,7 @@ import functools
 import math
 import types
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,8 @@ LEFT_OUT: Mapping[str, str] = types.MappingProxyType(
 HIT, STUCK, RECEDING, TOO_FAR, ELSEWHERE = range(5)
 
 
-class Hits(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Hits:
     """Rows in SI units, arrays of shape (rows,).
 
     Args:
@@ -64,12 +65,17 @@ class Hits(NamedTuple):
 
     def part(self, rows: Any) -> "Hits":
         """Some of the rows: a slice, a mask or their numbers."""
-        return Hits(*(column[rows] for column in self))
+        return Hits(*(getattr(self, name)[rows] for name in _COLUMNS))
 
     @classmethod
     def joined(cls, parts: Sequence["Hits"]) -> "Hits":
         """The rows of all parts, one part after the other."""
-        return parts[0] if len(parts) == 1 else cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        if len(parts) == 1:
+            return parts[0]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS))
+
+
+_COLUMNS = tuple(field.name for field in dataclasses.fields(Hits))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,7 +225,7 @@ class Incidence:
         _require(block, "alpha", (block.alpha == 0) | are_angles(block.alpha), "must be in [0°, 90°]", _angle_in_words)
 
 
-def row_in_words(block: ImpactBlock, row: int) -> str:
+def row_in_words(block: ImpactBlock, row: int | np.integer) -> str:
     """File and number of a row, counted from 1."""
     return f"{block.source}: row {block.first + int(row) + 1:,}"
 
@@ -227,7 +233,7 @@ def row_in_words(block: ImpactBlock, row: int) -> str:
 def _require(
     block: ImpactBlock,
     name: str,
-    good: np.ndarray,
+    good: np.ndarray | np.bool_,
     condition: str,
     in_words: Callable[[Any], str] = str,
 ) -> None:

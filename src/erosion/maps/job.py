@@ -5,6 +5,7 @@ import functools
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -135,15 +136,19 @@ class MapJob:
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
         """Compute all portions, and add them in their order."""
         # Without the import there is no active cluster.
-        client = None
         if "distributed" in sys.modules:
-            from erosion.cluster import active_client, run_blocks
+            from erosion.cluster import active_client
 
-            client = active_client()
-        if client is None:
-            for number, hits in enumerate(portions):
-                add(self.task.compute(hits, number))
-            return
+            if (client := active_client()) is not None:
+                self._compute_on(client, portions, add)
+                return
+        for number, hits in enumerate(portions):
+            add(self.task.compute(hits, number))
+
+    def _compute_on(self, client: Any, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
+        """The same by the workers of a cluster."""
+        from erosion.cluster import run_blocks
+
         self._require_path()
         code, waiting = code_version(), dict[int, Portion]()
         following = 0

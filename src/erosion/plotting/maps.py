@@ -66,9 +66,10 @@ def plot_map(
         known = ", ".join(name for name in FACES if name in wear)
         raise ValueError(f"Argument `quantity` must be one of {known}, but is {quantity!r}.")
     scale, values = _in_scale(wear, quantity)
+    greatest = float(np.max(values, where=np.isfinite(values), initial=0.0))
     norm = _norm(values, from_zero=quantity not in ("alpha_mean", "v0_mean"), log=log)
     is_hit = (wear["impacts"].values > 0) & np.isfinite(values)
-    colours = mpl.colormaps[_COLORS](np.clip(norm(np.where(is_hit, values, norm.vmin)).filled(0.0), 0.0, 1.0))[:, :3]
+    colours = mpl.colormaps[_COLORS](np.clip(norm(np.where(is_hit, values, greatest)).filled(0.0), 0.0, 1.0))[:, :3]
     colours[~is_hit] = to_rgb(_UNTOUCHED)
     camera = _camera(wear["point"].values[wear["corner"].values], view, zoom)
     fig = new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.0, 8.5))
@@ -208,8 +209,8 @@ def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
             continue
         tip = origin + arm * shown
         arrow = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
-        ax.annotate("", tip, origin, arrowprops=arrow)
-        ax.annotate(name, origin + 1.35 * arm * shown, ha="center", va="center", fontsize=9)
+        ax.annotate("", tuple(tip), tuple(origin), arrowprops=arrow)
+        ax.annotate(name, tuple(origin + 1.35 * arm * shown), ha="center", va="center", fontsize=9)
 
 
 def _title(wear: xr.Dataset) -> str:
