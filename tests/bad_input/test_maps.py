@@ -58,7 +58,7 @@ TABLES = {
 
 
 @pytest.mark.parametrize("what", TABLES)
-def test_a_table_that_cannot_be_used_is_refused(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_that_cannot_be_used_is_refused(what: str) -> None:
     table, sentence = TABLES[what]
     with pytest.raises(ValueError, match=r"^table(\.csv)?: .*\.$") as raised:
         erosion_map("linearized", P, table, hump(mesh=table.mesh_faces))
