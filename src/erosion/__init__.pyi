@@ -19,6 +19,7 @@ from erosion.correlations import Correlation as Correlation
 from erosion.engine.impact import Impact as Impact
 from erosion.engine.impact import impact as impact
 from erosion.engine.volume import volume as volume
+from erosion.exercises import AnswerKey as AnswerKey
 from erosion.maps.erosion_map import erosion_map as erosion_map
 from erosion.models import ModelError as ModelError
 from erosion.models import available_models as available_models
