@@ -106,6 +106,13 @@ class _Rows:
             raise InputError(f"Option `--spin` {error}.") from error
         return self.spin if law is None else law
 
+    def law_in_words(self, job: "MapJob") -> str | None:
+        """The law of the spin, if it has one."""
+        from erosion.distributions import Distribution
+
+        bodies = job.task.options.bodies
+        return bodies.spin.in_words("angular speed", bodies.p.units) if isinstance(bodies.spin, Distribution) else None
+
     def _restitution(self) -> tuple[float, float] | None:
         if self.restitution is None:
             return None
@@ -211,7 +218,13 @@ def map_(
         with user_errors():
             write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
-    _show(dataset, job, Output("map", p, options.case, json=json), model)
+    law = rows.law_in_words(job)
+    printed = Output("map", p, options.case, json=json, seed=None if law is None else job.task.options.bodies.seed)
+    _show(dataset, job, printed, model, {} if law is None else {"phidot0": law})
+    if not json:
+        for name, path in (("map", output), ("figure", picture.plot)):
+            if path is not None:
+                print(f"{name}: {path}")
 
 
 def _refuse_replaced(options: EachRow) -> None:
@@ -252,7 +265,7 @@ def _computed(job: "MapJob") -> "xr.Dataset":
                 raise
 
 
-def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> None:
+def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str, laws: dict[str, str]) -> None:
     """Print the totals; sentences on what is left out are warnings."""
     from erosion.maps.result import MapSummary
 
@@ -262,6 +275,7 @@ def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> N
     if output.json:
         content = summary.to_dict()
         units = content.pop("units")
-        output.document(content, {model: job.task.model}, units)
+        each = dict.fromkeys(("alpha", "v0"), "each row's")
+        output.document(content, {model: job.task.model}, units, {**each, **laws})
     else:
         print_table(summary.title, summary.rows())

@@ -226,7 +226,8 @@ class MapSummary(Result):
         """Model, table and surface in one line."""
         attrs = self.dataset.attrs
         surface = f" on {attrs['surface']}" if attrs["surface"] else ""
-        return f"{attrs['model']}: {attrs['table']}{surface}"
+        own = f" ({attrs['own_parameters']})" if "own_parameters" in attrs else ""
+        return f"{attrs['model']}{own}: {attrs['table']}{surface}"
 
     @property
     def units(self) -> System:
