@@ -77,7 +77,6 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "before": ({"restitution": (0.8, 0.1)}, "look like velocities before the rebound"),
     "density": ({"target_density": float("nan")}, "Argument `target_density` must be positive and finite, but is nan."),
     "limit": ({"limit": -1.0}, "Argument `limit` must be positive and finite, but is -1.0."),
-    "duration": ({"duration": 0.0}, "Argument `duration` must be positive and finite, but is 0.0."),
     "rtol": ({"rtol": 2.0}, "Argument `rtol` must be in (0, 1), but is 2.0."),
 }
 

@@ -38,7 +38,6 @@ def erosion_map(
     restitution: tuple[float, float] | None = None,
     target_density: float | None = None,
     limit: float | None = None,
-    duration: float | None = None,
     seed: int = 0,
     rtol: float = 1e-9,
     progress: Progress = no_progress,
@@ -64,7 +63,6 @@ def erosion_map(
         restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
         target_density: for mass [density]; without it that of a correlation, else no mass is computed.
         limit: greatest distance between a face and a row that names none [length]; farther rows are left out.
-        duration: time that the impacts cover [s]; without it that of the table.
         seed: of the numbers drawn from a law of the spin.
         rtol: see `impact`.
         progress: called with "map", the number of rows that are done, and of all (0 if not known).
@@ -72,14 +70,14 @@ def erosion_map(
     Returns:
         Over "face": volume, depth, impacts, particles, erodent (mass that hits), erosion, alpha_mean, v0_mean,
         relative_error (of the volume, √(Σ(wV)²)/ΣwV); mass, depth_rate, depth_per_year and mass_flux where density and
-        duration are known. Over "patch" the totals, over "end" how impacts end. In the units of `p`.
+        the table's duration are known. Over "patch" the totals, over "end" how impacts end. In the units of `p`.
 
     Raises:
         ValueError: for arguments that make no sense, and a table (`ImpactsError`, with file and row) of no use.
         SimulationError: where no impact could be computed.
     """
     bodies = Bodies(p, scaling, diameter, spin, seed)
-    options = MapOptions(bodies, restitution, target_density, limit, duration, rtol)
+    options = MapOptions(bodies, restitution, target_density, limit, rtol)
     return prepare_map(model, impacts, surface, options).run(progress)
 
 
