@@ -4,7 +4,9 @@ import gzip
 import math
 import pickle
 import shutil
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -204,6 +206,16 @@ def test_polyhedra_with_faces_of_many_corners(tmp_path):
     np.testing.assert_array_equal(surface.ends, [5, 8])
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("icoUncoupledKinematicParcelFoam") is None, reason="OpenFOAM is not installed")
+def test_the_recipe_makes_the_same_runs_again(tmp_path):
+    subprocess.run(["sh", RUNS / "run.sh", tmp_path], check=True, capture_output=True)
+    for name in ("serial", "parallel"):
+        again, rows = together(read_impacts(tmp_path / name)), together(read_impacts(RUNS / name))
+        np.testing.assert_array_equal(again["face"], rows["face"])
+        np.testing.assert_allclose(again["velocity"], rows["velocity"], rtol=1e-9)
+
+
 def test_a_binary_mesh_with_labels_of_64_bits(run):
     expected, rows = read_surface(RUNS / "parallel"), together(read_impacts(RUNS / "parallel"))
     head = 'FoamFile {{ version 2.0; format binary; arch "LSB;label=64;scalar=64"; class {}; object x; }}\n'
@@ -212,7 +224,8 @@ def test_a_binary_mesh_with_labels_of_64_bits(run):
         return f"{len(numbers)}\n(".encode() + np.asarray(numbers, "<i8").tobytes() + b")\n"
 
     mesh = Path("constant") / "polyMesh"
-    starts, corners = FoamFile(run / mesh / "faces")[None]
+    faces: Any = FoamFile(run / mesh / "faces")[None]
+    starts, corners = faces
     content = head.format("faceCompactList").encode() + labels(starts) + labels(corners)
     (run / mesh / "faces").write_bytes(content)
     for path in run.glob("processor*/constant/polyMesh/faceProcAddressing"):
