@@ -19,6 +19,8 @@ from erosion.engine.impact import Impact as Impact
 from erosion.engine.impact import impact as impact
 from erosion.engine.volume import volume as volume
 from erosion.exports.particle import ExportError as ExportError
+from erosion.exports.restitution import restitution as restitution
+from erosion.exports.tables import volume_table as volume_table
 from erosion.models import ModelError as ModelError
 from erosion.models import available_models as available_models
 from erosion.models import load_model as load_model

@@ -188,7 +188,9 @@ def _write(ranking: "Ranking", level: float, outputs: _Outputs) -> tuple[list[Pa
             texts.append((outputs.openfoam, coefficients.text()))
             warnings += [coefficients.warning] if coefficients.warning else []
         if outputs.fluent is not None:
-            texts.append((outputs.fluent, to_fluent(best).text()))
+            shape = to_fluent(best)
+            texts.append((outputs.fluent, shape.text()))
+            warnings += [shape.warning] if shape.warning else []
         if outputs.case is not None:
             texts.append((outputs.case, to_case(best, str(outputs.case))))
             if {*best.names} & {*own_parameters(best.model)}:

@@ -43,7 +43,7 @@ class AngleTable:
 
     @property
     def warning(self) -> str | None:
-        """A sentence where the form is clearly off; None where it is near."""
+        """What is clearly lost at other speeds; None where little is."""
         return f"Fluent: {self.losses.statement}" if self.losses.worst > NEAR else None
 
     def text(self) -> str:

@@ -39,10 +39,12 @@ class ParticleErosion:
 
     @property
     def warning(self) -> str | None:
-        """A sentence where Finnie's curve is clearly off; None where it is near."""
-        if self.misfit > NEAR:
-            return f"OpenFOAM knows Finnie's curve only: it is off by up to {self.misfit:.1%} of the maximum."
-        return f"OpenFOAM: {self.losses.statement}" if self.losses.worst > NEAR else None
+        """What is clearly lost, at the case's speed and at others; None where little is."""
+        shape = f"OpenFOAM knows Finnie's curve only: it is off by up to {self.misfit:.1%} of the maximum."
+        sentences = [shape] if self.misfit > NEAR else []
+        if self.losses.worst > max(NEAR, self.misfit):
+            sentences.append(f"OpenFOAM: {self.losses.statement}")
+        return " ".join(sentences) or None
 
     def text(self) -> str:
         """An entry for the `cloudFunctions` of a case's cloud properties."""

@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from erosion.arguments import check_unmasked
 from erosion.array_types import Broadcast
 from erosion.engine.impact import impact
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words, require_one_impact
 from erosion.parameters.parameters import QUANTITIES, Parameters, are_angles, validate
+from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import conversion_factor
+from erosion.trajectory.trajectory import SimulationError
 from erosion.version import __version__
 
 _RTOL = 1e-12
@@ -54,7 +57,7 @@ class Particle:
         """The mean volume that an impact removes [m³], of the broadcast shape.
 
         Raises:
-            ExportError: where an impact fails.
+            SimulationError: where an impact fails.
         """
         growth = d / self.diameter
         copies = self.p.replace(alpha=alpha, v0=v0, r=self.p.r * growth, b=self.p.b * growth, m=self.p.m * growth**3)
@@ -62,7 +65,8 @@ class Particle:
         volume = np.asarray(hits.volume)
         if not np.isfinite(volume).all():
             lost = np.count_nonzero(~np.isfinite(volume))
-            raise ExportError(f"{model_name(self.model)}: {lost:,} of {volume.size:,} impacts could not be computed.")
+            name = model_name(self.model)
+            raise SimulationError(f"{name}: {lost:,} of {volume.size:,} impacts could not be computed.")
         return np.asarray(self.cutting_fraction * volume)
 
     def erosion(self, alpha: Broadcast, v0: Broadcast, d: Broadcast) -> np.ndarray:
@@ -116,16 +120,29 @@ def positive(name: str, values: Any) -> np.ndarray:
     return _checked(name, values, lambda numbers: (numbers > 0) & np.isfinite(numbers), "must be positive and finite")
 
 
-def angles(name: str, values: Any) -> np.ndarray:
+def in_si(name: str, values: Any, p: Parameters, own: Any) -> np.ndarray:
+    """Speeds ("v0") or diameters ("d") that are given in the units of a case, in SI units; `own` without them.
+
+    Raises:
+        ValueError: where one is not positive and finite, or there is none.
+    """
+    if values is None:
+        return np.atleast_1d(np.asarray(own, float))
+    dimension = (QUANTITIES if name in QUANTITIES else RESULTS)[name].dimension
+    return positive(name, values) * conversion_factor(dimension, p.units, "si")
+
+
+def angles(values: Any) -> np.ndarray:
     """Angles of attack [rad], shape (n,), ascending and each once.
 
     Raises:
-        ValueError: naming the argument, where one is not in (0, π/2], or there is none.
+        ValueError: where one is not in (0, π/2], or there is none.
     """
-    return _checked(name, values, are_angles, "must be in (0, 90°]")
+    return _checked("alpha", values, are_angles, "must be in (0, 90°]")
 
 
 def _checked(name: str, values: Any, are_good: Any, condition: str) -> np.ndarray:
+    check_unmasked(name, values)
     try:
         numbers = np.atleast_1d(np.asarray(values, float))
     except (TypeError, ValueError):
@@ -135,7 +152,8 @@ def _checked(name: str, values: Any, are_good: Any, condition: str) -> np.ndarra
     good = are_good(numbers)
     if not good.all():
         bad = float(numbers[~good][0])
-        raise ValueError(f"Argument `{name}` {condition}, but has {bad:g}.")
+        shown = f"{np.rad2deg(bad):g}°" if name == "alpha" else f"{bad:g}"
+        raise ValueError(f"Argument `{name}` {condition}, but has {shown}.")
     return np.unique(numbers)
 
 

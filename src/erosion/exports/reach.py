@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from erosion.array_types import Broadcast
-from erosion.exports.particle import ExportError, Particle, positive
+from erosion.exports.particle import ExportError, Particle, in_si
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import conversion_factor
 
 ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
 NEAR, FAR = 0.02, 0.15
@@ -37,9 +36,7 @@ class Reach:
         halves = np.geomspace(0.5, 2, 9)
         if v0 is d is None:
             return cls(halves * particle.speed, halves * particle.diameter, asked=False)
-        speeds = [particle.speed] if v0 is None else positive("v0", v0) * conversion_factor("speed", p.units, "si")
-        sizes = [particle.diameter] if d is None else positive("d", d) * conversion_factor("length", p.units, "si")
-        return cls(np.asarray(speeds), np.asarray(sizes), asked=True)
+        return cls(in_si("v0", v0, p, particle.speed), in_si("d", d, p, particle.diameter), asked=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +91,8 @@ def losses(code: str, form: _Erosion, particle: Particle, reach: Reach) -> Losse
     erosion, formed = particle.erosion(ANGLES, speeds, diameters), form(ANGLES, speeds, diameters)
     greatest = erosion.max(axis=-1)
     # Where the model removes nothing, all that the form removes is lost.
-    misfit = np.abs(formed - erosion).max(axis=-1) / np.where(greatest > 0, greatest, formed.max(axis=-1))
+    size = np.where(greatest > 0, greatest, np.maximum(formed.max(axis=-1), np.finfo(float).tiny))
+    misfit = np.abs(formed - erosion).max(axis=-1) / size
     lost = Losses(reach, misfit, particle.speed, particle.diameter)
     if reach.asked and lost.worst > FAR:
         at = np.unravel_index(np.argmax(misfit), misfit.shape)
