@@ -43,7 +43,7 @@ class ParticleErosion:
         shape = f"OpenFOAM knows Finnie's curve only: it is off by up to {self.misfit:.1%} of the maximum."
         sentences = [shape] if self.misfit > NEAR else []
         if self.losses.worst > max(NEAR, self.misfit):
-            sentences.append(f"OpenFOAM: {self.losses.statement}")
+            sentences.append(self.losses.statement if sentences else f"OpenFOAM: {self.losses.statement}")
         return " ".join(sentences) or None
 
     def text(self) -> str:
