@@ -18,6 +18,7 @@ from erosion.correlations import Correlation as Correlation
 from erosion.engine.impact import Impact as Impact
 from erosion.engine.impact import impact as impact
 from erosion.engine.volume import volume as volume
+from erosion.exercises import AnswerKey as AnswerKey
 from erosion.exports.particle import ExportError as ExportError
 from erosion.exports.restitution import restitution as restitution
 from erosion.exports.tables import volume_table as volume_table
