@@ -4,8 +4,7 @@ import abc
 import dataclasses
 from collections.abc import Iterator
 
-import numpy as np
-from jaxtyping import Float, Int
+from erosion.array_types import Indices, Numbers, Vectors
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,16 +31,16 @@ class ImpactBlock:
 
     source: str
     first: int
-    count: Float[np.ndarray, " rows"]
-    mass: Float[np.ndarray, " rows"]
-    diameter: Float[np.ndarray, " rows"]
-    velocity: Float[np.ndarray, "rows 3"] | None = None
-    speed: Float[np.ndarray, " rows"] | None = None
-    alpha: Float[np.ndarray, " rows"] | None = None
-    spin: Float[np.ndarray, " rows"] | None = None
-    position: Float[np.ndarray, "rows 3"] | None = None
-    face: Int[np.ndarray, " rows"] | None = None
-    time: Float[np.ndarray, " rows"] | None = None
+    count: Numbers
+    mass: Numbers
+    diameter: Numbers
+    velocity: Vectors | None = None
+    speed: Numbers | None = None
+    alpha: Numbers | None = None
+    spin: Numbers | None = None
+    position: Vectors | None = None
+    face: Indices | None = None
+    time: Numbers | None = None
 
     @property
     def rows(self) -> int:

@@ -20,6 +20,7 @@ from erosion.cli.compare import compare
 from erosion.cli.exercise import exercise
 from erosion.cli.explore import explore
 from erosion.cli.export import export
+from erosion.cli.map import map_
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
@@ -47,6 +48,7 @@ app = cyclopts.App(
 )
 for verb in (run, optimum, compare, sweep, stream, calibrate, export, report, exercise, explore):
     app.command(verb)
+app.command(map_, name="map")
 for verb in (models, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 

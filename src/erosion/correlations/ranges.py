@@ -31,6 +31,10 @@ class Range:
     unit: str
     source: str
 
+    def holds(self, values: np.ndarray) -> np.ndarray:
+        """Whether values are within, but for rounding; NaN is not."""
+        return (values >= self.low * (1 - _ROUNDING)) & (values <= self.high * (1 + _ROUNDING))
+
     def __str__(self) -> str:
         return f"{_in_words(self.low, self.unit)} to {_in_words(self.high, self.unit)}"
 
