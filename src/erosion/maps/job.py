@@ -61,15 +61,15 @@ class Task:
         """The sums of portion `number`."""
         model, bodies = self.model, self.options.bodies
         is_hit = hits.fate == HIT
-        struck = hits.part(is_hit)
-        spin = bodies.spins(hits, number)[is_hit]
-        ends = len(end_names(model))
+        spin, ends, struck = bodies.spins(hits, number), len(end_names(model)), hits
+        if not is_hit.all():
+            struck, spin = hits.part(is_hit), spin[is_hit]
         if not struck.rows:
-            return portion_of(hits, spin, np.zeros(0, np.int64), np.zeros(0, bool), self.patches, ends)
+            return portion_of(hits, struck, spin, np.zeros(0, np.int64), np.zeros(0, bool), self.patches, ends)
         each, p = bodies.impacts(model, struck, spin)
         results = impact(each, p, rtol=self.options.rtol)
         volume, outcome = np.asarray(results.volume), np.asarray(results.outcome)
-        return portion_of(hits, volume, outcome, outside_range(model, struck), self.patches, ends)
+        return portion_of(hits, struck, volume, outcome, outside_range(model, struck), self.patches, ends)
 
 
 @functools.lru_cache(maxsize=4)

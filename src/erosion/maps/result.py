@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -49,6 +50,10 @@ TOTALS = ("volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "p
 """Those that a patch, and the whole surface, have as well: `patch_volume`, `total_volume`, …"""
 
 
+Variables = dict[str, tuple[Any, ...]]
+"""Dimensions, values and attributes by name."""
+
+
 @dataclasses.dataclass(frozen=True)
 class MapSource:
     """What a map is made of.
@@ -87,27 +92,27 @@ def to_dataset(
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
     patches = ("all",) if surface is None else surface.patches
     patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
-    dataset = xr.Dataset()
+    variables: Variables = {}
     if surface is not None:
-        _add_geometry(dataset, surface, units)
+        _add_geometry(variables, surface, units)
         numbers = _numbers(sums, density)
         numbers |= _per_area(numbers, surface.area * conversion_factor("area", "si", units), duration, units)
         for name in (name for name in FACES if name in numbers):
-            dataset[name] = ("face", numbers[name], _attributes(name, units))
-    dataset["patch"] = ("patch", np.array(patches, dtype=object))
+            variables[name] = ("face", numbers[name], _attributes(name, units))
+    variables["patch"] = ("patch", np.array(patches, dtype=object))
     grouped = {name: _by_patch(values, patch, len(patches)) for name, values in sums.items()}
     whole = {name: np.array(math.fsum(values)) for name, values in grouped.items()}
     for prefix, dims, of in (("patch", ("patch",), grouped), ("total", (), whole)):
         for name, value in _numbers(of, density).items():
             if name in TOTALS:
-                dataset[f"{prefix}_{name}"] = (dims, value, _attributes(name, units))
-    dataset["end"] = ("end", np.array(ends, dtype=object))
-    dataset["ends"] = (("patch", "end"), tally.ends, {"long_name": "rows by how their impact ends", "units": "1"})
-    _add_rows(dataset, tally, source, units)
+                variables[f"{prefix}_{name}"] = (dims, value, _attributes(name, units))
+    variables["end"] = ("end", np.array(ends, dtype=object))
+    variables["ends"] = (("patch", "end"), tally.ends, {"long_name": "rows by how their impact ends", "units": "1"})
+    _add_rows(variables, tally, source, units)
     if duration is not None:
-        dataset["duration"] = ((), duration, {"long_name": "time that the impacts cover", "units": "s"})
-    dataset.attrs = _provenance(source)
-    return dataset
+        variables["duration"] = ((), duration, {"long_name": "time that the impacts cover", "units": "s"})
+    # At once: xarray looks at all variables for each one that is added.
+    return xr.Dataset(variables, attrs=_provenance(source))
 
 
 def _numbers(sums: Mapping[str, np.ndarray], density: float | None) -> dict[str, np.ndarray]:
@@ -152,40 +157,40 @@ def _by_patch(values: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarray
     return np.array([math.fsum(values[patch == i]) for i in range(patches)])
 
 
-def _add_geometry(dataset: xr.Dataset, surface: Surface, units: System) -> None:
+def _add_geometry(variables: Variables, surface: Surface, units: System) -> None:
     """Points and corners of the faces, so that the Dataset alone can be drawn and written; in metres, as CFD has it."""
     metres = {"units": "m"}
     names = " ".join(surface.patches)
     flags = {"flag_values": np.arange(len(surface.patches), dtype=np.int32), "flag_meanings": names}
     area = surface.area * conversion_factor("area", "si", units)
-    dataset["point"] = (("points", "axis"), surface.points, {"long_name": "points of the surface", **metres})
-    dataset["corner"] = ("corners", surface.corners, {"long_name": "points around each face, face after face"})
-    dataset["corner_end"] = ("face", surface.ends, {"long_name": "where each face's corners end"})
-    dataset["centre"] = (("face", "axis"), surface.centre, {"long_name": "centres of the faces", **metres})
-    dataset["face_patch"] = ("face", np.asarray(surface.patch, np.int32), {"long_name": "patch", **flags})
-    dataset["area"] = ("face", area, _attributes("area", units))
+    variables["point"] = (("points", "axis"), surface.points, {"long_name": "points of the surface", **metres})
+    variables["corner"] = ("corners", surface.corners, {"long_name": "points around each face, face after face"})
+    variables["corner_end"] = ("face", surface.ends, {"long_name": "where each face's corners end"})
+    variables["centre"] = (("face", "axis"), surface.centre, {"long_name": "centres of the faces", **metres})
+    variables["face_patch"] = ("face", np.asarray(surface.patch, np.int32), {"long_name": "patch", **flags})
+    variables["area"] = ("face", area, _attributes("area", units))
     if surface.mesh_face is not None:
-        dataset["mesh_face"] = ("face", surface.mesh_face, {"long_name": "number of the face in the mesh"})
+        variables["mesh_face"] = ("face", surface.mesh_face, {"long_name": "number of the face in the mesh"})
 
 
-def _add_rows(dataset: xr.Dataset, tally: Tally, source: MapSource, units: System) -> None:
+def _add_rows(variables: Variables, tally: Tally, source: MapSource, units: System) -> None:
     """What became of the rows of the table."""
     of_mass, length = QUANTITIES["m"].unit(units), conversion_factor("length", "si", units)
     reasons = np.array(list(LEFT_OUT), dtype=object)
     lost = tally.lost_mass[1:] * conversion_factor("mass", "si", units)
-    dataset["rows"] = ((), tally.rows, {"long_name": "rows of the table"})
-    dataset["reason"] = ("reason", reasons)
-    dataset["left_out"] = ("reason", tally.fates[1:], {"long_name": "rows that are left out"})
-    dataset["left_out_mass"] = ("reason", lost, {"long_name": "their mass", "units": of_mass})
-    dataset["rows_to_nearest"] = ((), tally.unnamed, {"long_name": "rows that name no face"})
+    variables["rows"] = ((), tally.rows, {"long_name": "rows of the table"})
+    variables["reason"] = ("reason", reasons)
+    variables["left_out"] = ("reason", tally.fates[1:], {"long_name": "rows that are left out"})
+    variables["left_out_mass"] = ("reason", lost, {"long_name": "their mass", "units": of_mass})
+    variables["rows_to_nearest"] = ((), tally.unnamed, {"long_name": "rows that name no face"})
     if tally.unnamed:
         metre = {"units": QUANTITIES["r"].unit(units)}
         median, farthest = tally.median_distance * length, tally.farthest * length
-        dataset["distance_median"] = ((), median, {"long_name": "their median distance, to 0.3 %", **metre})
-        dataset["distance_max"] = ((), farthest, {"long_name": "their greatest distance", **metre})
+        variables["distance_median"] = ((), median, {"long_name": "their median distance, to 0.3 %", **metre})
+        variables["distance_max"] = ((), farthest, {"long_name": "their greatest distance", **metre})
     if isinstance(source.model, Correlated):
         share = tally.outside_mass / tally.lost_mass[0] if tally.lost_mass[0] else math.nan
-        dataset["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})
+        variables["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})
 
 
 def _provenance(source: MapSource) -> dict[str, str]:

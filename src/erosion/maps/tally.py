@@ -51,6 +51,7 @@ class Portion:
 
 def portion_of(
     hits: Hits,
+    struck: Hits,
     volume: np.ndarray,
     outcome: np.ndarray,
     outside: np.ndarray,
@@ -60,29 +61,15 @@ def portion_of(
     """The sums of the rows of a portion.
 
     Args:
-        hits: the rows.
+        hits: all rows.
+        struck: those that hit.
         volume: of one particle of each row that hits, in the order of the rows [volume].
         outcome: of these rows.
         outside: whether these rows are outside the range of a correlation.
         patches: number of patches.
         ends: number of outcomes.
     """
-    struck = hits.part(hits.fate == HIT)
-    known = np.isfinite(volume)
-    face, count = struck.face[known], struck.count[known]
-    removed = count * volume[known]
-    columns = (
-        count,
-        count * struck.mass[known],
-        removed,
-        removed**2,
-        count * struck.alpha[known],
-        count * struck.speed[known],
-    )
-    # Rows of one face stay in their order, and `reduceat` adds them in pairs.
-    order = np.argsort(face, kind="stable")
-    faces, begins, impacts = np.unique(face[order], return_index=True, return_counts=True)
-    sums = np.array([np.add.reduceat(column[order], begins) if begins.size else column[:0] for column in columns])
+    faces, impacts, sums = _by_face(struck, volume)
     code = struck.patch * ends + outcome
     near = hits.distance[np.isfinite(hits.distance)]
     return Portion(
@@ -91,11 +78,35 @@ def portion_of(
         sums=sums,
         ends=np.bincount(code, minlength=patches * ends).reshape(patches, ends),
         fates=np.bincount(hits.fate, minlength=1 + len(LEFT_OUT)),
-        lost_mass=np.array([_mass(hits.part(hits.fate == fate)) for fate in range(1 + len(LEFT_OUT))]),
-        outside_mass=_mass(struck.part(outside)),
+        lost_mass=np.bincount(hits.fate, hits.count * hits.mass, minlength=1 + len(LEFT_OUT)),
+        outside_mass=float(np.sum(struck.count * struck.mass, where=outside)),
         distances=_histogram(near),
         farthest=float(near.max(initial=0.0)),
     )
+
+
+def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The faces of rows that have a volume, the numbers of these rows, and their `SUMS`."""
+    known = np.isfinite(volume)
+    if not known.all():
+        struck, volume = struck.part(known), volume[known]
+    # Rows of one face stay in their order; numpy sorts numbers far faster than it finds their order.
+    key = struck.face * struck.rows + np.arange(struck.rows)
+    key.sort()
+    face, order = np.divmod(key, max(struck.rows, 1))
+    begins = np.flatnonzero(np.diff(face, prepend=-1))
+    count, removed = struck.count[order], struck.count[order] * volume[order]
+    columns = (
+        count,
+        count * struck.mass[order],
+        removed,
+        removed**2,
+        count * struck.alpha[order],
+        count * struck.speed[order],
+    )
+    # `reduceat` adds the rows of a face in pairs.
+    sums = np.array([np.add.reduceat(column, begins) if begins.size else column for column in columns])
+    return face[begins], np.diff(begins, append=struck.rows), sums
 
 
 class Tally:
@@ -161,10 +172,6 @@ class Tally:
             return float("nan")
         index = int(np.searchsorted(reached, reached[-1] / 2))
         return 0.0 if index == 0 else float(10 ** (_SHORTEST + (index - 0.5) / _PER_DECADE))
-
-
-def _mass(hits: Hits) -> float:
-    return float(np.sum(hits.count * hits.mass))
 
 
 def _histogram(distance: np.ndarray) -> np.ndarray:

@@ -42,8 +42,8 @@ def plot_map(
     wear: xr.Dataset,
     quantity: str = "depth",
     *,
-    view: str | Sequence[float] = "iso",
-    zoom: float = 1.0,
+    view: str | Sequence[float | int] = "iso",
+    zoom: float | int = 1.0,
     log: bool = False,
 ) -> Figure:
     """Draw a map: the surface, coloured by one of the numbers of its faces; faces that nothing hits are grey.
@@ -89,7 +89,7 @@ def plot_map(
     return fig
 
 
-def require_view(view: str | Sequence[float], zoom: float) -> None:
+def require_view(view: str | Sequence[float | int], zoom: float | int) -> None:
     """Check a view and its zoom; errors as of `plot_map`."""
     _direction(view)
     if not (isinstance(zoom, (int, float)) and math.isfinite(zoom) and zoom > 0):
@@ -107,7 +107,7 @@ class _Camera(NamedTuple):
     height: float
 
 
-def _direction(view: str | Sequence[float]) -> np.ndarray:
+def _direction(view: str | Sequence[float | int]) -> np.ndarray:
     """The unit vector from the surface to the eye."""
     if isinstance(view, str):
         if view not in VIEWS:
@@ -119,7 +119,7 @@ def _direction(view: str | Sequence[float]) -> np.ndarray:
     return direction / np.linalg.norm(direction)
 
 
-def _camera(points: np.ndarray, view: str | Sequence[float], zoom: float) -> _Camera:
+def _camera(points: np.ndarray, view: str | Sequence[float | int], zoom: float | int) -> _Camera:
     """A camera that sees all points, with z upwards if it can be."""
     eye = _direction(view)
     vertical = np.array([0.0, 1.0, 0.0]) if abs(eye[2]) > 0.999 else np.array([0.0, 0.0, 1.0])
