@@ -2,7 +2,9 @@
 
 import abc
 import dataclasses
-from collections.abc import Iterator
+import hashlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from erosion.array_types import Indices, Numbers, Vectors
 
@@ -55,14 +57,17 @@ class Impacts(abc.ABC):
         title: file or folder, for messages and titles.
         rows: their number, None where only reading all of them tells it.
         duration: time that the table covers [s], None where it does not say; rates need it.
+        notes: sentences on what the table lacks and what is taken instead.
         mesh_faces: whether `face` of its blocks counts the faces of the whole mesh (`Surface.face_of_mesh` leads from
             them to the surface's own).
+        notes: sentences on what the table does not say, and what is taken instead.
     """
 
     title: str
     rows: int | None
     duration: float | None
     mesh_faces: bool
+    notes: tuple[str, ...] = ()
 
     @abc.abstractmethod
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
@@ -79,3 +84,12 @@ class Impacts(abc.ABC):
 
 class ImpactsError(ValueError):
     """A table of impacts or a surface that cannot be used; says which file, which row, and what to do."""
+
+
+def digest_of(paths: Sequence[Path], more: str) -> str:
+    """A digest of the content of files, in their order, and of what else the rows depend on."""
+    digest = hashlib.sha256(more.encode())
+    for path in paths:
+        with path.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()[:16]

@@ -28,7 +28,8 @@ reconstructPar -latestTime -noLagrangian > log.reconstructPar
 for name in serial parallel; do
     cd "$scratch/$name"
     rm -rf "$target/$name"
-    for path in constant/polyMesh/boundary* constant/polyMesh/faces* constant/polyMesh/points* \
+    for path in system/controlDict constant/kinematicCloudProperties \
+        constant/polyMesh/boundary* constant/polyMesh/faces* constant/polyMesh/points* \
         processor*/constant/polyMesh/faceProcAddressing* 0.02/kinematicCloudQ* postProcessing; do
         if [ -e "$path" ]; then
             mkdir -p "$target/$name/$(dirname "$path")"

@@ -1,0 +1,43 @@
+"""Surfaces from files of VTK and STL."""
+
+from pathlib import Path
+
+import numpy as np
+
+from erosion.cfd.extra import library
+from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.surface import Surface
+
+SUFFIXES = (".vtp", ".stl", ".vtu")
+_POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
+
+
+def open_surface(path: Path) -> Surface:
+    """The polygons of a file; of a VTU those cells that are polygons.
+
+    Raises:
+        ImpactsError: for a file that cannot be read, or that holds no polygons.
+    """
+    pyvista = library("pyvista")
+    try:
+        # VTK would write its complaints to the terminal, and go on with an empty mesh.
+        with pyvista.vtk_verbosity("off"):
+            mesh = pyvista.read(path)
+    except Exception as error:
+        raise ImpactsError(
+            f"{path}: cannot be read ({str(error).splitlines()[0][:120] if str(error) else error!r})."
+        ) from error
+    grid = mesh.cast_to_unstructured_grid() if hasattr(mesh, "cast_to_unstructured_grid") else None
+    chosen = np.isin(grid.celltypes, _POLYGONS) if grid is not None and grid.n_cells else np.zeros(0, bool)
+    if grid is None or not chosen.any():
+        raise ImpactsError(f"{path}: holds no polygons; extract the surface of a volume's mesh first.")
+    offsets = np.asarray(grid.offset, np.int64)
+    sizes = np.diff(offsets)
+    return Surface(
+        title=str(path),
+        points=np.asarray(grid.points, float),
+        corners=np.asarray(grid.cell_connectivity, np.int64)[np.repeat(chosen, sizes)],
+        ends=np.cumsum(sizes[chosen]),
+        patches=(path.stem,),
+        patch=np.zeros(int(chosen.sum()), np.int64),
+    )
