@@ -69,7 +69,7 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "scaling": ({"scaling": "big"}, "Argument `scaling` must be one of similar, none, but is 'big'."),
     "diameter 0": ({"diameter": 0.0}, "Argument `diameter` must be positive and finite, but is 0.0."),
     "no size": ({"diameter": 1e-4, "scaling": "none"}, "Argument `diameter` must be left out where all particles"),
-    "spin": ({"spin": "fast"}, "Argument `spin` must be column, case, none or a law"),
+    "spin": ({"spin": "fast"}, "Argument `spin` must be column, case, none or a law such as normal(0, 1e4)"),
     "no spin": ({"spin": "column"}, "Argument `spin` must be a law, case or none, as the table has no column of it."),
     "seed": ({"spin": Normal(0.0, 1.0), "seed": -1}, "Argument `seed` must be a whole number of at least 0"),
     "e = 0": ({"restitution": (0.0, 0.1)}, "Argument `restitution` must be (e, μ) with e in (0, 1]"),
@@ -77,7 +77,6 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "before": ({"restitution": (0.8, 0.1)}, "look like velocities before the rebound"),
     "density": ({"target_density": float("nan")}, "Argument `target_density` must be positive and finite, but is nan."),
     "limit": ({"limit": -1.0}, "Argument `limit` must be positive and finite, but is -1.0."),
-    "duration": ({"duration": 0.0}, "Argument `duration` must be positive and finite, but is 0.0."),
     "rtol": ({"rtol": 2.0}, "Argument `rtol` must be in (0, 1), but is 2.0."),
 }
 

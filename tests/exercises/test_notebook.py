@@ -81,10 +81,11 @@ def test_the_command_writes_both_notebooks(tmp_path: Path, capsys: pytest.Captur
     tasks, solved = tmp_path / "tasks.ipynb", tmp_path / "solved.ipynb"
     assert _status(["exercise", "--alpha", "40deg", "-o", str(tasks), "--solved", str(solved)]) == 0
     printed = capsys.readouterr().out
-    assert printed == f"{tasks}: 11 tasks about Table 1\n{solved}: the same with solutions\n"
+    assert printed == f"{tasks}: 11 tasks about Table 1, α = 40deg\n{solved}: the same with solutions\n"
     key = erosion.AnswerKey(P.replace(alpha=np.deg2rad(40)))
-    assert tasks.read_text() == notebook(key, title="Table 1")
-    assert solved.read_text() == notebook(key, title="Table 1", solved=True)
+    title = "Table 1, α = 40deg"
+    assert tasks.read_text() == notebook(key, title=title)
+    assert solved.read_text() == notebook(key, title=title, solved=True)
 
 
 @pytest.mark.parametrize(

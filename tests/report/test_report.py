@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.report import write_report
 from erosion.report.case import Answer, Case, question
+from erosion.report.page import PARTS
 from erosion.report.questions import QUESTIONS, a1, text_file
 from erosion.report.template import write_text
 from erosion.report.text import degrees
@@ -350,6 +352,29 @@ def test_a_case_name_is_text_not_html(tmp_path: Path) -> None:
     page = write_report(TABLE_1, tmp_path, case_name="<b>a & b</b>", only=["q2"]).read_text(encoding="utf-8")
     assert "&lt;b&gt;a &amp; b&lt;/b&gt;" in page
     assert "<b>a" not in page
+
+
+def test_a_handout_has_answers_and_figures_without_derivations(tmp_path: Path) -> None:
+    page = write_report(TABLE_1, tmp_path, only=["q4", "q1"], brief=True).read_text(encoding="utf-8")
+    assert "<h2><small>Question 1</small>How does the tip move?</h2>" in page
+    assert page.index("Question 1") < page.index("Question 4")
+    assert page.count("<figure>") == 3
+    assert "<details" not in page
+    assert "in brief" not in page
+    assert "<span>flow stress</span> <span>200000 lbf/in²</span>" in page
+    assert "<span>force ratio</span> <span>2</span>" in page
+    assert sorted(part.name for part in tmp_path.iterdir()) == sorted(PARTS)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("key", ["a1", "q8", "models"])
+def test_a_handout_of_one_question_fits_on_one_sheet(tmp_path: Path, key: str, browser: Browser) -> None:
+    path = write_report(TABLE_1, tmp_path, only=[key], brief=True)
+    sheet = browser.new_page()
+    sheet.goto(path.as_uri())
+    pdf = sheet.pdf(prefer_css_page_size=True)
+    sheet.close()
+    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf)) == 1
 
 
 def test_every_question_has_its_text_and_every_text_its_question() -> None:

@@ -43,7 +43,7 @@ def exercise(
     from erosion.exercises.notebook import notebook
     from erosion.files import write_whole
 
-    name = "Table 1" if options.case is None else options.case.stem
+    name = options.title()
     with user_errors(), working("solving the tasks"):
         key = AnswerKey(p)
         try:

@@ -36,12 +36,15 @@ if TYPE_CHECKING:
 class _Surface:
     """What the particles hit."""
 
-    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtk or .stl; without it totals alone.")] = (
+    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtu or .stl; without it totals alone.")] = (
         None
     )
     patch: Annotated[
-        list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several: "wall,blade".')
+        list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; all walls without it.')
     ] = None
+    reverse: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Turn round normals that point into the fluid.")
+    ] = False
 
 
 @Parameter(name="*")
@@ -67,7 +70,8 @@ class _Rows:
     limit: Annotated[
         str | None, Parameter(help='Leave out rows that name no face and lie farther from the surface: "1 mm".')
     ] = None
-    duration: Annotated[str | None, Parameter(help='For rates, where the table does not tell it: "60 s".')] = None
+    duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
+    density: Annotated[str | None, Parameter(help='Of the particles, where no column gives it: "2650 kg/m^3".')] = None
 
     def options(self, p: "Parameters") -> "MapOptions":
         """The same as numbers in the units of the case.
@@ -81,14 +85,14 @@ class _Rows:
         with user_errors(TypeError):
             spin = self._spin(p)
             return MapOptions(
-                bodies=Bodies(p, self.scaling, self._number("diameter", "length", p), spin, self.seed or 0),
+                bodies=Bodies(p, self.scaling, self.number("diameter", "length", p), spin, self.seed or 0),
                 restitution=self._restitution(),
-                target_density=self._number("target_density", "density", p),
-                limit=self._number("limit", "length", p),
-                duration=self._number("duration", "time", p),
+                target_density=self.number("target_density", "density", p),
+                limit=self.number("limit", "length", p),
             )
 
-    def _number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
+    def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
+        """The number of an option, in the units of the case."""
         from erosion.parameters.units import read_quantity
 
         text = getattr(self, name)
@@ -105,6 +109,13 @@ class _Rows:
         except ValueError as error:
             raise InputError(f"Option `--spin` {error}.") from error
         return self.spin if law is None else law
+
+    def law_in_words(self, job: "MapJob") -> str | None:
+        """The law of the spin, if it has one."""
+        from erosion.distributions import Distribution
+
+        bodies = job.task.options.bodies
+        return bodies.spin.in_words("angular speed", bodies.p.units) if isinstance(bodies.spin, Distribution) else None
 
     def _restitution(self) -> tuple[float, float] | None:
         if self.restitution is None:
@@ -203,7 +214,7 @@ def map_(
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, options.case, model))
     start_engine()
     with dask_cluster(workers, scheduler):
-        job = _job(impacts, target, model, chosen, rows.options(p))
+        job = _job(impacts, target, rows, p, (model, chosen))
         dataset = _computed(job)
     if output is not None:
         from erosion.maps.export import write_map
@@ -211,7 +222,13 @@ def map_(
         with user_errors():
             write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
-    _show(dataset, job, Output("map", p, options.case, json=json), model)
+    law = rows.law_in_words(job)
+    printed = Output("map", p, options.case, json=json, seed=None if law is None else job.task.options.bodies.seed)
+    _show(dataset, job, printed, model, {} if law is None else {"phidot0": law})
+    if not json:
+        for name, path in (("map", output), ("figure", picture.plot)):
+            if path is not None:
+                print(f"{name}: {path}")
 
 
 def _refuse_replaced(options: EachRow) -> None:
@@ -227,17 +244,22 @@ def _read(name: str, text: Any, dimension: "Dimension", units: Any) -> float:
     return read_quantity(str(text), dimension, units)
 
 
-def _job(impacts: Path, target: _Surface, model: str, own: dict[str, float], options: "MapOptions") -> "MapJob":
+def _job(
+    impacts: Path, target: _Surface, rows: _Rows, p: "Parameters", model: tuple[str, dict[str, float]]
+) -> "MapJob":
     """Open the table and the surface, and check the map."""
     from erosion.cfd.read import read_impacts, read_surface
     from erosion.maps.erosion_map import prepare_map
 
-    if target.patch is not None and target.surface is None:
-        raise InputError("Option `--patch` needs `--surface`, the OpenFOAM case that has it.")
+    options, name = rows.options(p), target.surface
+    if name is None and (target.patch is not None or target.reverse):
+        raise InputError("Options `--patch` and `--reverse` need `--surface`, which has the patches and the normals.")
     with user_errors(), working("reading"):
-        surface = None if target.surface is None else read_surface(target.surface, patch=target.patch)
-        case = target.surface if target.surface is not None and target.surface.is_dir() else None
-        return prepare_map(model, read_impacts(impacts, case=case), surface, options, own)
+        surface = None if name is None else read_surface(name, patch=target.patch, reverse=target.reverse)
+        case = name if name is not None and name.is_dir() else None
+        duration = rows.number("duration", "time", p)
+        table = read_impacts(impacts, case=case, density=rows.density, duration=duration)
+        return prepare_map(model[0], table, surface, options, model[1])
 
 
 def _computed(job: "MapJob") -> "xr.Dataset":
@@ -252,7 +274,7 @@ def _computed(job: "MapJob") -> "xr.Dataset":
                 raise
 
 
-def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> None:
+def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str, laws: dict[str, str]) -> None:
     """Print the totals; sentences on what is left out are warnings."""
     from erosion.maps.result import MapSummary
 
@@ -262,6 +284,7 @@ def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> N
     if output.json:
         content = summary.to_dict()
         units = content.pop("units")
-        output.document(content, {model: job.task.model}, units)
+        each = dict.fromkeys(("alpha", "v0"), "each row's")
+        output.document(content, {model: job.task.model}, units, {**each, **laws})
     else:
         print_table(summary.title, summary.rows())

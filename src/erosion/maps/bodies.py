@@ -47,7 +47,7 @@ class Bodies:
             raise ValueError(f"Argument `scaling` must be one of {', '.join(SCALINGS)}, but is {self.scaling!r}.")
         if not (self.spin is None or isinstance(self.spin, Distribution) or self.spin in SPINS):
             known = ", ".join(SPINS)
-            raise ValueError(f"Argument `spin` must be {known} or a law such as Normal(0, 1e4), but is {self.spin!r}.")
+            raise ValueError(f"Argument `spin` must be {known} or a law such as normal(0, 1e4), but is {self.spin!r}.")
         if self.diameter is not None and self.scaling == "none":
             raise ValueError("Argument `diameter` must be left out where all particles have the case's r and b.")
 

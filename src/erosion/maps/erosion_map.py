@@ -38,60 +38,46 @@ def erosion_map(
     restitution: tuple[float, float] | None = None,
     target_density: float | None = None,
     limit: float | None = None,
-    duration: float | None = None,
     seed: int = 0,
     rtol: float = 1e-9,
     progress: Progress = no_progress,
 ) -> xr.Dataset:
     """Compute the wear of each face of a surface by the impacts of a CFD run.
 
-        impacts = erosion.read_impacts("bend")
-        surface = erosion.read_surface("bend", patch="wall")
+        impacts, surface = erosion.read_impacts("bend"), erosion.read_surface("bend", patch="wall")
         wear = erosion.erosion_map("rotating", p, impacts, surface)
-        wear["depth"].max()
 
-    Speed, angle of attack and mass are those of each row. The other parameters come from the case, whose r and b
-    follow the size of a row's particle. Rows that name no face go to the nearest one. While a Dask cluster is active,
-    its workers compute; the result has the same bits.
+    Speed, angle of attack and mass are each row's, the rest is the case's. Rows that name no face go to the nearest
+    one. While a Dask cluster is active, its workers compute; the result has the same bits.
 
     Args:
         model: a model, its name or path; a correlation such as "dnv:duplex" too.
         p: the case, all scalars. Its v0, alpha and m are replaced by those of each row.
         impacts: see `read_impacts`.
-        surface: see `read_surface`; None for totals alone, of a table with speeds and angles.
-        scaling: "similar": a particle that is g times as large as the case's has g times its r and b.
-            "none": all particles have the case's r and b.
-        diameter: of the sphere that stands for the case's particle in the CFD run [length]. Without it, a particle of
-            the case's mass is the case's particle, and g is the cube root of the ratio of masses.
-        spin: "column" of the table, "case" (its φ̇₀ for all), "none", or a law of φ̇₀ from `erosion.distributions`.
-            Without it, the table's spin, and the case's if the table has none.
+        surface: see `read_surface`; None for totals alone, of speeds and angles.
+        scaling: "similar": a particle g times as large as the case's has g times its r and b. "none": all have these.
+        diameter: of the case's particle as a sphere of the CFD run [length]. Without it g is the cube root of the
+            ratio of masses.
+        spin: "column" of the table, "case" (its φ̇₀), "none", or a law from `erosion.distributions`. Without it the
+            table's spin, and the case's if the table has none.
         restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
         target_density: for mass [density]; without it that of a correlation, else no mass is computed.
         limit: greatest distance between a face and a row that names none [length]; farther rows are left out.
-        duration: time that the impacts cover [s]; without it that of the table.
         seed: of the numbers drawn from a law of the spin.
         rtol: see `impact`.
         progress: called with "map", the number of rows that are done, and of all (0 if not known).
 
     Returns:
         Over "face": volume, depth, impacts, particles, erodent (mass that hits), erosion, alpha_mean, v0_mean,
-        relative_error; mass, depth_rate, depth_per_year and mass_flux where density and duration are known. Over
-        "patch": the totals; over "end": how impacts end. Numbers are in the units of `p`.
-        `relative_error` is the standard error over the volume, √(Σ(wV)²)/ΣwV, of rows that are independent draws.
+        relative_error (of the volume, √(Σ(wV)²)/ΣwV); mass, depth_rate, depth_per_year and mass_flux where density and
+        the table's duration are known. Over "patch" the totals, over "end" how impacts end. In the units of `p`.
 
     Raises:
-        ValueError, TypeError: for arguments that make no sense, and for a table (`ImpactsError`) that cannot be used;
-            it names file and row.
+        ValueError: for arguments that make no sense, and a table (`ImpactsError`, with file and row) of no use.
         SimulationError: where no impact could be computed.
     """
-    options = MapOptions(
-        bodies=Bodies(p, scaling, diameter, spin, seed),
-        restitution=restitution,
-        target_density=target_density,
-        limit=limit,
-        duration=duration,
-        rtol=rtol,
-    )
+    bodies = Bodies(p, scaling, diameter, spin, seed)
+    options = MapOptions(bodies, restitution, target_density, limit, rtol)
     return prepare_map(model, impacts, surface, options).run(progress)
 
 

@@ -130,8 +130,7 @@ class MapJob:
         if not tally.impacts.any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
         source = MapSource(task.model, task.options.bodies, self.impacts, self.surface, self._in_words(), tuple(far))
-        duration = task.options.duration or self.impacts.duration
-        return to_dataset(tally, source, ends, task.options.target_density, duration)
+        return to_dataset(tally, source, ends, task.options.target_density)
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
         """Compute all portions, and add them in their order."""
@@ -223,7 +222,7 @@ class MapJob:
             "diameter": bodies.diameter,
             "spin": bodies.spin,
             "seed": bodies.seed if isinstance(bodies.spin, Distribution) else None,
-            **{name: getattr(options, name) for name in ("restitution", "target_density", "limit", "duration")},
+            **{name: getattr(options, name) for name in ("restitution", "target_density", "limit")},
         }
         return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
 

@@ -22,14 +22,13 @@ class MapOptions:
     restitution: tuple[float, float] | None = None
     target_density: float | None = None
     limit: float | None = None
-    duration: float | None = None
     rtol: float = 1e-9
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
         check_whole("seed", self.bodies.seed, 0)
         validate(self.bodies.p)
-        numbers = {name: getattr(self, name) for name in ("target_density", "limit", "duration")}
+        numbers = {name: getattr(self, name) for name in ("target_density", "limit")}
         for name, value in {**numbers, "diameter": self.bodies.diameter}.items():
             if value is not None and not (isinstance(value, (int, float, np.number)) and 0 < value < np.inf):
                 raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")

@@ -75,9 +75,7 @@ class MapSource:
     far: tuple[str, ...]
 
 
-def to_dataset(
-    tally: Tally, source: MapSource, ends: Sequence[str], density: float | None, duration: float | None
-) -> xr.Dataset:
+def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: float | None) -> xr.Dataset:
     """The wear of a surface with its units and its geometry.
 
     Args:
@@ -85,9 +83,8 @@ def to_dataset(
         source: what they are sums of.
         ends: the outcomes, columns of `tally.ends`.
         density: of the target [density], where it is known.
-        duration: of the run [s], where it is known.
     """
-    units, surface = source.bodies.p.units, source.surface
+    units, surface, duration = source.bodies.p.units, source.surface, source.impacts.duration
     sums = {**tally.sums, "impacts": tally.impacts.astype(float)}
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
     patches = ("all",) if surface is None else surface.patches
@@ -206,6 +203,7 @@ def _provenance(source: MapSource) -> dict[str, str]:
         "surface": "" if source.surface is None else source.surface.title,
         "options": source.options,
         "far_rows": "; ".join(source.far),
+        "notes": " ".join(source.impacts.notes),
         "unit_system": p.units,
         "case": dump_case(p),
     }
@@ -226,7 +224,8 @@ class MapSummary(Result):
         """Model, table and surface in one line."""
         attrs = self.dataset.attrs
         surface = f" on {attrs['surface']}" if attrs["surface"] else ""
-        return f"{attrs['model']}: {attrs['table']}{surface}"
+        own = f" ({attrs['own_parameters']})" if "own_parameters" in attrs else ""
+        return f"{attrs['model']}{own}: {attrs['table']}{surface}"
 
     @property
     def units(self) -> System:
@@ -276,7 +275,8 @@ class MapSummary(Result):
     @property
     def warnings(self) -> list[str]:
         """Sentences on what is left out or doubtful."""
-        data, sentences = self.dataset, []
+        data = self.dataset
+        sentences = [data.attrs["notes"]] if data.attrs["notes"] else []
         total = int(data["rows"])
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":

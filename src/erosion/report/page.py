@@ -42,6 +42,7 @@ def write_report(
     *,
     case_name: str = "Table 1",
     only: Sequence[str] | None = None,
+    brief: bool = False,
     progress: Progress = no_progress,
 ) -> Path:
     """Answer the scenario's questions for a case as one self-contained page.
@@ -55,6 +56,7 @@ def write_report(
         out: a folder; it is made if need be.
         case_name: what to call the case on the page.
         only: keys of the questions to answer, by default all; the page keeps its own order.
+        brief: a handout: answers and figures without derivations, so that a question fits on a sheet of A4.
         progress: called before each part with its title, how many parts are done, and how many there are.
 
     Returns:
@@ -70,8 +72,10 @@ def write_report(
     out = Path(out)
     make_folders(out)
     with _naming(out):
-        return _write(Case(p, case_name), keys, out, progress)
+        return _write(Case(p, case_name), keys, out, _BRIEF if brief else _WHOLE, progress)
 
+
+_WHOLE, _BRIEF = "page.html", "handout.html"
 
 PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
 """What a report writes into its folder."""
@@ -102,7 +106,7 @@ def _pool() -> Iterator[ThreadPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Path:
+def _write(case: Case, keys: Sequence[str], out: Path, template: str, progress: Progress) -> Path:
     numbers: Record = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
@@ -123,7 +127,7 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Pa
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
     write_whole(out / "numbers.csv", _csv(record).encode())
     page = out / "index.html"
-    write_whole(page, _page(case, texts, drawings).encode())
+    write_whole(page, _page(template, case, texts, drawings).encode())
     return page
 
 
@@ -138,7 +142,7 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
     return [key for key in QUESTIONS if key in only]
 
 
-def _page(case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup]) -> str:
+def _page(template: str, case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup]) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("erosion.report", "."),
         autoescape=True,
@@ -147,7 +151,7 @@ def _page(case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup])
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template("page.html").render(
+    return environment.get_template(template).render(
         case_name=case.name,
         system=_SYSTEMS[case.units],
         parameters=_parameter_rows(case.p),
