@@ -77,6 +77,8 @@ class NamedImpacts(Impacts):
                 part = {name: values[start : start + rows] for name, values in columns.items()}
                 yield block(self.title, first + start, part, self.density)
             first += length
+        if not first:
+            raise ImpactsError(f"{self.path}: has no rows.")
 
     def _numbers(self, batch: Any, name: str, first: int) -> np.ndarray:
         column = self.columns[name]
@@ -198,17 +200,16 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
 
 
 def _wrong_number(path: Path, heads: Sequence[str], wanted: Sequence[str]) -> str:
-    """The first field that is no number; what is wrong where there are no rows at all."""
+    """The first field that is no number."""
     places = {heads.index(name): name for name in wanted}
-    row = 0
-    with open_table(path) as file, io.TextIOWrapper(file, "utf-8-sig", errors="replace", newline="") as text:
-        for row, fields in enumerate(csv.reader(text)):
+    with open_table(path) as file:
+        for row, fields in enumerate(csv.reader(line.decode(errors="replace") for line in file)):
             for place, name in places.items():
                 try:
                     _ = float(fields[place]) if row and fields else 0.0
                 except ValueError:
                     return f"row {row:,}: column `{name}` must be a number, but is {fields[place][:40]!r}"
-    return "has no rows" if row == 0 else "cannot be read as CSV"
+    return "cannot be read as CSV"
 
 
 def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:

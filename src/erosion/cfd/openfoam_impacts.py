@@ -121,8 +121,8 @@ class OpenFoamImpacts(Impacts):
             row = int(np.argmin(own))
             raise ImpactsError(
                 f"{table.path}: row {first + row + 1:,} names face {columns['mesh_face'][row]:.0f}, which is none "
-                f"of patch {table.patch!r} of {self.mesh.case}. Is the table of another mesh, or of a parallel run whose "
-                "folders processor0, processor1, … are gone?"
+                f"of patch {table.patch!r} of {self.mesh.case}. Is the table of another mesh, or of a parallel run "
+                "whose folders processor0, processor1, … are gone?"
             )
         return faces
 
@@ -200,16 +200,17 @@ def is_table(path: Path) -> bool:
 def _tables(path: Path) -> list[Table]:
     if path.is_file():
         return [_table(path)]
-    files = sorted(
-        file for file in path.rglob("*") if file.is_file() and is_table(file) and _WINDOW.fullmatch(file.parent.name)
-    )
+    # Beside those of clouds a case has tables of forces, probes and others.
+    within = [folder for folder in (path / "postProcessing" / "lagrangian", path / "lagrangian") if folder.is_dir()]
+    root = within[0] if within else path
+    files = sorted(file for file in root.rglob("*") if file.is_file() and is_table(file) and _in_window(file))
     if not files:
-        files = sorted(file for file in path.iterdir() if file.is_file() and is_table(file))
+        files = sorted(file for file in root.iterdir() if file.is_file() and is_table(file))
     if not files:
         names = sorted(file.name + "/" * file.is_dir() for file in path.iterdir())
         listed = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}" if names else "nothing"
         raise ImpactsError(f"{path}: has no tables of impacts (.post, .dat), but {listed}.")
-    objects = {file.parent.parent if _WINDOW.fullmatch(file.parent.name) else file.parent for file in files}
+    objects = {_function_object(file) for file in files}
     if len(objects) > 1:
         listed = ", ".join(str(folder.relative_to(path)) for folder in sorted(objects))
         raise ImpactsError(
@@ -231,8 +232,17 @@ def _table(path: Path) -> Table:
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise ImpactsError(f"{path}: the header repeats {', '.join(repeated)}.")
-    window = path.parent.name if _WINDOW.fullmatch(path.parent.name) else ""
+    window = path.parent.name if _in_window(path) else ""
     return Table(path, _plain_name(path).stem, window, header[-1] + 1, names)
+
+
+def _in_window(path: Path) -> bool:
+    """Whether the file lies in a folder that has a time for its name."""
+    return bool(_WINDOW.fullmatch(path.parent.name))
+
+
+def _function_object(path: Path) -> Path:
+    return path.parent.parent if _in_window(path) else path.parent
 
 
 def _plain_name(path: Path) -> Path:
@@ -263,7 +273,7 @@ def _require_later(table: Table, times: np.ndarray, before: tuple[Path, float] |
 
 def _most_stored(case: Path, table: Path) -> int | None:
     """`maxStoredParcels` of the function object of a table; None where the case does not say it."""
-    folder = table.parent.parent if _WINDOW.fullmatch(table.parent.name) else table.parent
+    folder = _function_object(table)
     content = dictionary(case / "constant" / f"{folder.parent.name}Properties")
     try:
         value = content["cloudFunctions"][folder.name]["maxStoredParcels"] if content else None

@@ -21,8 +21,8 @@ def read_impacts(
     source: str | Path,
     case: str | Path | None = None,
     *,
-    density: float | str | None = None,
-    duration: float | None = None,
+    density: float | int | str | None = None,
+    duration: float | int | None = None,
 ) -> Impacts:
     """Open a table of impacts of a CFD run.
 
@@ -62,12 +62,13 @@ def read_impacts(
     kilograms = _density(density)
     if duration is not None and not (np.isfinite(duration) and duration > 0):
         raise ImpactsError(f"Argument `duration` must be positive and finite, but is {duration!r}.")
+    seconds = None if duration is None else float(duration)
     if path.is_dir() or openfoam_impacts.is_table(path):
-        return openfoam_impacts.open_openfoam(path, case, kilograms, duration)
+        return openfoam_impacts.open_openfoam(path, case, kilograms, seconds)
     if named_columns.is_named(path):
-        return named_columns.open_named(path, kilograms, duration)
+        return named_columns.open_named(path, kilograms, seconds)
     if path.name.removesuffix(".gz").endswith(fluent.SUFFIXES):
-        return fluent.open_fluent(path, kilograms, duration)
+        return fluent.open_fluent(path, kilograms, seconds)
     raise ImpactsError(f"{path}: is no table of impacts; its name must end in {_IMPACTS}.")
 
 
@@ -104,7 +105,7 @@ def _existing(name: str, value: Any) -> Path:
     return path
 
 
-def _density(density: float | str | None) -> float | None:
+def _density(density: float | int | str | None) -> float | None:
     if density is None:
         return None
     try:

@@ -31,13 +31,14 @@ def open_surface(path: Path) -> Surface:
     chosen = np.isin(grid.celltypes, _POLYGONS) if grid is not None and grid.n_cells else np.zeros(0, bool)
     if grid is None or not chosen.any():
         raise ImpactsError(f"{path}: holds no polygons; extract the surface of a volume's mesh first.")
-    offsets = np.asarray(grid.offset, np.int64)
-    sizes = np.diff(offsets)
+    cells = grid.GetCells()
+    corners = np.asarray(pyvista.convert_array(cells.GetConnectivityArray()), np.int64)
+    sizes = np.diff(pyvista.convert_array(cells.GetOffsetsArray()))
     return Surface(
         title=str(path),
         points=np.asarray(grid.points, float),
-        corners=np.asarray(grid.cell_connectivity, np.int64)[np.repeat(chosen, sizes)],
-        ends=np.cumsum(sizes[chosen]),
+        corners=corners[np.repeat(chosen, sizes)],
+        ends=np.cumsum(sizes[chosen], dtype=np.int64),
         patches=(path.stem,),
         patch=np.zeros(int(chosen.sum()), np.int64),
     )

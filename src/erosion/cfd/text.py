@@ -6,7 +6,7 @@ import re
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +18,14 @@ _HEAD = 1 << 16  # bytes in which a header must end
 _SPACES = bytes.maketrans(b"\t\r", b"  ")
 
 
-def open_table(path: Path) -> IO[bytes]:
+def open_table(path: Path) -> io.BufferedIOBase:
     """The file for reading, decompressed where its name ends in ".gz".
 
     Raises:
         ImpactsError: where it cannot be opened.
     """
     try:
-        return gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")  # type: ignore[return-value]
+        return gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")
     except OSError as error:
         raise ImpactsError(f"{path}: cannot be read ({error.strerror or error}).") from error
 
@@ -95,7 +95,7 @@ def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str
 class _Plain(io.RawIOBase):
     """The file without its parentheses, with one space between fields, for pyarrow's parser."""
 
-    def __init__(self, file: IO[bytes]):
+    def __init__(self, file: io.BufferedIOBase):
         self._file = file
         self._rest = b""
 
