@@ -6,8 +6,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import erosion
+from erosion.cfd.surface import Surface
 from erosion.maps.erosion_map import erosion_map
-from erosion.plotting.maps import plot_map
+from erosion.plotting.maps import plot_map, require_view
 from tests.maps.tables import Table, hump, sand
 
 pytest.importorskip("pyvista")
@@ -61,7 +62,7 @@ def test_labels_have_the_quantity_and_its_unit() -> None:
     figure = plot_map(wear, "depth_per_year", view=(1, 1, 1), log=True, zoom=1.5)
     assert figure.axes[1].get_xlabel() == "ḣ  depth per year [mm/year]"
     assert figure.axes[1].get_xscale() == "log"
-    assert plot_map(wear, "relative_error", view="+y").axes[1].get_xlabel().endswith("of the volume")
+    assert plot_map(wear, "relative_error", view="+x").axes[1].get_xlabel().endswith("of the volume")
 
 
 def test_equal_numbers_and_zeros_can_be_drawn() -> None:
@@ -84,6 +85,18 @@ def test_equal_numbers_and_zeros_can_be_drawn() -> None:
 def test_what_cannot_be_drawn_is_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         plot_map(two_faces(1.0, 1.0), **options)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_surface_that_is_seen_edge_on_is_told() -> None:
+    flat = Surface("flat", np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]]), np.arange(3), np.array([3]), ("flat",),
+                   np.zeros(1, np.int64))  # fmt: skip
+    table = Table(count=[1.0], mass=[1e-7], diameter=[4e-4], speed=[50.0], alpha=[0.4], face=[0])
+    wear = erosion_map("linearized", P, table, flat)
+    with pytest.raises(ValueError, match="Argument `view` must show the surface, but sees it edge on"):
+        require_view("+x", 1.0, flat.normal)
+    with pytest.raises(ValueError, match="Argument `view` must show the surface, but sees it edge on, or zooms"):
+        plot_map(wear, view="+x")
+    require_view("+z", 1.0, flat.normal)
 
 
 def test_totals_alone_cannot_be_drawn() -> None:

@@ -25,6 +25,7 @@ from erosion.cli.set_option import SetOption, read_settings, settings
 if TYPE_CHECKING:
     import xarray as xr
 
+    from erosion.cfd.surface import Surface
     from erosion.maps.job import MapJob
     from erosion.maps.options import MapOptions
     from erosion.parameters.parameters import Parameters
@@ -166,6 +167,15 @@ class _Picture:
         with user_errors():
             require_view(self.direction, self.zoom)
 
+    def check_surface(self, surface: "Surface | None") -> None:
+        """Know before computing that something can be seen."""
+        if self.plot is None or surface is None:
+            return
+        from erosion.plotting.maps import require_view
+
+        with user_errors():
+            require_view(self.direction, self.zoom, surface.normal)
+
     def draw(self, dataset: "xr.Dataset") -> None:
         """Draw the map into its file, if there is one."""
         if self.plot is None:
@@ -215,6 +225,7 @@ def map_(
     start_engine()
     with dask_cluster(workers, scheduler):
         job = _job(impacts, target, rows, p, (model, chosen))
+        picture.check_surface(job.surface)
         dataset = _computed(job)
     if output is not None:
         from erosion.maps.export import write_map

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -167,23 +167,29 @@ class MapJob:
         factor = conversion_factor("length", options.bodies.p.units, "si")
         limit = None if options.limit is None else options.limit * factor
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, limit)
-        held, count, is_first = list[Hits](), 0, True
-        for block in self.impacts.blocks(_PORTION):
-            hits = incidence.hits(block)
-            far += incidence.too_far(block, hits, _NAMED - len(far))
-            begin = 0
-            while begin < hits.rows:
-                part = hits.part(slice(begin, begin + _PORTION - count))
-                held.append(part)
-                begin, count = begin + part.rows, count + part.rows
-                if count == _PORTION:
-                    portion = Hits.joined(held)
-                    if is_first:
-                        self._require_right_way(np.bincount(portion.fate, minlength=1 + len(LEFT_OUT)))
-                    yield portion
-                    held, count, is_first = [], 0, False
-        if held:
-            yield Hits.joined(held)
+        blocks = self.impacts.blocks(_PORTION)
+        try:
+            held, count, is_first = list[Hits](), 0, True
+            for block in blocks:
+                hits = incidence.hits(block)
+                far += incidence.too_far(block, hits, _NAMED - len(far))
+                begin = 0
+                while begin < hits.rows:
+                    part = hits.part(slice(begin, begin + _PORTION - count))
+                    held.append(part)
+                    begin, count = begin + part.rows, count + part.rows
+                    if count == _PORTION:
+                        portion = Hits.joined(held)
+                        if is_first:
+                            self._require_right_way(np.bincount(portion.fate, minlength=1 + len(LEFT_OUT)))
+                        yield portion
+                        held, count, is_first = [], 0, False
+            if held:
+                yield Hits.joined(held)
+        finally:
+            # A reader may read ahead in a thread, which must end before the process does.
+            if isinstance(blocks, Generator):
+                blocks.close()
 
     def _require_right_way(self, fates: np.ndarray) -> None:
         """Refuse a table in which nearly all rows come from behind."""

@@ -21,7 +21,7 @@ from erosion.parameters.case_files import dump_case
 from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
-from erosion.tables import Record, Result, Row, largest_of, to_plain, with_error
+from erosion.tables import Record, Result, Row, to_plain, with_error
 from erosion.version import __version__
 
 YEAR = 365.25 * 86400.0
@@ -267,8 +267,11 @@ class MapSummary(Result):
             value = float(self.dataset[f"{prefix}_{name}"].values[index])
             row = quantity_row(f"{name}{suffix}", FACES[name], value, self.units)
             if name in ("volume", "mass"):
-                size = table_scale(FACES[name].dimension, self.units, largest_of(value)).size
-                row = row._replace(value=with_error(value, value * error, size))
+                # Patches are in the unit of the whole.
+                scale = table_scale(FACES[name].dimension, self.units, float(self.dataset[f"total_{name}"]))
+                row = row._replace(
+                    value=with_error(value, value * error if value else 0.0, scale.size), unit=scale.unit
+                )
             rows.append(row)
         return rows
 

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from erosion.cfd.extra import library
 from erosion.maps.export import to_polydata
 from erosion.maps.result import FACES
-from erosion.parameters.scales import Scale, readable_scale
+from erosion.parameters.scales import Scale, readable_scale, table_scale
 from erosion.plotting.colors import FAINT, INK
 from erosion.plotting.style import house_style, new_figure
 from erosion.tables import with_error
@@ -33,6 +33,7 @@ _PIXELS = 1600  # of the longer side of the picture
 _DECADES = 3  # of a logarithmic scale
 _MARGIN = 1.04
 _FLATTEST, _TALLEST = 0.25, 1.2  # height over width of the picture
+_EDGE_ON = 1e-3  # cosine of the angle between a face's normal and the view
 _STRIP = 0.15  # height of the strip below the picture over the picture's width
 _EDGES = 4000  # faces: with more of them lines between faces would hide the colours
 
@@ -56,7 +57,7 @@ def plot_map(
         log: colours by the logarithm, over the three decades below the greatest value.
 
     Raises:
-        ValueError: for a map without a surface, and an unknown variable or view.
+        ValueError: for a map without a surface, an unknown variable or view, and a view that shows nothing.
         ImpactsError: where pyvista, of the extra `cfd`, is not installed.
     """
     require_view(view, zoom)
@@ -89,9 +90,17 @@ def plot_map(
     return fig
 
 
-def require_view(view: str | Sequence[float | int], zoom: float | int) -> None:
-    """Check a view and its zoom; errors as of `plot_map`."""
-    _direction(view)
+def require_view(view: str | Sequence[float | int], zoom: float | int, normals: np.ndarray | None = None) -> None:
+    """Check a view and its zoom, and that it sees something of a surface; errors as of `plot_map`.
+
+    Args:
+        view: see `plot_map`.
+        zoom: see `plot_map`.
+        normals: of the faces, shape (faces, 3), where they are known.
+    """
+    direction = _direction(view)
+    if normals is not None and np.abs(normals @ direction).max() < _EDGE_ON:
+        raise ValueError("Argument `view` must show the surface, but sees it edge on.")
     if not (isinstance(zoom, (int, float)) and math.isfinite(zoom) and zoom > 0):
         raise ValueError(f"Argument `zoom` must be positive and finite, but is {zoom!r}.")
 
@@ -160,6 +169,8 @@ def _picture(wear: xr.Dataset, colours: np.ndarray, camera: _Camera) -> np.ndarr
         plotter.enable_anti_aliasing("ssaa")
         picture = plotter.screenshot(None, return_img=True)
         plotter.close()
+    if (picture == 255).all():
+        raise ValueError("Argument `view` must show the surface, but sees it edge on, or zooms into a gap.")
     return np.asarray(picture)
 
 
@@ -216,5 +227,5 @@ def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
 def _title(wear: xr.Dataset) -> str:
     """The model, and the total with its standard error."""
     total, error = float(wear["total_volume"]), float(wear["total_relative_error"])
-    scale = readable_scale("volume", wear.attrs["unit_system"], total)
+    scale = table_scale("volume", wear.attrs["unit_system"], total)
     return f"{wear.attrs['model']}: {with_error(total, total * error, scale.size)} {scale.unit} in all"
