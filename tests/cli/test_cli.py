@@ -119,6 +119,7 @@ def test_help_comes_without_jax():
     assert "Commands" in process.stdout
 
 
+@pytest.mark.slow
 def test_an_optimum_comes_without_what_it_does_not_use():
     unused = {"diffrax", "matplotlib", "pandas", "pint", "rich", "scipy", "xarray"}
     code = f"import sys, erosion, erosion.cli; erosion.alpha_max; sys.exit({unused} & {{*sys.modules}} or 0)"

@@ -114,6 +114,7 @@ def test_export(document, tmp_path) -> None:
     assert (result["table"]["angles"], result["restitution"]["speeds"]) == (36, 7)
 
 
+@pytest.mark.slow
 def test_models_and_verify(document) -> None:
     printed = document("models")
     assert printed["case"] is printed["units"] is printed["model"] is None
@@ -123,6 +124,7 @@ def test_models_and_verify(document) -> None:
     assert printed["model"]["name"] == "linearized"
 
 
+@pytest.mark.slow
 def test_validate(document, tmp_path) -> None:
     printed = document("validate", "--plot", str(tmp_path / "facts.svg"))
     assert printed["case"] is printed["units"] is printed["model"] is None

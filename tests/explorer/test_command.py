@@ -89,6 +89,7 @@ def test_without_nicegui_it_says_what_to_install(capsys: pytest.CaptureFixture, 
     assert "pip install 'erosion[explorer]'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_first_page_does_not_wait_for_the_figures_libraries() -> None:
     code = "import sys, erosion.explorer.server; sys.exit(bool({'matplotlib', 'scipy', 'xarray'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
