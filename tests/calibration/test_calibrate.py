@@ -403,6 +403,8 @@ def test_the_table_for_fluent_says_how_far_off_it_is(fit):
     assert table.factor == pytest.approx(largest / float(si.m * si.v0**2), rel=1e-4)
     with pytest.raises(ValueError, match="`points` must be from 2 to 30, but is 31"):
         to_fluent(fit, points=31)
+    with pytest.raises(ValueError, match="`p` must be left out for a calibration, which has a case of its own"):
+        to_fluent(fit, fit.p)
 
 
 def test_results_are_frozen_and_speak(fit):

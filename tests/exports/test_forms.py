@@ -95,6 +95,15 @@ def test_fluents_diameter_function_is_that_of_oka():
     assert "the same for all diameters." in erosion.to_fluent("rotating", P).text()
 
 
+def test_speeds_alone_leave_the_diameter_function_and_diameters_the_exponent():
+    speeds, sizes = [4400.0, 6000.0], [0.05, 0.08]
+    assert erosion.to_fluent("oka", P, v0=speeds).factors == pytest.approx(erosion.to_fluent("oka", P).factors)
+    alone = erosion.to_fluent("dnv", P, d=sizes)
+    assert alone.exponent == pytest.approx(2.6, abs=1e-9)
+    assert alone.losses.misfit.shape == (2, 1)
+    assert erosion.to_fluent("dnv", P, v0=4400.0).exponent == pytest.approx(2.6, abs=1e-9)
+
+
 def test_what_fluent_loses_at_other_speeds_is_said_and_refused_if_asked_for():
     table = erosion.to_fluent("rotating", P)
     assert table.losses.worst > 0.4
@@ -120,6 +129,12 @@ def test_a_spinning_particle_that_cuts_nothing_has_no_form():
     # s = rφ̇₀/v₀ = -2: the tip moves backward at every angle.
     with pytest.raises(erosion.ExportError, match="rotating removes nothing at any angle"):
         erosion.to_fluent("rotating", P.replace(phidot0=-2.2e5))
+
+
+def test_where_nothing_is_removed_at_the_speeds_that_are_given_there_is_no_exponent():
+    backward = P.replace(phidot0=-0.6 * 4400 / 0.04)
+    with pytest.raises(erosion.ExportError, match="finnie removes nothing at other speeds"):
+        erosion.to_fluent("finnie", backward, v0=[1000.0, 2000.0])
 
 
 def test_where_nothing_is_cut_at_half_the_speed_all_is_lost():

@@ -6,12 +6,12 @@ import numpy as np
 
 from erosion.array_types import Broadcast
 from erosion.exports.particle import ExportError, Particle, commented
-from erosion.exports.reach import ANGLES, NEAR, Losses, Reach, losses
+from erosion.exports.reach import ANGLES, NEAR, Losses, Reach, losses, more_than_own
 from erosion.models import model_name
 
 _MOST_POINTS = 30  # a piecewise-linear profile of Fluent has no more
 _SAME = 1e-6  # factors that differ by less do not depend on the diameter
-_EXACT = 1e-9  # an exponent as near to 2 is 2
+_EXACT = 1e-9  # an exponent as near to 2 is 2, a speed as near to the case's, relatively, is the case's
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,20 +90,21 @@ def angle_table(particle: Particle, reach: Reach, comment: str, points: int) -> 
         raise ExportError(f"{model_name(particle.model)} removes nothing at any angle: it has no curve to export.")
     angles, curve = np.append(0.0, ANGLES), np.append(0.0, erosion / greatest)
     nodes, misfit = _nodes(angles, curve, points)
-    exponent = _exponent(particle, reach.speeds, curve[1:])
-    factors = _sizes(particle.erosion(ANGLES, particle.speed, reach.diameters[:, None]), curve[1:])
+    exponent = _exponent(particle, more_than_own(reach.speeds, particle.speed), curve[1:])
+    diameters = more_than_own(reach.diameters, particle.diameter)
+    factors = _sizes(particle.erosion(ANGLES, particle.speed, diameters[:, None]), curve[1:])
     power = particle.speed**exponent
 
     def form(alpha: Broadcast, v0: Broadcast, d: Broadcast) -> np.ndarray:
         shape = np.interp(alpha, angles[nodes], curve[nodes])
-        return np.asarray(np.interp(d, reach.diameters, factors) * shape * (v0 / particle.speed) ** exponent)
+        return np.asarray(np.interp(d, diameters, factors) * shape * (v0 / particle.speed) ** exponent)
 
     return AngleTable(
         angle=angles[nodes],
         f=curve[nodes],
         exponent=exponent,
         factor=greatest / power,
-        diameter=reach.diameters,
+        diameter=diameters,
         factors=factors / power,
         misfit=misfit,
         losses=losses("Fluent", form, particle, reach),
@@ -127,14 +128,14 @@ def _sizes(erosion: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
 
 def _exponent(particle: Particle, speeds: np.ndarray, shape: np.ndarray) -> float:
-    """B of a height that grows as v^b, by least squares of logarithms through the case's speed; 2 for one speed."""
+    """B of a height that grows as v^b, by least squares of logarithms through the case's speed."""
     ratio = np.log(speeds / particle.speed)
-    if not np.any(np.abs(ratio) > _EXACT):
-        return 2.0
     erosion = particle.erosion(ANGLES, np.append(particle.speed, speeds)[:, None], particle.diameter)
     own, *heights = _sizes(erosion, shape)
     # Below a threshold of the model nothing is removed: no power of v is 0.
-    removes = np.array(heights) > 0
+    removes = (np.array(heights) > 0) & (np.abs(ratio) > _EXACT)
+    if not removes.any():
+        raise ExportError(f"{model_name(particle.model)} removes nothing at other speeds: no power of the speed fits.")
     ratio, growth = ratio[removes], np.log(np.array(heights)[removes] / own)
     exponent = float(ratio @ growth / (ratio @ ratio))
     return 2.0 if abs(exponent - 2) < _EXACT else exponent

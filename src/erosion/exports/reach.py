@@ -14,6 +14,8 @@ ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
 NEAR, FAR = 0.02, 0.15
 """Misfits of a form over the maximum of a curve: above the first it is said, above the last refused."""
 
+_HALF_TO_TWICE = np.geomspace(0.5, 2, 9)
+
 _Erosion = Callable[[Broadcast, Broadcast, Broadcast], np.ndarray]
 """Of angle [rad], speed [m/s] and diameter [m]: the volume removed per mass of particles [m³/kg]."""
 
@@ -33,10 +35,14 @@ class Reach:
         Raises:
             ValueError: for a speed or a diameter that is not positive.
         """
-        halves = np.geomspace(0.5, 2, 9)
         if v0 is d is None:
-            return cls(halves * particle.speed, halves * particle.diameter, asked=False)
+            return cls(_HALF_TO_TWICE * particle.speed, _HALF_TO_TWICE * particle.diameter, asked=False)
         return cls(in_si("v0", v0, p, particle.speed), in_si("d", d, p, particle.diameter), asked=True)
+
+
+def more_than_own(values: np.ndarray, own: float) -> np.ndarray:
+    """The speeds or diameters to which a form is fitted: from half to twice the case's where no others are given."""
+    return _HALF_TO_TWICE * own if np.allclose(values, own, rtol=1e-9, atol=0) else values
 
 
 @dataclasses.dataclass(frozen=True)
