@@ -4,7 +4,9 @@ import gzip
 import math
 import pickle
 import shutil
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -107,6 +109,49 @@ def test_one_file_one_window_and_a_whole_case_give_the_same_rows():
     assert 0 < len(file["time"]) < len(windows[0]["time"])
 
 
+def only_processor_0(path):
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(row for row in rows if row.split()[1] == "0")]) + "\n")
+
+
+def test_a_parallel_run_that_hits_on_one_processor_alone(run):
+    whole = list(read_impacts(run).blocks(1_000_000))
+    for path in (run / TABLES).rglob("*.post"):
+        only_processor_0(path)
+    rows = together(read_impacts(run))
+    # Left of x = 6 cm, where the mesh is cut, all is of processor 0.
+    left = np.concatenate([np.asarray(block.face)[np.asarray(block.position)[:, 0] < 0.06] for block in whole])
+    assert 100 < len(left) < ROWS
+    np.testing.assert_array_equal(rows["face"], left)
+
+
+def test_a_serial_run_of_a_case_that_is_decomposed_too(run):
+    for path in (RUNS / "serial" / TABLES).rglob("*.post.gz"):
+        (run / TABLES / path.parent.name / path.stem).write_bytes(gzip.decompress(path.read_bytes()))
+    np.testing.assert_array_equal(together(read_impacts(run))["face"], together(read_impacts(RUNS / "serial"))["face"])
+
+
+def test_faces_that_fit_a_serial_and_a_parallel_run_are_refused(run):
+    for path in (run / TABLES).rglob("*.post"):
+        only_processor_0(path)
+        if path.stem == "hump":
+            path.unlink()
+    head = "FoamFile { version 2.0; format ascii; class labelList; object x; }\n"
+    numbers = np.arange(1, 1300)
+    numbers[FLOOR[0] : sum(FLOOR)] = numbers[FLOOR[0] : sum(FLOOR)][::-1]
+    text = f"{head}{len(numbers)}({' '.join(map(str, numbers))})"
+    (run / "processor0" / "constant" / "polyMesh" / "faceProcAddressing").write_text(text)
+    for path in (run / TABLES).rglob("floor.post"):
+        head, *rows = path.read_text().splitlines()
+        fields = [row.split(" ") for row in rows]
+        place = head.replace("(", "").replace(")", "").split().index("facei") - 1
+        for row in fields:
+            row[place] = str(FLOOR[0])
+        path.write_text("\n".join([head, *(" ".join(row) for row in fields)]) + "\n")
+    with pytest.raises(ImpactsError, match="names faces of patch 'floor', whether they are counted in the whole mesh"):
+        together(read_impacts(run))
+
+
 def test_names_of_other_versions(tmp_path):
     # As openfoam.org and `particlePostProcessing` of openfoam.com write: (Ux Uy Uz), tabs, and only the wanted fields.
     table = tmp_path / "0.5" / "wall.dat"
@@ -161,6 +206,34 @@ def test_polyhedra_with_faces_of_many_corners(tmp_path):
     np.testing.assert_array_equal(surface.ends, [5, 8])
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("icoUncoupledKinematicParcelFoam") is None, reason="OpenFOAM is not installed")
+def test_the_recipe_makes_the_same_runs_again(tmp_path):
+    subprocess.run(["sh", RUNS / "run.sh", tmp_path], check=True, capture_output=True)
+    for name in ("serial", "parallel"):
+        again, rows = together(read_impacts(tmp_path / name)), together(read_impacts(RUNS / name))
+        np.testing.assert_array_equal(again["face"], rows["face"])
+        np.testing.assert_allclose(again["velocity"], rows["velocity"], rtol=1e-9)
+
+
+def test_a_binary_mesh_with_labels_of_64_bits(run):
+    expected, rows = read_surface(RUNS / "parallel"), together(read_impacts(RUNS / "parallel"))
+    head = 'FoamFile {{ version 2.0; format binary; arch "LSB;label=64;scalar=64"; class {}; object x; }}\n'
+
+    def labels(numbers):
+        return f"{len(numbers)}\n(".encode() + np.asarray(numbers, "<i8").tobytes() + b")\n"
+
+    mesh = Path("constant") / "polyMesh"
+    faces: Any = FoamFile(run / mesh / "faces")[None]
+    starts, corners = faces
+    content = head.format("faceCompactList").encode() + labels(starts) + labels(corners)
+    (run / mesh / "faces").write_bytes(content)
+    for path in run.glob("processor*/constant/polyMesh/faceProcAddressing"):
+        path.write_bytes(head.format("labelList").encode() + labels(FoamFile(path)[None]))
+    np.testing.assert_array_equal(read_surface(run).centre, expected.centre)
+    np.testing.assert_array_equal(together(read_impacts(run))["face"], rows["face"])
+
+
 def append(path, old, new):
     text = path.read_text()
     assert old in text
@@ -171,6 +244,11 @@ def spoil_row(path, number, change):
     lines = path.read_text().splitlines()
     lines[number] = change(lines[number])
     path.write_text("\n".join(lines) + "\n")
+
+
+def serial_first(run):
+    path = RUNS / "serial" / TABLES / "0.01" / "floor.post.gz"
+    (run / TABLES / "0.01" / "floor.post").write_bytes(gzip.decompress(path.read_bytes()))
 
 
 def drop_processors(run):
@@ -246,6 +324,7 @@ def cut_gzip(run):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
+        (serial_first, "0.01.hump.post: is of a parallel run, but the rows before it are of a serial one"),
         (drop_processors, "is of a parallel run.*processor[01]/constant/polyMesh/faceProcAddressing is needed"),
         (
             repeat_window,

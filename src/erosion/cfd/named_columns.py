@@ -231,7 +231,8 @@ def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
 def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
     arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
     try:
-        with parquet.ParquetFile(path, memory_map=True) as file:
+        # By default pyarrow keeps all that it has read until the end.
+        with parquet.ParquetFile(path, pre_buffer=False) as file:
             for name in wanted:
                 kind = file.schema_arrow.field(name).type
                 if not (arrow.types.is_integer(kind) or arrow.types.is_floating(kind)):

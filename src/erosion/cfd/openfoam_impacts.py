@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -69,7 +70,9 @@ class OpenFoamImpacts(Impacts):
 
     def identity(self) -> str:
         """See `Impacts`."""
-        return digest_of([table.path for table in self.tables], f"{self.density} {self.duration}")
+        processors = {} if self.mesh is None else self.mesh.processors
+        addressing = [hashlib.sha256(processors[number].tobytes()).hexdigest() for number in sorted(processors)]
+        return digest_of([table.path for table in self.tables], f"{self.density} {self.duration} {addressing}")
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`."""
@@ -95,28 +98,36 @@ class OpenFoamImpacts(Impacts):
 
     def _is_parallel(self, table: Table, columns: Mapping[str, np.ndarray]) -> bool:
         """Whether faces are counted in each processor's part of the mesh."""
-        if "mesh_face" not in columns:
+        if "mesh_face" not in columns or "processor" not in columns:
             return False
-        if "processor" in columns and columns["processor"].any():
+        if columns["processor"].any():
             return True
-        if self.mesh is None or not self.mesh.processors or table.patch not in self.mesh.patches:
+        if self.mesh is None or 0 not in self.mesh.processors or table.patch not in self.mesh.patches:
             return False
-        # All rows are of processor 0, and the case is decomposed: the run was serial if the faces are the patch's.
-        patch = self.mesh.patches[table.patch]
-        faces = columns["mesh_face"]
-        return not bool(((faces >= patch.start) & (faces < patch.start + patch.faces)).all())
+        # All rows are of processor 0, and the case is decomposed: the faces tell whether the run was serial.
+        patch, faces = self.mesh.patches[table.patch], columns["mesh_face"]
+        if not patch.has(faces).all():
+            return True
+        addressing = self.mesh.processors[0]
+        mapped = addressing[np.minimum(faces.astype(np.int64), len(addressing) - 1)]
+        if patch.has(mapped).all() and (mapped != faces).any():
+            raise ImpactsError(
+                f"{table.path}: names faces of patch {table.patch!r}, whether they are counted in the whole mesh of "
+                f"{self.mesh.case} or in its part in processor0. If the run was serial, move the folders processor0, "
+                "processor1, … away; if not, give all windows."
+            )
+        return False
 
     def _mesh_faces(self, table: Table, first: int, columns: Mapping[str, np.ndarray], is_parallel: bool) -> np.ndarray:
         """The faces' numbers in the whole mesh, checked against the patch's."""
         faces = columns["mesh_face"]
-        if is_parallel:
+        if is_parallel or ("processor" in columns and columns["processor"].any()):
             faces = self._undecomposed(table, first, columns)
-        elif "processor" in columns and columns["processor"].any():
-            raise ImpactsError(f"{table.path}: has rows of several processors, but the tables before it are of one.")
+            if not is_parallel:
+                raise ImpactsError(f"{table.path}: is of a parallel run, but the rows before it are of a serial one.")
         if self.mesh is None or table.patch not in self.mesh.patches:
             return faces
-        patch = self.mesh.patches[table.patch]
-        own = (faces >= patch.start) & (faces < patch.start + patch.faces)
+        own = self.mesh.patches[table.patch].has(faces)
         if not own.all():
             row = int(np.argmin(own))
             raise ImpactsError(

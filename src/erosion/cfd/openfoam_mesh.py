@@ -24,6 +24,10 @@ class Patch:
     start: int
     faces: int
 
+    def has(self, mesh_faces: np.ndarray) -> np.ndarray:
+        """Whether each face of the mesh is of this patch."""
+        return (mesh_faces >= self.start) & (mesh_faces < self.start + self.faces)
+
 
 @dataclasses.dataclass(frozen=True)
 class Mesh:
@@ -54,7 +58,7 @@ class Mesh:
         try:
             if isinstance(content, tuple):
                 starts, corners = content
-                return np.asarray(starts[1:], np.int64), np.asarray(corners, np.int64)
+                return _labels(starts)[1:], _labels(corners)
             sizes = np.fromiter(map(len, content), np.int64, len(content))
             return np.cumsum(sizes), np.concatenate([np.zeros(0, np.int64), *content]).astype(np.int64, copy=False)
         except (TypeError, ValueError) as error:
@@ -71,8 +75,7 @@ class Mesh:
             if not _present(path):
                 continue
             # The numbers start at 1; a negative one says that the face is turned round.
-            numbers = np.asarray(_content(path))
-            addressing[int(folder.name.removeprefix("processor"))] = np.abs(numbers.astype(np.int64)) - 1
+            addressing[int(folder.name.removeprefix("processor"))] = np.abs(_labels(_content(path))) - 1
         return addressing
 
     def surface(self, patch: str | Sequence[str] | None) -> Surface:
@@ -149,6 +152,12 @@ def dictionary(path: Path) -> Any:
         return library("foamlib").FoamFile(_stored(path)).as_dict()
     except (OSError, EOFError, ValueError):
         return None
+
+
+def _labels(numbers: Any) -> np.ndarray:
+    """Whole numbers; foamlib takes those of 64 bits in a binary file for floating point numbers."""
+    numbers = np.asarray(numbers)
+    return numbers.view(np.int64) if numbers.dtype == np.float64 else numbers.astype(np.int64)
 
 
 def _present(path: Path) -> bool:
