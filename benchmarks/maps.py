@@ -38,12 +38,14 @@ class Rain(Impacts):
     title, duration, mesh_faces = "rain", 1.0, False
 
     def __init__(self, rows: int, surface: Surface) -> None:
-        self.rows, self.surface, self.normal, self.seconds = rows, surface, surface.normal, 0.0
+        self.rows = self.count = rows
+        self.surface, self.normal, self.seconds = surface, surface.normal, 0.0
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
-        for number, first in enumerate(range(0, self.rows, rows)):
+        """Random rows, the same each time."""
+        for number, first in enumerate(range(0, self.count, rows)):
             begin = time.perf_counter()
-            block = self._block(number, first, min(rows, self.rows - first))
+            block = self._block(number, first, min(rows, self.count - first))
             self.seconds += time.perf_counter() - begin
             yield block
 
@@ -59,6 +61,7 @@ class Rain(Impacts):
                            velocity=velocity, face=face)  # fmt: skip
 
     def identity(self) -> str:
+        """The number of rows, on which the others depend."""
         return str(self.rows)
 
 
@@ -73,6 +76,7 @@ def lanes(rain: Rain) -> Iterator[erosion.Parameters]:
 
 
 def main() -> None:
+    """Compute the map and its impacts alone, one after the other."""
     rows = int(float(sys.argv[1])) if len(sys.argv) > 1 else 10**7
     rain = Rain(rows, floor(int(sys.argv[2]) if len(sys.argv) > 2 else 400))
     erosion.impact("rotating", P.replace(alpha=np.full(8, 0.3)))

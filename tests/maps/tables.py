@@ -17,7 +17,7 @@ class Table(Impacts):
     """Rows in memory; `block` is the most that a block has, whatever is asked for."""
 
     def __init__(self, duration: float | None = None, mesh_faces: bool = False, block: int = 10**9, **columns: Any):
-        self.columns = {name: np.asarray(values) for name, values in columns.items()}
+        self.columns: dict[str, Any] = {name: np.asarray(values) for name, values in columns.items()}
         self.title, self.duration, self.mesh_faces, self.block = "table", duration, mesh_faces, block
         self.rows = len(self.columns["count"])
 
