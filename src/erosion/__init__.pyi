@@ -23,6 +23,9 @@ from erosion.engine.impact import Impact as Impact
 from erosion.engine.impact import impact as impact
 from erosion.engine.volume import volume as volume
 from erosion.exercises import AnswerKey as AnswerKey
+from erosion.exports.particle import ExportError as ExportError
+from erosion.exports.restitution import restitution as restitution
+from erosion.exports.tables import volume_table as volume_table
 from erosion.maps.erosion_map import erosion_map as erosion_map
 from erosion.models import ModelError as ModelError
 from erosion.models import available_models as available_models
