@@ -13,6 +13,9 @@ from erosion.calibration import rank_models as rank_models
 from erosion.calibration import read_measurements as read_measurements
 from erosion.calibration import to_fluent as to_fluent
 from erosion.calibration import to_openfoam as to_openfoam
+from erosion.cfd.impacts import ImpactsError as ImpactsError
+from erosion.cfd.read import read_impacts as read_impacts
+from erosion.cfd.read import read_surface as read_surface
 from erosion.correlations import CORRELATIONS as CORRELATIONS
 from erosion.correlations import Correlation as Correlation
 from erosion.engine.impact import Impact as Impact

@@ -155,6 +155,14 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
 
 
+def header_parts(text: str) -> tuple[str, str]:
+    """Name and unit of a column: "Mass loss [mg/g]" is ("mass_loss", "mg/g"); empty where there is none."""
+    parts = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEAD else None
+    if parts is None:
+        return "", ""
+    return re.sub(r"[\s-]+", "_", parts["name"]).lower(), (parts["unit"] or "").strip()
+
+
 def shown(value: Any) -> str:
     """A value as a message shows it; of a long one the beginning."""
     text = repr(value)
@@ -178,6 +186,8 @@ def _check_powers(units: str) -> None:
 
 _LONGEST = 200  # characters of a quantity, of which any that a person types has far fewer
 _GREATEST_POWER = 100
+_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+_LONGEST_HEAD = 300  # characters of a column's header; the pattern's time grows with their cube
 # "m3" for m³, which pint takes for a name. It knows no unit of letters and one digit, 2 or 3.
 _POWERLESS = re.compile(r"(?<![\w])([^\W\d_]+)([23])(?!\w)")
 # One or two digits before the point, or in brackets also a ratio of two such; no other power follows.
