@@ -1,5 +1,9 @@
 """Surfaces from files of VTK and STL."""
 
+import contextlib
+import logging
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +24,10 @@ def open_surface(path: Path) -> Surface:
     """
     pyvista = library("pyvista")
     try:
-        # VTK would write its complaints to the terminal, and go on with an empty mesh.
-        with pyvista.vtk_verbosity("off"):
+        with _quiet(), pyvista.vtk_verbosity("off"):
             mesh = pyvista.read(path)
     except Exception as error:
-        raise ImpactsError(
-            f"{path}: cannot be read ({str(error).splitlines()[0][:120] if str(error) else error!r})."
-        ) from error
+        raise ImpactsError(f"{path}: cannot be read; it is damaged, or no {path.suffix} file.") from error
     grid = mesh.cast_to_unstructured_grid() if hasattr(mesh, "cast_to_unstructured_grid") else None
     chosen = np.isin(grid.celltypes, _POLYGONS) if grid is not None and grid.n_cells else np.zeros(0, bool)
     if grid is None or not chosen.any():
@@ -42,3 +43,16 @@ def open_surface(path: Path) -> Surface:
         patches=(path.stem,),
         patch=np.zeros(int(chosen.sum()), np.int64),
     )
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Make pyvista raise what it would log and warn of, before it goes on with an empty mesh."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            yield
+    finally:
+        logging.disable(before)
