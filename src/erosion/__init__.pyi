@@ -16,12 +16,17 @@ from erosion.calibration import to_openfoam as to_openfoam
 from erosion.cfd.impacts import ImpactsError as ImpactsError
 from erosion.cfd.read import read_impacts as read_impacts
 from erosion.cfd.read import read_surface as read_surface
+from erosion.cluster import local_cluster as local_cluster
 from erosion.correlations import CORRELATIONS as CORRELATIONS
 from erosion.correlations import Correlation as Correlation
 from erosion.engine.impact import Impact as Impact
 from erosion.engine.impact import impact as impact
 from erosion.engine.volume import volume as volume
 from erosion.exercises import AnswerKey as AnswerKey
+from erosion.exports.particle import ExportError as ExportError
+from erosion.exports.restitution import restitution as restitution
+from erosion.exports.tables import volume_table as volume_table
+from erosion.maps.erosion_map import erosion_map as erosion_map
 from erosion.models import ModelError as ModelError
 from erosion.models import available_models as available_models
 from erosion.models import load_model as load_model
@@ -51,7 +56,6 @@ from erosion.streams.replicates import Estimate as Estimate
 from erosion.streams.result import Stream as Stream
 from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import stream as stream
-from erosion.sweeps.cluster import local_cluster as local_cluster
 from erosion.sweeps.studies import compare as compare
 from erosion.sweeps.studies import regimes as regimes
 from erosion.sweeps.sweep import SweepInterrupted as SweepInterrupted

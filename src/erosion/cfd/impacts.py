@@ -57,7 +57,6 @@ class Impacts(abc.ABC):
         title: file or folder, for messages and titles.
         rows: their number, None where only reading all of them tells it.
         duration: time that the table covers [s], None where it does not say; rates need it.
-        notes: sentences on what the table lacks and what is taken instead.
         mesh_faces: whether `face` of its blocks counts the faces of the whole mesh (`Surface.face_of_mesh` leads from
             them to the surface's own).
         notes: sentences on what the table does not say, and what is taken instead.

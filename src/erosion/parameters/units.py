@@ -21,6 +21,7 @@ System = Literal["inch-pound", "si"]
 Dimension = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
     "rate", "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
+    "mass flux",
 ]  # fmt: skip
 
 SYSTEMS: tuple[System, ...] = get_args(System)
@@ -35,6 +36,7 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "angular speed": "rad/s", "rate": "1/s", "volume per angle": "inch**3/rad",
             "volume per angle²": "inch**3/rad**2", "density": "slinch/inch**3",
             "volume per mass": "inch**3/slinch", "mass per mass": "slinch/slinch",
+            "mass flux": "slinch/inch**2/s",
         },
         "si": {
             "1": "", "length": "m", "area": "m**2", "volume": "m**3", "mass": "kg",
@@ -42,6 +44,7 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "angular speed": "rad/s", "rate": "1/s", "volume per angle": "m**3/rad",
             "volume per angle²": "m**3/rad**2", "density": "kg/m**3",
             "volume per mass": "m**3/kg", "mass per mass": "kg/kg",
+            "mass flux": "kg/m**2/s",
         },
     }
 )  # fmt: skip
@@ -54,6 +57,7 @@ _INCH_POUND_IN_SI: Mapping[Dimension, float] = types.MappingProxyType(
         "length": _INCH, "area": _INCH**2, "volume": _INCH**3, "mass": _SLINCH, "speed": _INCH,
         "stress": _POUND_FORCE / _INCH**2, "volume per angle": _INCH**3, "volume per angle²": _INCH**3,
         "density": _SLINCH / _INCH**3, "volume per mass": _INCH**3 / _SLINCH,
+        "mass flux": _SLINCH / _INCH**2,
     }
 )  # fmt: skip
 
@@ -219,12 +223,14 @@ _EXAMPLES: Mapping[System, Mapping[str, str]] = {
         "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
         "volume": '"1e-4 in^3"',
         "density": '"0.098 lb/in^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
+        "mass flux": '"1 g/m^2/s"',
     },
     "si": {
         "length": '"1 mm"', "mass": '"50 ug"', "speed": '"110 m/s"', "stress": '"1.4 GPa"',
         "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
         "volume": '"3 mm^3"',
         "density": '"2.7 g/cm^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
+        "mass flux": '"1 g/m^2/s"',
     },
 }  # fmt: skip
 
