@@ -32,10 +32,6 @@ class Range:
     unit: str
     source: str
 
-    def holds(self, values: np.ndarray) -> np.ndarray:
-        """Whether values are within, but for rounding; NaN is not."""
-        return (values >= self.low * (1 - _ROUNDING)) & (values <= self.high * (1 + _ROUNDING))
-
     def excludes(self, values: np.ndarray) -> np.ndarray | np.bool_:
         """Which values lie outside, by more than rounding; NaN lies nowhere."""
         return (values > self.high * (1 + _ROUNDING)) | (values < self.low * (1 - _ROUNDING))

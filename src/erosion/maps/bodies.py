@@ -101,5 +101,5 @@ def outside_range(model: CuttingModel, hits: Hits) -> np.ndarray:
         columns = {"alpha": hits.alpha, "v0": hits.speed, "diameter": hits.diameter}
         for name, span in CORRELATIONS[model.name].ranges.items():
             if name in columns:
-                outside |= ~span.holds(columns[name])
+                outside |= span.excludes(columns[name])
     return outside
