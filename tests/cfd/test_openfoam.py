@@ -77,6 +77,22 @@ def test_blocks_keep_the_order_of_the_table_whatever_their_size():
     assert first == [(window, f"{patch}.post.gz", 0) for window in ("0.01", "0.02") for patch in ("floor", "hump")]
 
 
+def test_a_case_is_found_from_within_and_has_the_name_that_was_given(run, monkeypatch):
+    monkeypatch.chdir(run.parent)
+    assert read_surface("run", "hump").title == "run: hump"
+    monkeypatch.chdir(run / TABLES)
+    rows = together(read_impacts("0.01"))
+    np.testing.assert_array_equal(rows["face"], together(read_impacts(RUNS / "parallel" / TABLES / "0.01"))["face"])
+
+
+def test_a_table_apart_from_its_case_needs_the_case(run, tmp_path):
+    shutil.move(run / TABLES, tmp_path / "apart")
+    with pytest.raises(ImpactsError, match="faceProcAddressing is needed of the case, which is not given"):
+        together(read_impacts(tmp_path / "apart"))
+    rows = together(read_impacts(tmp_path / "apart", case=run))
+    np.testing.assert_array_equal(rows["face"], together(read_impacts(RUNS / "parallel"))["face"])
+
+
 def test_what_the_case_says_of_the_run():
     impacts = read_impacts(RUNS / "serial")
     assert impacts.duration == pytest.approx(0.02, rel=1e-15)

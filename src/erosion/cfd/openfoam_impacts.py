@@ -181,7 +181,7 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         ImpactsError: where there are none, or of several function objects, or their headers are not usable.
     """
     tables = _tables(path)
-    mesh_case = case_of(path.resolve()) if case is None else case
+    mesh_case = case_of(path) if case is None else case
     mesh = None if mesh_case is None else open_case(mesh_case)
     first = tables[0]
     for table in tables:

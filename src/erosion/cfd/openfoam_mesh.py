@@ -130,7 +130,8 @@ class Mesh:
 
 def case_of(path: Path) -> Path | None:
     """The case in which a file or folder lies; a case lies in itself."""
-    return next((folder for folder in (path, *path.parents) if _present(folder / _MESH / "boundary")), None)
+    folders = (path, *path.parents, *path.resolve().parents)
+    return next((folder for folder in folders if _present(folder / _MESH / "boundary")), None)
 
 
 def open_case(case: Path) -> Mesh:

@@ -87,7 +87,7 @@ def read_surface(source: str | Path, patch: str | Sequence[str] | None = None, *
     """
     path = _existing("source", source)
     if path.is_dir():
-        case = case_of(path.resolve())
+        case = case_of(path)
         surface = open_case(path if case is None else case).surface(patch)
     elif path.suffix.lower() in surface_files.SUFFIXES:
         if patch is not None:
