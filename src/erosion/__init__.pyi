@@ -38,6 +38,10 @@ from erosion.parameters.case_files import CaseError as CaseError
 from erosion.parameters.case_files import dump_case as dump_case
 from erosion.parameters.case_files import load_case as load_case
 from erosion.parameters.materials import MATERIALS as MATERIALS
+from erosion.parameters.materials import Particle as Particle
+from erosion.parameters.materials import Target as Target
+from erosion.parameters.materials import particle as particle
+from erosion.parameters.materials import target as target
 from erosion.parameters.parameters import TABLE_1 as TABLE_1
 from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import validate as validate

@@ -61,7 +61,7 @@ def test_models_lists_them_all(capsys):
 
 
 def test_a_material_replaces_the_flow_stress(capsys):
-    assert _status(["run", "--units", "si", "--material", "copper", "--json"]) == 0
+    assert _status(["run", "--units", "si", "--target", "copper", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["case"]["parameters"]["sigma"]["value"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
     assert printed["result"]["volume"]["value"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
@@ -188,3 +188,36 @@ def test_every_parameter_of_an_impact_is_an_option(capsys, monkeypatch):
         assert f"--{name} STR" in printed
         assert f"{quantity.symbol}, {quantity.meaning}" in printed
     assert 'v₀, impact speed: "4400 in/s".' in printed
+
+
+def test_particle_and_target_are_named_and_single_parameters_overrule_them(capsys):
+    named = ["run", "--units", "si", "--particle", "garnet 0.3 mm", "--material", "aluminium 6061"]
+    assert _status([*named, "--psi", "1", "--json"]) == 0
+    parameters = json.loads(capsys.readouterr().out)["case"]["parameters"]
+    assert parameters["r"]["value"] == 1.5e-4
+    assert parameters["m"]["value"] == pytest.approx(4190 * np.pi / 6 * 3e-4**3)
+    assert parameters["sigma"]["value"] == pytest.approx(107 * 9.80665e6)
+    assert parameters["psi"]["value"] == 1.0
+
+
+def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(capsys):
+    assert _status(["run", "--r", "0.3 mm", "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err.startswith("warning: m does not fit r and b: ")
+    assert json.loads(said.out)["warnings"] == [said.err.removeprefix("warning: ").strip()]
+    assert _status(["run", "--particle", "garnet 0.3 mm"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_materials_lists_names_ranges_and_sources(capsys, tmp_path):
+    assert _status(["materials"]) == 0
+    out = capsys.readouterr().out
+    assert "4190 (4090 to 4310)" in out
+    assert "107 HV" in out
+    table = tmp_path / "mine.toml"
+    table.write_text('[targets."my alloy"]\nvickers = 200\n')
+    assert _status(["materials", str(table), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["result"]
+    assert result["particles"] == []
+    assert result["targets"][0]["flow_stress"] == {"value": pytest.approx(200 * 9.80665e6), "unit": "Pa"}
+    assert _status(["materials", str(tmp_path / "none.toml")]) == 2

@@ -18,6 +18,7 @@ import cyclopts
 from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
 from erosion.cli.explore import explore
+from erosion.cli.materials import materials
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
@@ -33,7 +34,11 @@ from erosion.interrupts import between_imports
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
-_PRESENT_NAMES = {"--models": "--model", "--out": "--output"}  # by the names of before, which stay accepted
+_PRESENT_NAMES = {
+    "--models": "--model",
+    "--out": "--output",
+    "--material": "--target",
+}  # by the names of before, which stay accepted
 
 app = cyclopts.App(
     name="erosion",
@@ -45,7 +50,7 @@ app = cyclopts.App(
 )
 for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)
-for verb in (models, verify, validate):  # which have no case
+for verb in (models, materials, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 
 

@@ -49,8 +49,12 @@ class CaseOptions:
     units: Annotated[
         str | None, Parameter(help='Convert the case to "inch-pound" or "si"; bare numbers are then in these units.')
     ] = None
-    material: Annotated[
-        str | None, Parameter(help='Instead of --sigma, a metal of Table 2: "mild steel", brass, copper, …')
+    particle: Annotated[
+        str | None, Parameter(help='Instead of --r, --b and --m, material and diameter: "garnet 0.3 mm".')
+    ] = None
+    target: Annotated[
+        str | None,
+        Parameter(help='Instead of --sigma, a metal: "aluminium 6061", copper, … (`erosion materials` lists them).'),
     ] = None
 
     def given(self) -> dict[str, str]:
@@ -72,14 +76,12 @@ class CaseOptions:
             p = TABLE_1 if self.case is None else load_case(self.case)
             if self.units is not None:
                 p = p.to(self.units)
-        given = self.given()
-        if self.material is not None:
-            if "sigma" in given:
-                raise InputError("Options `--material` and `--sigma` both set the flow stress: give one of them.")
-            with user_errors():
-                p = p.with_material(self.material)
+            if self.particle is not None:
+                p = p.with_particle(self.particle)
+            if self.target is not None:
+                p = p.with_target(self.target)
         changes = {}
-        for name, text in given.items():
+        for name, text in self.given().items():
             try:
                 changes[name] = read_quantity(text, QUANTITIES[name].dimension, p.units)
             except ValueError as error:
@@ -96,7 +98,7 @@ class CaseOptions:
 
     def without_changes(self) -> "CaseOptions":
         """The case file and what holds for all of it."""
-        return CaseOptions(case=self.case, units=self.units, material=self.material)
+        return CaseOptions(case=self.case, units=self.units, particle=self.particle, target=self.target)
 
     def section(self, verb: str, fields: Sequence[str]) -> dict[str, Any]:
         """The table of a verb in the case file: parameters, and `fields` of the verb's own.

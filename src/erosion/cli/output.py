@@ -38,6 +38,8 @@ class Output:
     ) -> None:
         self.verb, self.p, self.case, self.json, self.seed = verb, p, case, json, seed
         self.warnings: list[str] = []
+        if p is not None and p.size_warning:
+            self.warn(p.size_warning)
 
     def warn(self, message: str) -> None:
         """A warning: on stderr at once, and in the document."""

@@ -5,7 +5,11 @@
     alpha = "20 deg"
     k = 2
 
-A file without `units` is in SI, and then every dimensional quantity must carry its unit.
+A file without `units` is in SI, and then every dimensional quantity must carry its unit. In place of r, b, m and σ it
+may name the particle and the target:
+
+    particle = "garnet 0.3 mm"
+    target = "aluminium 6061"
 """
 
 import tomllib
@@ -13,10 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from erosion.arguments import check_path
+from erosion.parameters.materials import particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
-from erosion.parameters.units import check_system, has_unit, shown, unit_name
+from erosion.parameters.units import System, check_system, has_unit, shown, unit_name
 
-TEXT_KEYS = ("title", "units")
+TEXT_KEYS = ("title", "units", "particle", "target")
 SECTIONS = ("sweep", "stream")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
@@ -29,8 +34,8 @@ def load_case(path: str | Path) -> Parameters:
     """Read the parameters in a TOML case file.
 
     Args:
-        path: the file; its keys are `units`, `title` and the fields of `Parameters`. Tables for
-            other verbs (`SECTIONS`) may stand below them.
+        path: the file; its keys are `units`, `title`, `particle`, `target` and the fields of `Parameters`, which
+            overrule particle and target. Tables for other verbs (`SECTIONS`) may stand below them.
 
     Returns:
         Validated parameters, in the file's units (SI where it names none).
@@ -114,7 +119,17 @@ def _parameters(table: dict[str, object]) -> Parameters:
         system = check_system(str(units))
     except ValueError as error:
         raise ValueError(str(error).replace("Argument", "Field")) from error
-    return Parameters.from_quantities(system, quantities)
+    return Parameters.from_quantities(system, _named(table, system) | quantities)
+
+
+def _named(table: dict[str, Any], units: System) -> dict[str, float]:
+    """What the particle and the target that the file names set."""
+    try:
+        of_particle = particle(table["particle"]).parameters(units) if "particle" in table else {}
+        of_target = target(table["target"]).parameters(units) if "target" in table else {}
+    except ValueError as error:
+        raise ValueError(str(error).replace("Argument", "Field")) from error
+    return of_particle | of_target
 
 
 def _require_units(quantities: dict[str, int | float | str]) -> None:
