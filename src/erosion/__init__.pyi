@@ -45,6 +45,7 @@ from erosion.parameters.materials import target as target
 from erosion.parameters.parameters import TABLE_1 as TABLE_1
 from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import validate as validate
+from erosion.parameters.per_mass import PerMass as PerMass
 from erosion.storage.identity import StoreError as StoreError
 from erosion.streams.nozzle import NozzleAngle as NozzleAngle
 from erosion.streams.replicates import Estimate as Estimate

@@ -102,7 +102,7 @@ OUTPUTS = [
     ("run --plot /proc/cut.svg", "/proc/cut.svg: No such file or directory."),
     ("optimum --plot folder.svg", "folder.svg: Is a directory."),
     ("compare --plot folder.svg", "folder.svg: Is a directory."),
-    ("compare --output curves.csv", "Option `--output` must end in .nc, but is curves.csv."),
+    ("compare --output curves.txt", "Option `--output` must end in .nc or .csv, but is curves.txt."),
     ("compare --output folder.nc", "folder.nc: Is a directory."),
     ("compare --output foreign.nc", "foreign.nc: is there already and holds something else; it is left as it is."),
     ("compare --output nowhere/x.nc", "nowhere/x.nc: No such file or directory."),
@@ -199,7 +199,7 @@ QUESTIONS = [
 ]
 SWEEPS = [
     ("sweep case.toml", "Option `--output` must have a value"),
-    ("sweep case.toml -o out.csv", "Option `--output` must end in .nc or .zarr, but is out.csv."),
+    ("sweep case.toml -o out.txt", "Option `--output` must end in .nc, .csv or .zarr, but is out.txt."),
     ("sweep case.toml --case case.toml -o x.nc", "The case must be given once"),
     ("sweep -o x.nc", "must include an axis"),
     ("sweep -o x.nc --alpha 1deg:9deg", 'Option `--alpha` must be "first : last : count"'),

@@ -221,3 +221,45 @@ def test_materials_lists_names_ranges_and_sources(capsys, tmp_path):
     assert result["particles"] == []
     assert result["targets"][0]["flow_stress"] == {"value": pytest.approx(200 * 9.80665e6), "unit": "Pa"}
     assert _status(["materials", str(tmp_path / "none.toml")]) == 2
+
+
+NAMED = ["--units", "si", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s"]
+
+
+@pytest.mark.parametrize("verb", [["run"], ["optimum"], ["stream", "--alpha", "normal(20deg, 3deg)", "--n", "1024"]])
+def test_verbs_give_grams_per_kilogramme_and_the_fraction_scales_them(capsys, verb):
+    assert _status([*verb, *NAMED, "--json"]) == 0
+    said = capsys.readouterr()
+    whole = json.loads(said.out)
+    assert "is far from what tests on ductile metals find at 100 m/s" in whole["warnings"][0]
+    assert _status([*verb, *NAMED, "--cutting-fraction", "0.5", "--density", "5.4 g/cm^3", "--json"]) == 0
+    half = json.loads(capsys.readouterr().out)
+    for document in (whole, half):
+        assert document["result"]["erosion_ratio"]["unit"].count("/") == 1
+    assert half["result"]["erosion_ratio"]["value"] == pytest.approx(
+        whole["result"]["erosion_ratio"]["value"], rel=1e-9
+    )
+    assert _status([*verb, *NAMED, "--cutting-fraction", "0.1"]) == 0
+    said = capsys.readouterr()
+    assert "0.1 of the particles cut" in " ".join(said.out.split())
+    assert "g/kg" in said.out
+    assert said.err == ""
+
+
+def test_compare_and_sweep_write_tables_for_spreadsheets(capsys, tmp_path):
+    table = tmp_path / "curves.csv"
+    assert _status(["compare", *NAMED, "--model", "linearized,dnv:aluminium", "-o", str(table), "--json"]) == 0
+    first = json.loads(capsys.readouterr().out)["result"]["models"][0]
+    assert first["erosion_ratio_max"]["value"] > first["erosion_ratio"]["value"] > 1e-3
+    heading, *lines = table.read_text().splitlines()
+    assert heading.startswith("model,alpha [deg],volume [m^3]")
+    assert heading.endswith("specific_volume [mm^3/kg],erosion_ratio [g/kg]")
+    assert len(lines) == 2 * 360
+    table = tmp_path / "grid.csv"
+    assert _status(["sweep", *NAMED, "--alpha", "10deg,20deg", "-o", str(table), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["result"]
+    assert result["erosion_ratio_greatest"]["value"] == pytest.approx(3.38e-3, rel=1e-2)
+    assert len(table.read_text().splitlines()) == 3
+    assert _status(["sweep", *NAMED, "--alpha", "10deg,20deg", "-o", str(table), "--workers", "2"]) == 2
+    assert _status(["sweep", "--r", "0.2mm,0.4mm", "-o", str(table)]) == 0
+    assert "warning: m does not fit r and b" in capsys.readouterr().err

@@ -19,9 +19,12 @@ from typing import Any
 from erosion.arguments import check_path
 from erosion.parameters.materials import particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
+from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.units import System, check_system, has_unit, shown, unit_name
 
 TEXT_KEYS = ("title", "units", "particle", "target")
+PER_MASS_KEYS = ("density", "cutting_fraction")
+"""What only erosion per mass of abrasive needs; see `load_per_mass`."""
 SECTIONS = ("sweep", "stream")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
@@ -35,7 +38,8 @@ def load_case(path: str | Path) -> Parameters:
 
     Args:
         path: the file; its keys are `units`, `title`, `particle`, `target` and the fields of `Parameters`, which
-            overrule particle and target. Tables for other verbs (`SECTIONS`) may stand below them.
+            overrule particle and target; for `density` and `cutting_fraction` see `load_per_mass`. Tables for other
+            verbs (`SECTIONS`) may stand below them.
 
     Returns:
         Validated parameters, in the file's units (SI where it names none).
@@ -52,6 +56,33 @@ def load_case(path: str | Path) -> Parameters:
         raise CaseError(f"{path}: {_lower_first(str(error))}") from error
 
 
+def load_per_mass(path: str | Path) -> PerMass:
+    """What a case file says of erosion per mass of abrasive: `cutting_fraction`, and `density` or that of `target`.
+
+    Raises:
+        CaseError: one sentence naming the file and the field.
+    """
+    path = check_path("path", path)
+    table = _read(path)
+    try:
+        density = target(table["target"]).density if isinstance(table.get("target"), str) else None
+        if "density" in table:
+            density = _density(table["density"])
+        fraction = table.get("cutting_fraction", 1.0)
+        if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
+            raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")
+        return PerMass(density, float(fraction))
+    except ValueError as error:
+        raise CaseError(f"{path}: {_lower_first(str(error).replace('Argument', 'Field'))}") from error
+
+
+def _density(value: Any) -> float:
+    try:
+        return read_density(value)
+    except ValueError as error:
+        raise ValueError(f"Field `density` {error}.") from error
+
+
 def load_section(path: str | Path, name: str) -> dict[str, Any]:
     """The table `[name]` of a case file as it stands there, empty where there is none.
 
@@ -64,7 +95,7 @@ def load_section(path: str | Path, name: str) -> dict[str, Any]:
     return section
 
 
-def _read(path: Path) -> dict[str, object]:
+def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -97,20 +128,22 @@ def dump_case(p: Parameters, title: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _parameters(table: dict[str, object]) -> Parameters:
+def _parameters(table: dict[str, Any]) -> Parameters:
     quantities: dict[str, int | float | str] = {}
     for name, value in table.items():
         if name in TEXT_KEYS:
             if not isinstance(value, str):
                 raise ValueError(f"Field `{name}` must be text in quotes, but is {shown(value)}.")
-        elif name in SECTIONS and isinstance(value, dict):
+        elif name in PER_MASS_KEYS or (name in SECTIONS and isinstance(value, dict)):
             continue
         elif name in QUANTITIES and isinstance(value, (int, float, str)):
             quantities[name] = value
         elif name in QUANTITIES:
             raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {shown(value)}.")
         else:
-            raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join((*TEXT_KEYS, *QUANTITIES))}.")
+            raise ValueError(
+                f"Field `{name}` is unknown; the fields are {', '.join((*TEXT_KEYS, *PER_MASS_KEYS, *QUANTITIES))}."
+            )
     units = table.get("units")
     if units is None:
         _require_units(quantities)
