@@ -3,6 +3,8 @@
 from erosion import correlations as correlations
 from erosion import distributions as distributions
 from erosion import models as models
+from erosion.advice.advise import advise as advise
+from erosion.advice.result import Advice as Advice
 from erosion.calibration import Calibration as Calibration
 from erosion.calibration import CalibrationError as CalibrationError
 from erosion.calibration import MeasurementError as MeasurementError

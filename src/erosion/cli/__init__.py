@@ -15,6 +15,7 @@ from typing import Any
 
 import cyclopts
 
+from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
 from erosion.cli.explore import explore
@@ -48,7 +49,7 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, report, explore):
+for verb in (advise, run, optimum, compare, sweep, stream, calibrate, report, explore):
     app.command(verb)
 for verb in (models, materials, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")

@@ -15,6 +15,7 @@ from erosion.parameters.units import example
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
+    from erosion.parameters.materials import Particle, Target
     from erosion.parameters.parameters import Parameters
 
 
@@ -90,6 +91,18 @@ class CaseOptions:
             p = p.replace(**changes)
             validate(p)
         return p
+
+    def materials(self) -> "tuple[Particle | None, Target | None]":
+        """The particle and the target, where an option or the case file names them; options win."""
+        from erosion.parameters.case_files import load_materials
+        from erosion.parameters.materials import particle, target
+
+        with user_errors():
+            grit, metal = (None, None) if self.case is None else load_materials(self.case)
+            return (
+                grit if self.particle is None else particle(self.particle),
+                metal if self.target is None else target(self.target),
+            )
 
     def refuse_angle(self, reason: str) -> None:
         """An `InputError` where --alpha is given to a verb that takes no angle."""

@@ -26,7 +26,7 @@ class PerMassOptions:
         Parameter(help="Share of the particles that cut, for mm³/kg and g/kg; Finnie: about 0.5."),
     ] = None
 
-    def per_mass(self, options: CaseOptions) -> "PerMass":
+    def per_mass(self, options: CaseOptions, usual_fraction: float = 1.0) -> "PerMass":
         """With what --target or the case file give where these options give nothing.
 
         Raises:
@@ -37,7 +37,9 @@ class PerMassOptions:
         from erosion.parameters.per_mass import PerMass, read_density
 
         with user_errors():
-            of_case = PerMass() if options.case is None else load_per_mass(options.case)
+            of_case = PerMass(cutting_fraction=usual_fraction)
+            if options.case is not None:
+                of_case = load_per_mass(options.case, usual_fraction)
             density = of_case.density if options.target is None else target(options.target).density
         if self.density is not None:
             try:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from erosion.arguments import check_path
-from erosion.parameters.materials import particle, target
+from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
 from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.units import System, check_system, has_unit, shown, unit_name
@@ -56,8 +56,26 @@ def load_case(path: str | Path) -> Parameters:
         raise CaseError(f"{path}: {_lower_first(str(error))}") from error
 
 
-def load_per_mass(path: str | Path) -> PerMass:
+def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:
+    """The particle and the target that a case file names.
+
+    Raises:
+        CaseError: for a file that cannot be read, or a name that is unknown.
+    """
+    table = _read(check_path("path", path))
+    try:
+        grit, metal = table.get("particle"), table.get("target")
+        return None if grit is None else particle(grit), None if metal is None else target(metal)
+    except ValueError as error:
+        raise CaseError(f"{path}: {_lower_first(str(error).replace('Argument', 'Field'))}") from error
+
+
+def load_per_mass(path: str | Path, usual_fraction: float = 1.0) -> PerMass:
     """What a case file says of erosion per mass of abrasive: `cutting_fraction`, and `density` or that of `target`.
+
+    Args:
+        path: the file.
+        usual_fraction: the cutting fraction where the file gives none.
 
     Raises:
         CaseError: one sentence naming the file and the field.
@@ -68,7 +86,7 @@ def load_per_mass(path: str | Path) -> PerMass:
         density = target(table["target"]).density if isinstance(table.get("target"), str) else None
         if "density" in table:
             density = _density(table["density"])
-        fraction = table.get("cutting_fraction", 1.0)
+        fraction = table.get("cutting_fraction", usual_fraction)
         if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
             raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")
         return PerMass(density, float(fraction))

@@ -43,8 +43,8 @@ class PerMass:
         I. Finnie, Proc. 3rd U.S. Natl. Congr. Appl. Mech., 1958, 527-532; Wear 3 (1960) 87-103.
     """
 
-    density: float | None = None
-    cutting_fraction: float = 1.0
+    density: float | int | None = None
+    cutting_fraction: float | int = 1.0
 
     def __post_init__(self) -> None:
         if self.density is not None and not 0 < self.density < np.inf:
@@ -53,6 +53,8 @@ class PerMass:
             raise ValueError(
                 f"Argument `cutting_fraction` must be above 0 and at most 1, but is {self.cutting_fraction!r}."
             )
+        object.__setattr__(self, "density", None if self.density is None else float(self.density))
+        object.__setattr__(self, "cutting_fraction", float(self.cutting_fraction))
 
     @classmethod
     def on(cls, name: str, cutting_fraction: float = 1.0) -> "PerMass":
