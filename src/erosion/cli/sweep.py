@@ -60,7 +60,8 @@ def sweep(
 ) -> None:
     """Compute impacts over a grid into a labelled file.
 
-    After an interruption, the same command goes on where it stopped.
+    After an interruption, the same command goes on where it stopped (but
+    for a table, out.csv).
 
     Any parameter of the case may be an axis: --alpha "1deg:90deg:90" (first,
     last, count), --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3".
