@@ -104,6 +104,15 @@ class CaseOptions:
                 metal if self.target is None else target(self.target),
             )
 
+    def title(self) -> str:
+        """What to call the case: its file's title or "Table 1", and what options change."""
+        from erosion.parameters.case_files import case_title
+
+        with user_errors():
+            name = "Table 1" if self.case is None else case_title(self.case)
+        named = [text for text in (self.particle, self.target) if text is not None]
+        return ", ".join([name, *named, *(f"{QUANTITIES[q].symbol} = {text}" for q, text in self.given().items())])
+
     def refuse_angle(self, reason: str) -> None:
         """An `InputError` where --alpha is given to a verb that takes no angle."""
         if "alpha" in self.given():
