@@ -10,6 +10,7 @@ from tests.cli.test_document import check
 LINE = ["advise", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--model", "finnie"]
 
 
+@pytest.mark.slow
 def test_advise_prints_a_table_and_writes_a_page(capsys, tmp_path):
     page, plot = tmp_path / "advice.html", tmp_path / "curves.svg"
     assert _status([*LINE, "-o", str(page), "--plot", str(plot)]) == 0
@@ -21,6 +22,7 @@ def test_advise_prints_a_table_and_writes_a_page(capsys, tmp_path):
     assert plot.read_text().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_advise_reads_a_case_file_and_prints_a_document(capsys, tmp_path):
     case = tmp_path / "case.toml"
     case.write_text('particle = "garnet 0.3 mm"\ntarget = "copper"\nk = 2\npsi = 2\nv0 = "80 m/s"\nalpha = "20 deg"\n')

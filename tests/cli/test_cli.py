@@ -229,7 +229,10 @@ def test_materials_lists_names_ranges_and_sources(capsys, tmp_path):
 NAMED = ["--units", "si", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s"]
 
 
-@pytest.mark.parametrize("verb", [["run"], ["optimum"], ["stream", "--alpha", "normal(20deg, 3deg)", "--n", "1024"]])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "verb", [["run"], ["optimum"], ["stream", "--alpha", "normal(20deg, 3deg)", "--n", "1024", "--no-best-angle"]]
+)
 def test_verbs_give_grams_per_kilogramme_and_the_fraction_scales_them(capsys, verb):
     assert _status([*verb, *NAMED, "--json"]) == 0
     said = capsys.readouterr()
@@ -249,6 +252,7 @@ def test_verbs_give_grams_per_kilogramme_and_the_fraction_scales_them(capsys, ve
     assert said.err == ""
 
 
+@pytest.mark.slow
 def test_compare_and_sweep_write_tables_for_spreadsheets(capsys, tmp_path):
     table = tmp_path / "curves.csv"
     assert _status(["compare", *NAMED, "--model", "linearized,dnv:aluminium", "-o", str(table), "--json"]) == 0

@@ -156,17 +156,17 @@ class _Jet:
                 settings.append((group, f"{symbol} = {changed[group]:.3g}", changed["k"], changed["psi"]))
         varied = {"k": np.array([k for *_, k, _ in settings]), "psi": np.array([psi for *_, psi in settings])}
         erosion = self._erosion(name, model, per_mass, varied)
-        singles = np.atleast_1d(alpha_max(model, self._p.replace(**varied)).alpha)
-        for (group, setting, *_), curve, single in zip(settings, erosion, singles, strict=True):
-            yield Curve(name, group, setting, curve, float(single), per_mass.density)
+        single = float(alpha_max(model, self._p).alpha)
+        for (group, setting, *_), curve in zip(settings, erosion, strict=True):
+            alone = single if group == "models" else None
+            yield Curve(name, group, setting, curve, per_mass.density, single=alone)
 
     def of_correlation(self, name: str, *, fits: bool, known: bool) -> Curve:
         """The curve of a correlation, whose absolute numbers may be made for another target."""
         model = load_model(name)
         per_mass = per_mass_of(model, PerMass())
         (erosion,) = self._erosion(name, model, per_mass, {"k": np.array([float(self._p.k)])})
-        single = float(alpha_max(model, self._p).alpha)
-        return Curve(name, "correlations", "", erosion, single, per_mass.density if known else None, fits)
+        return Curve(name, "correlations", "", erosion, per_mass.density if known else None, fits)
 
     def _erosion(self, name: str, model: CuttingModel, per_mass: PerMass, varied: dict[str, np.ndarray]) -> np.ndarray:
         """Volume per mass of abrasive at each setting and angle of the nozzle, shape (settings, angles) [m³/kg]."""

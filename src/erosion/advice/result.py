@@ -25,18 +25,18 @@ class Curve:
         group: "models", "k", "psi" or "correlations": what differs within the group.
         setting: what differs from the case, "k = 1", or "".
         erosion: volume per mass of abrasive at `NOZZLE_ANGLES`, shape (n,) [m³/kg].
-        single: the best angle of attack of one particle without the spread of the jet [rad].
         density: of the target [kg/m³], or None.
         fits: whether the absolute numbers are made for this target.
+        single: of a model as it is, the best angle of attack of one particle without the spread of the jet [rad].
     """
 
     name: str
     group: str
     setting: str
     erosion: np.ndarray
-    single: float
     density: float | None
     fits: bool = True
+    single: float | None = None
 
     @functools.cached_property
     def best(self) -> float:
@@ -142,7 +142,7 @@ class Advice(Result):
         correlations = self.group("correlations")
         if correlations:
             rows.append(self._row(f"{len(correlations)} correlations of tests", correlations))
-        singles = np.array([curve.single for curve in models])
+        singles = np.array([curve.single for curve in models], float)
         rows.append(("the models without the spread of the jet", between(singles), "", ""))
         return rows
 
@@ -157,7 +157,7 @@ class Advice(Result):
             return "–"
         size = MM3_PER_KG if self.per_mass.density is None else 1e-3
         ends = [curve.at(self.alpha) / size for curve in curves]
-        low, high = (f"{end:.2g}" for end in (min(ends), max(ends)))
+        low, high = (f"{float(f'{end:.2g}'):g}" for end in (min(ends), max(ends)))
         return low if low == high else f"{low} to {high}"
 
     @property
@@ -181,6 +181,8 @@ class Advice(Result):
         fitting = [curve for curve in self.group("correlations") if curve.fits]
         if fitting:
             text += f", and the correlations for this metal {self.span(fitting)} {self.unit}: trust these more"
+        if self.per_mass.density is None:
+            text += "; name the target, or give its density, for g/kg"
         return text + "."
 
     def _narrowing(self) -> str:

@@ -50,7 +50,7 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (advise, run, optimum, compare, sweep, stream, calibrate, report, exercise, explore):
+for verb in (run, optimum, compare, sweep, stream, calibrate, advise, report, exercise, explore):
     app.command(verb)
 for verb in (models, materials, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")

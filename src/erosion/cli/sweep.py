@@ -60,8 +60,7 @@ def sweep(
 ) -> None:
     """Compute impacts over a grid into a labelled file.
 
-    After an interruption, the same command goes on where it stopped (but
-    for a table, out.csv).
+    After an interruption, the same command goes on; out.csv starts anew.
 
     Any parameter of the case may be an axis: --alpha "1deg:90deg:90" (first,
     last, count), --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3".
