@@ -229,6 +229,8 @@ def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Ma
     summary = _summary(dataset)
     of_mass = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
+    for message in grid.outside_of_range:
+        output.warn(message)
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
     if output.json:
