@@ -129,3 +129,10 @@ def test_the_page_has_all_of_it_and_the_sheet_is_one(advice, tmp_path):
     assert b"/Count 1 " in sheet
     with pytest.raises(ValueError, match=r"must end in \.html or \.pdf"):
         write_advice(advice, tmp_path / "advice.doc")
+
+
+@pytest.mark.slow
+def test_correlations_outside_of_their_range_are_told(tmp_path):
+    advice = erosion.advise(P.replace(v0=260.0), target="aluminium 6061", models=["dnv:aluminium"])
+    (message,) = [message for message in advice.outside if message.startswith("dnv:aluminium")]
+    assert message.rstrip(".") in write_advice(advice, tmp_path / "advice.html").read_text()

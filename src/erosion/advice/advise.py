@@ -12,6 +12,7 @@ from erosion.engine.impact import impact
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, per_mass_of
+from erosion.models.own_parameters import own_parameters
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.materials import particle as read_particle
@@ -118,11 +119,22 @@ def advise_case(
     for done, (name, model) in enumerate(loaded.items()):
         progress("models", done, total)
         curves += jet.of_model(name, model, per_mass_of(model, per_mass))
+    outside = [model.outside_of_range(p) for model in loaded.values()]
     for done, (name, fits) in enumerate(correlations.items(), len(loaded)):
         progress("models", done, total)
-        curves.append(jet.of_correlation(name, fits=fits, known=per_mass.density is not None))
+        model = _of_particle(load_model(name), grit)
+        curves.append(jet.of_correlation(name, model, fits=fits, known=per_mass.density is not None))
+        outside.append(model.outside_of_range(p))
     progress("models", total, total)
-    return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal)
+    said = tuple(dict.fromkeys(message for message in outside if message))
+    return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said)
+
+
+def _of_particle(model: CuttingModel, grit: Particle | None) -> CuttingModel:
+    """A correlation that depends on the size of the particle takes the size from its mass: give it the density."""
+    if grit is None or "erodent_density" not in own_parameters(model):
+        return model
+    return model.replace(erodent_density=grit.density)
 
 
 def _correlations(metal: Target | None) -> dict[str, bool]:
@@ -161,9 +173,8 @@ class _Jet:
             alone = single if group == "models" else None
             yield Curve(name, group, setting, curve, per_mass.density, single=alone)
 
-    def of_correlation(self, name: str, *, fits: bool, known: bool) -> Curve:
+    def of_correlation(self, name: str, model: CuttingModel, *, fits: bool, known: bool) -> Curve:
         """The curve of a correlation, whose absolute numbers may be made for another target."""
-        model = load_model(name)
         per_mass = per_mass_of(model, PerMass())
         (erosion,) = self._erosion(name, model, per_mass, {"k": np.array([float(self._p.k)])})
         return Curve(name, "correlations", "", erosion, per_mass.density if known else None, fits)

@@ -80,5 +80,6 @@ def _notes(advice: Advice) -> list[tuple[str, str]]:
         )
     if any(not curve.fits for curve in advice.group("correlations")):
         notes.append(("Correlations", "those that are not made for this metal count for the angle, not for the amount"))
+    notes += [("Out of range", sentence.rstrip(".")) for sentence in advice.outside]
     notes.append(("Cutting particles", f"{advice.per_mass.cutting_fraction:.3g} of all (Finnie: about one half)"))
     return notes

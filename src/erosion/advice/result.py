@@ -72,6 +72,7 @@ class Advice(Result):
         per_mass: density of the target, share of the particles that cut.
         curves: every model, its variations, and every correlation.
         particle, target: where they were named.
+        outside: sentences on correlations that are used outside of their range.
     """
 
     p: Parameters
@@ -81,6 +82,7 @@ class Advice(Result):
     curves: tuple[Curve, ...]
     particle: Particle | None = None
     target: Target | None = None
+    outside: tuple[str, ...] = ()
 
     @functools.cached_property
     def alpha(self) -> float:
