@@ -20,6 +20,8 @@ from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
 from erosion.cli.exercise import exercise
 from erosion.cli.explore import explore
+from erosion.cli.export import export
+from erosion.cli.map import map_
 from erosion.cli.materials import materials
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
@@ -50,8 +52,9 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, advise, report, exercise, explore):
+for verb in (run, optimum, compare, sweep, stream, calibrate, export, advise, report, exercise, explore):
     app.command(verb)
+app.command(map_, name="map")
 for verb in (models, materials, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 
