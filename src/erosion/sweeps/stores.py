@@ -5,6 +5,7 @@ is written last, and a file gets its name when it is whole: a block counts only 
 complete, and while each of its chunks is as it was written.
 """
 
+import contextlib
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.files import require_writable, trace, written_whole
+from erosion.files import claimed, require_writable, trace, written_whole
 from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.sweeps.chunks import Region, regions
@@ -104,6 +105,7 @@ class ZarrStore(Store):
         if path.exists():
             require_same(path, _zarr_identity(path), identity)
             self._require_frame()
+            self._clear_drafts()
         else:
             self._create(identity)
 
@@ -153,6 +155,14 @@ class ZarrStore(Store):
             if stored is None or not np.array_equal(stored, values):
                 raise StoreError(f"{self._path}: its array `{name}` is damaged; the store is left as it is.")
 
+    def _clear_drafts(self) -> None:
+        """Remove the chunks that a killed process left half-written, unless another one is writing."""
+        with claimed(self._path, alone=True) as is_alone:
+            drafts = self._path.rglob("*.partial") if is_alone else ()  # zarr's own name for them
+            for draft in drafts:
+                with contextlib.suppress(OSError):
+                    draft.unlink()
+
     def _create(self, identity: Mapping[str, str]) -> None:
         import dask.array
         from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -193,7 +203,7 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
     import zarr
 
     # A chunk of NaN is a result too: it must be there.
-    with zarr.config.set({"array.write_empty_chunks": True}):
+    with claimed(path), zarr.config.set({"array.write_empty_chunks": True}):
         arrays = _arrays(path, values)
         for name, block in values.items():
             array = arrays[name]
