@@ -21,6 +21,7 @@ from erosion.explorer.computed import all_ready
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab
+from erosion.explorer.threads import share_memory
 from erosion.explorer.wording import sentence
 from erosion.models import available_models, load_model
 from erosion.parameters.parameters import Parameters
@@ -48,6 +49,7 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
     Raises:
         ValueError: if another program took the port meanwhile.
     """
+    share_memory()
     # A thread that returns from compiled code waits this long for the thread that holds the interpreter.
     # Python's default is 5 ms.
     sys.setswitchinterval(_SWITCH)
