@@ -108,6 +108,14 @@ def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path)
     assert command("run", JAX_PLATFORMS=platform).returncode == 0
 
 
+@pytest.mark.slow
+def test_a_home_that_cannot_be_written_is_no_warning(tmp_path: Path) -> None:
+    nowhere = {name: "/dev/null" for name in ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")}
+    for arguments in (["run", "--plot", str(tmp_path / "cut.svg")], ["report", "--only", "q1", "-o", str(tmp_path)]):
+        done = command(*arguments, **nowhere, MPLCONFIGDIR="")
+        assert (done.returncode, done.stderr) == (0, ""), arguments
+
+
 ASCII = {
     "PYTHONIOENCODING": {"PYTHONIOENCODING": "ascii"},
     "LANG": {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
