@@ -18,6 +18,7 @@ from erosion.correlations import Correlation as Correlation
 from erosion.engine.impact import Impact as Impact
 from erosion.engine.impact import impact as impact
 from erosion.engine.volume import volume as volume
+from erosion.exercises import AnswerKey as AnswerKey
 from erosion.models import ModelError as ModelError
 from erosion.models import available_models as available_models
 from erosion.models import load_model as load_model

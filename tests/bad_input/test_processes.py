@@ -1,6 +1,8 @@
 """Processes that lack something: float64, a device, their threads, letters, a cache of their own; and masked arrays."""
 
+import json
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -17,18 +19,10 @@ from erosion.distributions import Samples
 P = erosion.TABLE_1
 
 
-def python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+def python(code: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run code in a process of its own, which ends even if it waits for ever."""
-    command = [sys.executable, "-W", "ignore", "-c", textwrap.dedent(code)]
     return subprocess.run(
-        command, env={**os.environ, **environment}, capture_output=True, text=True, timeout=120, check=False
-    )
-
-
-def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "erosion", *arguments],
+        [sys.executable, "-W", "ignore", "-c", textwrap.dedent(code), *arguments],
         env={**os.environ, **environment}, capture_output=True, text=True, encoding="utf-8", errors="replace",
         timeout=120, check=False,
     )  # fmt: skip
@@ -61,51 +55,73 @@ import os, signal
 import numpy as np
 import erosion
 p = erosion.TABLE_1.replace(alpha=np.linspace(0.1, 1, 200_000))
-def compute():
-    return {first}
-compute()
-child = os.fork()
-if child == 0:
-    signal.alarm(60)  # it would wait for ever
-    try:
-        {then}
-        os._exit(0)
-    except RuntimeError as error:
-        os._exit(7 if 'get_context("spawn")' in str(error) else 8)
-status = os.waitpid(child, 0)[1]
-print(os.WTERMSIG(status), os.WEXITSTATUS(status))
+def status_of_a_fork(then):
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)  # it would wait for ever
+        try:
+            then()
+            os._exit(0)
+        except RuntimeError as error:
+            os._exit(7 if 'get_context("spawn")' in str(error) else 8)
+    status = os.waitpid(child, 0)[1]
+    return os.WTERMSIG(status), os.WEXITSTATUS(status)
+ways = {
+    "impact": lambda: erosion.impact("rotating", p).volume,
+    "alpha_max": lambda: erosion.alpha_max("finnie", erosion.TABLE_1),
+    "closed form": lambda: erosion.models.Linearized().closed_form().volume(p),
+    "simulate": lambda: erosion.simulate("finnie", erosion.TABLE_1),
+}
 """
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("first", "then", "status"),
+    ("first", "then", "statuses"),
     [
-        ('erosion.simulate("rotating", erosion.TABLE_1).volume', "compute()", 7),
-        ("erosion.models.Linearized().closed_form().volume(p)", "compute()", 7),
-        ("erosion.models.Linearized().closed_form().volume(p)", 'erosion.simulate("finnie", erosion.TABLE_1)', 7),
-        ('erosion.impact("rotating", p).volume', "compute()", 0),
-        ('erosion.impact("rotating", p).volume', 'erosion.simulate("finnie", erosion.TABLE_1)', 0),
-        ('erosion.alpha_max("finnie", erosion.TABLE_1)', "compute()", 0),
+        # The package's own compiler needs no thread that a fork lacks.
+        (["impact", "alpha_max"], ["impact", "alpha_max", "simulate"], [0, 0, 0]),
+        (["simulate"], ["simulate"], [7]),
+        (["closed form"], ["closed form", "simulate"], [7, 7]),
     ],
 )
-def test_a_forked_process_computes_or_says_why_not(first: str, then: str, status: int) -> None:
-    done = python(FORKED.format(first=first, then=then))
-    assert done.stdout == f"0 {status}\n", done.stderr
+def test_a_forked_process_computes_or_says_why_not(first: list[str], then: list[str], statuses: list[int]) -> None:
+    done = python(f"{FORKED}\nfor way in {first}: ways[way]()\nfor way in {then}: print(*status_of_a_fork(ways[way]))")
+    assert done.stdout == "".join(f"0 {status}\n" for status in statuses), done.stderr
+
+
+# One process obeys several command lines: to import JAX for each takes a second.
+COMMANDS = """
+import json, sys
+from erosion.cli import main
+for arguments in json.loads(sys.argv[1]):
+    try:
+        main(arguments)
+    except SystemExit as ended:
+        print("status", ended.code, file=sys.stderr)
+"""
+
+
+def commands(*lines: list[str], **environment: str) -> tuple[list[tuple[int, str]], str]:
+    """Status and errors of each command line, and all that they print."""
+    done = python(COMMANDS, json.dumps(lines), **environment)
+    ended = re.findall(r"(.*?)status (\d+)\n", done.stderr, flags=re.DOTALL)
+    return [(int(status), errors) for errors, status in ended], done.stdout
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("platform", ["cuda", "nonsense", "cuda,nonsense"])
 def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path) -> None:
-    for arguments in (["verify", "--model", "linearized"], ["report", "--only", "q1", "-o", str(tmp_path / "page")]):
-        done = command(*arguments, JAX_PLATFORMS=platform)
-        assert done.returncode == 1
-        assert done.stderr == (
-            f"erosion: JAX has no device to compute on, as JAX_PLATFORMS={platform} asks for one that is not here; "
-            "unset it.\n"
-        )
-    # The engine's own compiler needs none.
-    assert command("run", JAX_PLATFORMS=platform).returncode == 0
+    ended, _ = commands(
+        ["verify", "--model", "linearized"], ["report", "--only", "q1", "-o", str(tmp_path / "page")],
+        ["run"],  # the engine's own compiler needs none
+        JAX_PLATFORMS=platform,
+    )  # fmt: skip
+    sentence = (
+        f"erosion: JAX has no device to compute on, as JAX_PLATFORMS={platform} asks for one that is not here; "
+        "unset it.\n"
+    )
+    assert ended == [(1, sentence), (1, sentence), (0, "")]
 
 
 @pytest.mark.slow
@@ -126,16 +142,18 @@ ASCII = {
 @pytest.mark.slow
 @pytest.mark.parametrize("environment", ASCII)
 def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
-    for arguments in (["run"], ["models"], ["optimum"], ["run", "--help"]):
-        done = command(*arguments, **ASCII[environment])
-        assert (done.returncode, done.stderr) == (0, ""), arguments
-    assert command("run", "--alpha", "100 deg", **ASCII[environment]).stderr.startswith("erosion: Option `--alpha`")
-    said = command("run", **ASCII["PYTHONIOENCODING"]).stdout
-    assert said.isascii()
-    assert "alpha = 20deg" in said
-    assert "in^3" in said
-    assert "10^-4 in^3" in said
-    assert "\\" not in said
+    (*shown, refused), said = commands(
+        ["run"], ["models"], ["optimum"], ["run", "--help"], ["run", "--alpha", "100 deg"], **ASCII[environment]
+    )
+    assert shown == [(0, "")] * 4
+    assert refused[0] == 2
+    assert refused[1].startswith("erosion: Option `--alpha`")
+    if environment == "PYTHONIOENCODING":
+        assert said.isascii()
+        assert "alpha = 20deg" in said
+        assert "in^3" in said
+        assert "10^-4 in^3" in said
+        assert "\\" not in said
 
 
 @pytest.mark.slow
@@ -156,16 +174,26 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "erosion" / "compiled"
 
 
+# What a command keeps: a closed form, which XLA compiles.
+KEPT = """
+import warnings
+warnings.simplefilter("default")
+from erosion.cli.kept_programs import keep_programs
+keep_programs()
+import erosion
+print(erosion.models.Linearized().closed_form().volume(erosion.TABLE_1))
+"""
+
+
 @pytest.mark.slow
 def test_a_damaged_program_in_the_cache_heals(cache: Path) -> None:
-    run = ["verify", "--model", "linearized"]
-    assert command(*run).stderr == ""
+    assert python(KEPT).stderr == ""
     entries = sorted(cache.glob("*-cache"))
     assert entries
     for entry in entries:
         entry.write_bytes(entry.read_bytes()[:50])
     damaged = {entry.name: entry.read_bytes() for entry in entries}
-    assert command(*run).stderr == ""
+    assert python(KEPT).stderr == ""
     healed = {entry.name: entry.read_bytes() for entry in cache.glob("*-cache")}
     assert set(healed) == set(damaged)
     assert all(healed[name] != damaged[name] for name in damaged)
@@ -195,12 +223,25 @@ def test_a_full_disk_is_no_warning() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("place", "mode"), [("erosion", 0o777), ("erosion/compiled", 0o777), ("erosion", 0o770)])
-def test_a_cache_where_others_may_write_is_not_used(tmp_path: Path, cache: Path, place: str, mode: int) -> None:
-    cache.mkdir(parents=True)
-    (tmp_path / place).chmod(mode)
-    assert command("verify", "--model", "linearized").returncode == 0
-    assert not list(cache.iterdir())
+def test_a_cache_where_others_may_write_is_not_used(tmp_path: Path, cache: Path) -> None:
+    homes = {"all": ("erosion", 0o777), "below": ("erosion/compiled", 0o777), "group": ("erosion", 0o770)}
+    for name, (place, mode) in homes.items():
+        (tmp_path / name / "erosion" / "compiled").mkdir(parents=True)
+        (tmp_path / name / place).chmod(mode)
+    done = python(
+        """
+        import os, sys
+        import jax
+        from erosion.cli.kept_programs import keep_programs
+        for home in sys.argv[1:]:
+            os.environ["XDG_CACHE_HOME"] = home
+            keep_programs()
+            print(jax.config.jax_compilation_cache_dir)
+        """,
+        *(str(tmp_path / name) for name in (*homes, "")),
+    )
+    # The last home is nobody else's: there they are kept.
+    assert done.stdout == f"None\nNone\nNone\n{cache}\n", done.stderr
 
 
 def test_a_cache_of_another_owner_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,11 +3,13 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from erosion.cli import _status
+from erosion.cli.options import CaseOptions, InputError
 from erosion.cli.output import print_table
 from erosion.parameters.quantities import QUANTITIES
 from tests.documents import result_of
@@ -117,6 +119,7 @@ def test_help_comes_without_jax():
     assert "Commands" in process.stdout
 
 
+@pytest.mark.slow
 def test_an_optimum_comes_without_what_it_does_not_use():
     unused = {"diffrax", "matplotlib", "pandas", "pint", "rich", "scipy", "xarray"}
     code = f"import sys, erosion, erosion.cli; erosion.alpha_max; sys.exit({unused} & {{*sys.modules}} or 0)"
@@ -188,3 +191,17 @@ def test_every_parameter_of_an_impact_is_an_option(capsys, monkeypatch):
         assert f"--{name} STR" in printed
         assert f"{quantity.symbol}, {quantity.meaning}" in printed
     assert 'v₀, impact speed: "4400 in/s".' in printed
+
+
+def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -> None:
+    named, bare, wrong = tmp_path / "a.toml", tmp_path / "sand.toml", tmp_path / "c.toml"
+    named.write_text('title = "Quartz\\non aluminium"\n')
+    bare.write_text('title = ""\n')
+    wrong.write_text("title = 3\n")
+    assert CaseOptions().title() == "Table 1"
+    assert CaseOptions(case=named).title() == "Quartz on aluminium"
+    assert CaseOptions(case=bare, material="copper").title() == "sand, copper"
+    parameters: dict[str, Any] = {"alpha": "40deg", "k": "3"}  # fields that are made from the table of quantities
+    assert CaseOptions(**parameters).title() == "Table 1, k = 3, α = 40deg"
+    with pytest.raises(InputError, match=r"c\.toml: field `title` must be text in quotes, but is 3\.$"):
+        CaseOptions(case=wrong).title()

@@ -104,6 +104,7 @@ def test_calibrate(document, tmp_path) -> None:
     assert printed["result"]["leave_one_out"]["unit"] == "m^3"
 
 
+@pytest.mark.slow
 def test_models_and_verify(document) -> None:
     printed = document("models")
     assert printed["case"] is printed["units"] is printed["model"] is None
@@ -113,6 +114,7 @@ def test_models_and_verify(document) -> None:
     assert printed["model"]["name"] == "linearized"
 
 
+@pytest.mark.slow
 def test_validate(document, tmp_path) -> None:
     printed = document("validate", "--plot", str(tmp_path / "facts.svg"))
     assert printed["case"] is printed["units"] is printed["model"] is None

@@ -52,6 +52,7 @@ def follow(
     return control, int(event), float(control.time + control.left + remaining)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [FIRST, 3.0])
 @pytest.mark.parametrize("roots", [[0.9], [-2.0, 0.31], [0.75, 6.0, 9.0]])
 def test_a_fall_is_located(roots: list[float], step: float) -> None:
@@ -65,6 +66,7 @@ def test_a_fall_is_located(roots: list[float], step: float) -> None:
     assert abs(control.left) <= 0.01 * SCALE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, -1])
 def test_of_two_falls_the_first_ends_the_cut(order: int) -> None:
     first, second = Polynomial([0.5, -1.0]), Polynomial([0.501, -1.0])

@@ -95,6 +95,7 @@ def test_a_batch_equals_its_members():
             assert getattr(batch, field)[i, j] == getattr(one, field)
 
 
+@pytest.mark.slow
 def test_more_lanes_than_a_call_in_order():
     count = 2**17 + 17
     alphas = np.linspace(0.3, 0.31, count)

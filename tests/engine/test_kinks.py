@@ -80,6 +80,7 @@ def test_every_impact_has_its_volume_to_every_order(law):
         assert np.max(np.abs(hit.volume - exact.volume) / np.maximum(exact.volume, 1e-12)) < 1e-8
 
 
+@pytest.mark.slow
 def test_a_power_without_a_value_above_the_surface_is_the_guarded_one():
     class Guarded(Power):
         def factor(self, u):
@@ -103,6 +104,7 @@ def _differences(model, p, step=1e-5):
     return (high.volume - low.volume) / (2 * step), (high.dvolume - low.dvolume) / (2 * step), alike
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", CONTINUOUS, ids=lambda law: law.__name__)
 def test_derivatives_across_kinks_are_differences(law):
     model, p = model_of(law), random_impacts(500, seed=1)
@@ -118,6 +120,7 @@ def test_derivatives_across_kinks_are_differences(law):
     assert np.median(curves) < 1e-7
 
 
+@pytest.mark.slow
 def test_mixed_derivatives_across_kinks_are_differences():
     model, p, step = model_of(Where), erosion.TABLE_1.replace(alpha=0.7), 1e-4
     hit = erosion.impact(model, p, derivatives=2, wrt=("alpha", "k"))
@@ -127,6 +130,7 @@ def test_mixed_derivatives_across_kinks_are_differences():
     )
 
 
+@pytest.mark.slow
 def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
     model, p = model_of(Breaking), random_impacts(1000, seed=1)
     hit = erosion.impact(model, p, derivatives=2)
@@ -143,6 +147,7 @@ def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
     assert "no_derivatives" not in str(erosion.impact("rotating", p, derivatives=2))
 
 
+@pytest.mark.slow
 def test_first_derivatives_remain_where_only_the_second_fails():
     class Rooted(erosion.models.RigidErodent):
         """`linearized` with an end that moves as |α - 0.2|^1.5."""

@@ -34,6 +34,7 @@ def test_as_few_unknowns_as_the_physics_allows(name, unknowns):
     assert len(_reduced(erosion.load_model(name)).initial_state()) == unknowns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", erosion.available_models())
 def test_the_motion_is_the_same(name):
     """Rates of events and volume along the motion, at contact and after a step."""
@@ -96,6 +97,7 @@ class Odometer(CuttingModel):
         return Tip(jnp.zeros(()), state["y"], state["vx"], state["vy"])
 
 
+@pytest.mark.slow
 def test_a_part_that_starts_far_from_zero_costs_no_digits():
     p = erosion.TABLE_1.replace(alpha=np.array([1e-8, 1e-4, 0.1]))
     exact = erosion.load_model("linearized").closed_form()

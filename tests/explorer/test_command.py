@@ -48,7 +48,7 @@ def test_a_port_of_the_administrator_is_one_line(capsys: pytest.CaptureFixture, 
 BLIND = """
 import sys
 import erosion.explorer.server as server
-server.free_port = lambda port: port
+server.free_address = server.Address
 from erosion.cli import main
 sys.argv[0] = "erosion"
 main()
@@ -89,6 +89,14 @@ def test_without_nicegui_it_says_what_to_install(capsys: pytest.CaptureFixture, 
     assert "pip install 'erosion[explorer]'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_first_page_does_not_wait_for_the_figures_libraries() -> None:
     code = "import sys, erosion.explorer.server; sys.exit(bool({'matplotlib', 'scipy', 'xarray'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("host", ["203.0.113.7", "no such host", "300.1.1.1"])
+def test_a_host_of_another_machine_is_one_line(host: str, capsys: pytest.CaptureFixture) -> None:
+    assert _status(["explore", "--no-browser", "--host", host]) == 2
+    said = capsys.readouterr().err
+    assert said == f"erosion: Option `--host` must be an address of this machine, but is '{host}'.\n"

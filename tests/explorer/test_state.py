@@ -1,5 +1,6 @@
 """The state of a tab, its link, and what slider positions mean."""
 
+import re
 from types import SimpleNamespace
 from typing import Any
 from urllib.parse import parse_qsl
@@ -159,6 +160,31 @@ def test_spin_follows_speed_and_size() -> None:
     spun = with_spin(-0.25, CASE)
     assert spun.numbers()["phidot0"] == -27500
     assert position("phidot0", spun.replace(v0=8800.0), CASE) == pytest.approx(-0.125)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("0,5", 0.5), ("3,25", 3.25), (",5", 0.5), ("1,5e1", 15.0), ("0,125", 0.125), ("12,0000", 12.0)]
+)
+def test_entries_may_have_decimal_commas(text: str, value: float) -> None:
+    assert CASE.read("k", text).numbers()["k"] == value
+    assert CASE.read("alpha", text).numbers()["alpha"] == np.deg2rad(value)
+    assert CASE.read("v0", f"{text} m/s").to("si").numbers()["v0"] == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "point", "none"), [("1,000", "1.000", "1000"), ("-12,345 m/s", "-12.345 m/s", "-12345 m/s")]
+)
+def test_a_comma_that_may_group_thousands_is_refused(text: str, point: str, none: str) -> None:
+    with pytest.raises(
+        ValueError, match=re.escape(f"must be written as {point} or {none}, as {text} may mean either.")
+    ):
+        CASE.read("v0", text)
+
+
+@pytest.mark.parametrize("text", ["1,000,000", "1,5,5", "1.5,5", "1,5.5"])
+def test_several_commas_and_points_are_no_number(text: str) -> None:
+    with pytest.raises(ValueError, match="cannot be read"):
+        CASE.read("k", text)
 
 
 def test_texts_are_short_and_angles_in_degrees() -> None:

@@ -56,6 +56,7 @@ def _interrupted(arguments: list[str], folder: Path) -> tuple[int, str]:
         return process.returncode, errors
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_loop_that_never_ends(tmp_path):
     program = """
         import signal

@@ -179,6 +179,7 @@ def test_a_user_without_a_home_keeps_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_processes_that_write_one_file_at_once(folder):
     """And one that is killed while it does."""
     program = """
@@ -197,6 +198,7 @@ def test_processes_that_write_one_file_at_once(folder):
     assert [file.name for file in folder.iterdir()] == [kept.key_of("a")]
 
 
+@pytest.mark.slow
 def test_a_script_finds_the_code_of_the_last_one(tmp_path):
     script = "import erosion; print(erosion.impact('rotating', erosion.TABLE_1).volume)"
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}

@@ -23,6 +23,7 @@ def expected(name, alpha, material=None):
     return correlation.erosion(alpha, float(SI.v0), **factors) * float(SI.m) / density
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", erosion.CORRELATIONS)
 def test_volume_and_derivatives_are_the_correlations(name):
     model, alpha = erosion.load_model(name), float(P.alpha)
@@ -63,6 +64,7 @@ def test_oka_takes_the_size_of_a_sphere_of_the_cases_mass():
     assert light == pytest.approx(erosion.impact(model, SI).volume * 2**0.19, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_it_stands_beside_models_in_comparisons_sweeps_and_streams():
     curves = erosion.compare(["rotating", "dnv"], P, alpha=np.deg2rad([20.0, 40.0]))
     assert curves.volume.sel(model="dnv").values * 0.0254**3 == pytest.approx(

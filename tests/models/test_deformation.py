@@ -160,6 +160,7 @@ def test_one_bad_number_of_many_fails_alone():
     assert erosion.impact(model, P).ended_by.tolist() == ["rebound", "failed", "failed", "rebound"]
 
 
+@pytest.mark.slow
 def test_results_say_what_deformation_removes(capsys):
     angles, energies = np.deg2rad([[20.0], [90.0]]), np.array([1.0, 2.0, 5.0])
     model = Linearized(deformation=ProportionalDeformationWear()).replace(energy_ratio=energies)

@@ -29,6 +29,7 @@ def test_a_continuous_law_is_certified(law, k):
     assert "no greater value was missed" in str(best)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [1.0, 2.0])
 def test_where_the_force_jumps_the_best_angle_is_unresolved_and_says_so(k):
     model, p = model_of(Breaking), P.replace(k=k)
@@ -47,5 +48,6 @@ def test_a_level_function_is_a_plateau_still():
     assert erosion.alpha_max("linearized", P, objective="t_c").kind == "plateau"
 
 
+@pytest.mark.slow
 def test_a_batch_says_how_many_are_certified():
     assert "0 of 2" in str(erosion.alpha_max(model_of(Breaking), P.replace(k=[1.0, 2.0])))

@@ -1,5 +1,7 @@
 """Figures as files: the same bytes each time, and nothing half written."""
 
+from typing import Any
+
 import pytest
 
 from erosion.plotting.motion import plot_path, plot_trajectory
@@ -28,7 +30,20 @@ def test_style_does_not_depend_on_the_users_settings(cut: Trajectory, tmp_path) 
 def test_save_figure_writes_both_kinds(cut: Trajectory, tmp_path) -> None:
     fig, ax = new_axes()
     plot_path(cut, ax=ax)
+    engine = fig.get_layout_engine()
     assert [path.name for path in save_figure(fig, tmp_path / "v1.2")] == ["v1.2.svg", "v1.2.png"]
+    # The figure is laid out once for both files, and anew when it is saved again.
+    assert fig.get_layout_engine() is engine
+
+
+def test_a_figure_is_laid_out_once_for_both_kinds(cut: Trajectory, tmp_path, monkeypatch) -> None:
+    fig, ax = new_axes()
+    plot_path(cut, ax=ax)
+    engine: Any = fig.get_layout_engine()
+    usual, laid_out = engine.execute, []
+    monkeypatch.setattr(engine, "execute", lambda figure: (laid_out.append(figure), usual(figure))[1])
+    save_figure(fig, tmp_path / "cut")
+    assert laid_out == [fig]
 
 
 @pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svg.gz"])

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.report import write_report
 from erosion.report.case import Answer, Case, question
+from erosion.report.page import PARTS
 from erosion.report.questions import QUESTIONS, a1, text_file
 from erosion.report.template import write_text
 from erosion.report.text import degrees
@@ -32,22 +34,24 @@ CASES = {
 
 
 LINEARIZED = [key for key in QUESTIONS if key.startswith("q")]
+ONE_IMPACT = ["q1", "q2", "q3", "q4"]  # without the families, whose figures take most of the time
+ASKED = {"Table 1": None, "SI": LINEARIZED}
 
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The folder of each case's report on the questions of the linearized model."""
+    """The folder of each case's report: whole, or on questions of the linearized model."""
     folders = {}
     for name, p in CASES.items():
         folder = tmp_path_factory.mktemp("report") / "new"
-        folders[name] = write_report(p, folder, case_name=name, only=LINEARIZED).parent
+        folders[name] = write_report(p, folder, case_name=name, only=ASKED.get(name, ONE_IMPACT)).parent
     return folders
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(reports: dict[str, Path]) -> Path:
     """The folder of Table 1's whole report."""
-    return write_report(TABLE_1, tmp_path_factory.mktemp("report"), case_name="Table 1").parent
+    return reports["Table 1"]
 
 
 @pytest.fixture(scope="module")
@@ -205,9 +209,8 @@ def test_csv_holds_the_numbers_of_the_json(whole: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["Table 1", "SI"])
-def test_page_is_well_formed_and_its_ids_are_unique(whole: Path, reports: dict[str, Path], name: str) -> None:
-    folder = whole if name == "Table 1" else reports[name]
-    text = (folder / "index.html").read_text(encoding="utf-8")
+def test_page_is_well_formed_and_its_ids_are_unique(reports: dict[str, Path], name: str) -> None:
+    text = (reports[name] / "index.html").read_text(encoding="utf-8")
     root = ET.fromstring(text.removeprefix("<!DOCTYPE html>"))
     ids = [element.get("id") for element in root.iter() if element.get("id")]
     assert len(ids) == len(set(ids))
@@ -242,10 +245,10 @@ def test_figures_follow_the_theme(page: str) -> None:
 
 
 def test_same_case_same_bytes(reports: dict[str, Path], tmp_path: Path) -> None:
-    write_report(TABLE_1, tmp_path, case_name="Table 1", only=LINEARIZED)
+    write_report(CASES["SI"], tmp_path, case_name="SI", only=LINEARIZED)
     first, second = (
         {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-        for folder in (reports["Table 1"], tmp_path)
+        for folder in (reports["SI"], tmp_path)
     )
     assert first == second
     names = sorted(str(path) for path in first)
@@ -350,6 +353,29 @@ def test_a_case_name_is_text_not_html(tmp_path: Path) -> None:
     page = write_report(TABLE_1, tmp_path, case_name="<b>a & b</b>", only=["q2"]).read_text(encoding="utf-8")
     assert "&lt;b&gt;a &amp; b&lt;/b&gt;" in page
     assert "<b>a" not in page
+
+
+def test_a_handout_has_answers_and_figures_without_derivations(tmp_path: Path) -> None:
+    page = write_report(TABLE_1, tmp_path, only=["q4", "q1"], brief=True).read_text(encoding="utf-8")
+    assert "<h2><small>Question 1</small>How does the tip move?</h2>" in page
+    assert page.index("Question 1") < page.index("Question 4")
+    assert page.count("<figure>") == 3
+    assert "<details" not in page
+    assert "in brief" not in page
+    assert "<span>flow stress</span> <span>200000 lbf/in²</span>" in page
+    assert "<span>force ratio</span> <span>2</span>" in page
+    assert sorted(part.name for part in tmp_path.iterdir()) == sorted(PARTS)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("key", ["a1", "q8", "models"])
+def test_a_handout_of_one_question_fits_on_one_sheet(tmp_path: Path, key: str, browser: Browser) -> None:
+    path = write_report(TABLE_1, tmp_path, only=[key], brief=True)
+    sheet = browser.new_page()
+    sheet.goto(path.as_uri())
+    pdf = sheet.pdf(prefer_css_page_size=True)
+    sheet.close()
+    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf)) == 1
 
 
 def test_every_question_has_its_text_and_every_text_its_question() -> None:

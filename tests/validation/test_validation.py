@@ -38,18 +38,21 @@ def test_every_fact_has_a_source_a_kind_and_a_computation():
     assert len(kinds) > 40
 
 
+@pytest.mark.slow
 def test_all_numbers_with_a_stated_error_agree(validation):
     stated = [comparison for comparison in validation.comparisons if comparison.within is not None]
     assert len(stated) == 12
     assert all(comparison.within for comparison in stated)
 
 
+@pytest.mark.slow
 def test_formulas_are_limits_of_models(ratios):
     for name in ("OpenFOAM's Q at 10°", "OpenFOAM's Q at 40°", "Sphere, depth v √(m/(2πRp))",
                  "Sphere, time to that depth", "Sphere, volume m v²/(2p)"):  # fmt: skip
         assert ratios[name] == pytest.approx(1, abs=1e-8), name
 
 
+@pytest.mark.slow
 def test_misses_are_as_large_as_the_page_says(ratios):
     assert all(1.6 < ratios[f"Crater, 5 mm sphere, {speed} m/s"] < 1.9 for speed in ("9.99", "12", "14", "16", "18"))
     assert ratios["Crater, speed exponent"] == pytest.approx(1 / 1.137, rel=1e-6)

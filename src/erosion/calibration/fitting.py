@@ -75,17 +75,21 @@ def calibrate(
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
     starts = check_whole("starts", starts, 1)
-    needed = len(forward.names) + 1
-    if len(measured) < needed:
-        parameters = f"{needed - 1} free parameter" + ("s" if needed > 2 else "")
+    _require_enough(measured, len(forward.names))
+    problem = make_problem(forward, measured, bounds or {})
+    return Calibration(*fit(problem, loss, starts))
+
+
+def _require_enough(measured: Measurements, free: int) -> None:
+    """Refuse data from which nothing can be fitted."""
+    if len(measured) <= free:
+        parameters = f"{free} free parameter" + ("s" if free > 1 else "")
         raise ValueError(
-            f"Argument `data` must have at least {needed} rows for {parameters}, as no degree of freedom "
+            f"Argument `data` must have at least {free + 1} rows for {parameters}, as no degree of freedom "
             f"is left otherwise, but has {len(measured)}."
         )
     if not np.any(measured.erosion):
         raise ValueError("Argument `data` must have erosion other than zero.")
-    problem = make_problem(forward, measured, bounds or {})
-    return Calibration(*fit(problem, loss, starts))
 
 
 def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:

@@ -19,9 +19,14 @@ def explore(
         ModelsOption,
         Parameter(help="Also offer the models in these Python files: with commas, or the option repeated."),
     ] = None,
-    port: Annotated[
-        int | None, Parameter(help=f"Listen on this port of 127.0.0.1; {_PORT}, or a free one, without it.")
-    ] = None,
+    port: Annotated[int | None, Parameter(help=f"Listen on this port; {_PORT}, or a free one, without it.")] = None,
+    host: Annotated[
+        str,
+        Parameter(
+            help="Listen on this address of the machine, for other devices of a network that you trust: 0.0.0.0 for "
+            "all. They need the link that is printed."
+        ),
+    ] = "127.0.0.1",
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
     """Explore cuts in the browser: sliders, live plots, exports. Stop it with Ctrl+C."""
@@ -33,8 +38,8 @@ def explore(
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
     start_engine()
     try:
-        from erosion.explorer.server import free_port, offer, serve
+        from erosion.explorer.server import free_address, offer, serve
     except ModuleNotFoundError as error:
         raise InputError(f"The explorer needs {error.name}: pip install 'erosion[explorer]'.") from error
     with user_errors():
-        serve(offer(p, model or []), port=free_port(port), show=browser)
+        serve(offer(p, model or []), free_address(host, port), show=browser)

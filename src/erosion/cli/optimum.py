@@ -1,8 +1,9 @@
 """`erosion optimum`: the angle at which most, or least, is removed."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -79,11 +80,7 @@ def optimum(
     if not best.certified:
         output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if json:
-        described = ("model", "own_parameters", "parameters", "units")
-        result = {name: value for name, value in best.to_dict().items() if name not in described}
-        if sensitivities:
-            result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
-        output.document(result, {model: chosen}, best.units())
+        _document(output, model, best, rates)
         return
     _print(model, best)
     if sensitivities:
@@ -103,6 +100,14 @@ def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
     except ValueError as error:
         raise InputError(f"Option `--alpha-range` {error}.") from error
     return low, high
+
+
+def _document(output: Output, model: str, best: "Optimum", rates: Mapping[str, Any]) -> None:
+    described = ("model", "own_parameters", "parameters", "units")
+    result = {name: value for name, value in best.to_dict().items() if name not in described}
+    if rates:
+        result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
+    output.document(result, {model: best.model}, best.units())
 
 
 def _print(model: str, best: "Optimum") -> None:

@@ -89,6 +89,15 @@ class CaseOptions:
             validate(p)
         return p
 
+    def title(self) -> str:
+        """What to call the case: its file's title or "Table 1", and what options change."""
+        from erosion.parameters.case_files import case_title
+
+        with user_errors():
+            name = "Table 1" if self.case is None else case_title(self.case)
+        metal = [] if self.material is None else [self.material]
+        return ", ".join([name, *metal, *(f"{QUANTITIES[q].symbol} = {text}" for q, text in self.given().items())])
+
     def refuse_angle(self, reason: str) -> None:
         """An `InputError` where --alpha is given to a verb that takes no angle."""
         if "alpha" in self.given():

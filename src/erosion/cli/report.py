@@ -26,18 +26,24 @@ def report(
             'or "models" side by side; with commas: "q4,a1".'
         ),
     ] = None,
+    brief: Annotated[
+        bool,
+        Parameter(negative="", show_default=False, help="Answers and figures alone; a question fits on a sheet of A4."),
+    ] = False,
+    lang: Annotated[str, Parameter(help='Language of the page: "en", or "de" for German.')] = "en",
 ) -> None:
     """Answer the scenario's questions for a case, on one self-contained page."""
     options = with_file(case, file)
     p = options.parameters()
     start_engine()
+    from erosion.report.language import language
     from erosion.report.page import PARTS, chosen_questions, make_folders, write_report
 
-    name = "Table 1" if options.case is None else options.case.stem
     require_apart([output / part for part in PARTS], (options.case,))
     with user_errors():
         chosen_questions(only)
+        language(lang)
         make_folders(output)
     with progress_bar("report") as progress:
-        page = write_report(p, output, case_name=name, only=only, progress=progress)
+        page = write_report(p, output, case_name=options.title(), only=only, brief=brief, lang=lang, progress=progress)
     print(page.resolve())

@@ -79,13 +79,7 @@ def stream(
             chosen,
             p,
             {**laws, **own_laws},
-            StreamOptions(
-                n=count,
-                seed=number,
-                points=points or section.get("points", "sobol"),
-                best_angle=best_angle,
-                store=output,
-            ),
+            StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output),
         )
     result = _run(job, name, printed)
     if plot is not None:

@@ -1,7 +1,8 @@
-"""The page's server, which only this machine can reach."""
+"""The page's server, which only this machine can reach unless it is asked to listen on another host."""
 
 import asyncio
 import atexit
+import errno
 import logging
 import os
 import signal
@@ -11,11 +12,13 @@ import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import segno
 from fastapi import Request
 from nicegui import app, background_tasks, ui
 from nicegui.server import Server
 
 from erosion.explorer.access import OnlyOwnPage
+from erosion.explorer.address import Address
 from erosion.explorer.answers import Answers
 from erosion.explorer.computed import all_ready
 from erosion.explorer.preparation import Preparation
@@ -27,7 +30,6 @@ from erosion.models import available_models, load_model
 from erosion.parameters.parameters import Parameters
 from erosion.trajectory.trajectory import TurnWarning
 
-HOST = "127.0.0.1"
 _PORT = 8080
 _SWITCH = 0.0005  # s
 # s; a browser that is silent for longer has left. NiceGUI's default of 3 s lets go of tabs on a busy machine.
@@ -38,12 +40,12 @@ _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
 
 
-def serve(service: Service, *, port: int, show: bool = True) -> None:
+def serve(service: Service, address: Address, *, show: bool = True) -> None:
     """Serve the explorer until Ctrl+C.
 
     Args:
         service: the models and the first state.
-        port: a free port of this machine.
+        address: where to listen.
         show: whether to open a browser.
 
     Raises:
@@ -64,16 +66,16 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
         # A crawler never connects. After a minute NiceGUI deletes its client; until then it costs next to nothing.
         await client.connected()
         if not client.is_deleted:
-            _open_tab(service, request.query_params)
+            _open_tab(service, address, request.query_params)
 
     async def announce() -> None:
         while not Server.instance.started:
             await asyncio.sleep(0.02)
-        print(f"http://{HOST}:{port}/", flush=True)
+        _announce(address)
         # Not earlier: compiling would slow the start of the server.
         all_ready(service.answers, service.start, service.preparation)
 
-    app.add_middleware(OnlyOwnPage)
+    app.add_middleware(OnlyOwnPage, address=address)
     app.on_startup(lambda: background_tasks.create(announce()))
     # If a model still computes at the end, NiceGUI and Python would warn about the dropped work. And numbers beyond
     # all floats are on the page, not on the terminal.
@@ -82,16 +84,17 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
     logging.getLogger("uvicorn.error").addFilter(lambda record: not isinstance(record.msg, OSError))
     try:
         ui.run(
-            host=HOST,
-            port=port,
-            show=show,
+            host=address.host,
+            port=address.port,
+            show=address.path if show else False,
             reload=False,
             show_welcome_message=False,
             language="en-US",
             reconnect_timeout=_SILENCE,
         )
     except SystemExit as error:
-        raise ValueError(f"Argument `port` must be free, but another program took {port} meanwhile.") from error
+        sentence = f"must be free, but another program took {address.port} meanwhile."
+        raise ValueError(f"Argument `port` {sentence}") from error
     except KeyboardInterrupt:
         pass  # The server ends by Ctrl+C only. The exception is lost if it comes while Python collects garbage.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -100,14 +103,21 @@ def serve(service: Service, *, port: int, show: bool = True) -> None:
     raise KeyboardInterrupt
 
 
-def _open_tab(service: Service, link: Mapping[str, str]) -> None:
+def _announce(address: Address) -> None:
+    """Print the link; for other devices also as a code, where people read it."""
+    print(address.link, flush=True)
+    if address.token and sys.stdout.isatty():
+        segno.make_qr(address.link).terminal(compact=True)
+
+
+def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> None:
     """Fill the page with what its link asks for."""
     complaint, state = "", service.start
     try:
         state = state.reading(link, list(service.summaries))
     except ValueError as error:
         complaint = f"The link cannot be used: {sentence(error)}"
-    tab = Tab(service, state)
+    tab = Tab(service, state, address.link if address.token else None)
     tab.begin()
     if complaint:
         tab.say(complaint)
@@ -142,22 +152,20 @@ def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
     )
 
 
-def free_port(port: int | None) -> int:
-    """The port if it is free; any free port for 0; for None 8080, or any free port if 8080 is in use.
+def free_address(host: str, port: int | None) -> Address:
+    """The address of the port if it is free; of any free port for 0; for None of 8080, or any if 8080 is in use.
 
     Raises:
-        ValueError: if the port is not free, or not for this user.
+        ValueError: if the port is not free, or not for this user; if the host is no address of this machine.
     """
-    if port is None:
-        try:
-            return free_port(_PORT)
-        except ValueError:
-            return free_port(0)
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((HOST, port))
-        except OSError as error:
-            sentence = f"must be a free port that you may use, but {port} is not ({error.strerror})."
-            raise ValueError(f"Argument `port` {sentence}") from error
-        return probe.getsockname()[1]
+    try:
+        return Address.free(host, _PORT if port is None else port)
+    except socket.gaierror as error:
+        raise ValueError(f"Argument `host` must be an address of this machine, but is {host!r}.") from error
+    except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise ValueError(f"Argument `host` must be an address of this machine, but is {host!r}.") from error
+        if port is None:
+            return free_address(host, 0)
+        sentence = f"must be a free port that you may use, but {port} is not ({error.strerror})."
+        raise ValueError(f"Argument `port` {sentence}") from error

@@ -1,6 +1,7 @@
 """The state of one browser tab, and the link that holds it."""
 
 import dataclasses
+import re
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlencode
@@ -138,11 +139,12 @@ class Case(NamedTuple):
         return Case.of(p, tuple(own))
 
     def read(self, name: str, text: str) -> "Case":
-        """Change one parameter to a typed text: "30", "100 m/s". An angle without a unit is in degrees.
+        """Change one parameter to a typed text: "30", "0,5", "100 m/s". An angle without a unit is in degrees.
 
         Raises:
             ValueError: one sentence that says what is wrong with the text.
         """
+        text = _with_point(name, text)
         in_degrees = self.quantities()[name].dimension == "angle" and _is_number(text)
         return self.reading({name: f"{text} deg" if in_degrees else text})
 
@@ -241,6 +243,26 @@ class State:
 def _spelled(model: str) -> str:
     """A model's name in a list with commas; few names of files hold one."""
     return model.replace("%", "%25").replace(",", "%2C")
+
+
+_COMMA = re.compile(r"\s*[+-]?(?P<whole>\d*),(?P<part>\d+)(?![\d.,])")
+_LONGEST_GROUP = 3  # digits of a number between two commas that only group them: 1,000,000
+
+
+def _with_point(name: str, text: str) -> str:
+    """The text with a point in place of a decimal comma.
+
+    Raises:
+        ValueError: for 1,000, which is a thousand to one reader and one to another.
+    """
+    number = _COMMA.match(text)
+    if number is None:
+        return text
+    grouped = len(number["part"]) == _LONGEST_GROUP and 1 <= len(number["whole"].lstrip("0")) <= _LONGEST_GROUP
+    if grouped:
+        point, none = text.strip().replace(",", "."), text.strip().replace(",", "")
+        raise ValueError(f"Field `{name}` must be written as {point} or {none}, as {text.strip()} may mean either.")
+    return text.replace(",", ".", 1)
 
 
 def _is_number(text: str) -> bool:

@@ -20,6 +20,7 @@ from erosion.explorer.sliders import ANGLES, SPINS, at_position, with_spin
 from erosion.explorer.state import State
 from erosion.explorer.threads import in_thread
 from erosion.explorer.views import VIEWS
+from erosion.explorer.window import window_buttons
 
 T = TypeVar("T")
 
@@ -70,9 +71,10 @@ class Tab:
     Args:
         service: the data that all tabs share.
         state: the first state.
+        invitation: the link that lets other devices in; None where they cannot reach the explorer.
     """
 
-    def __init__(self, service: Service, state: State) -> None:
+    def __init__(self, service: Service, state: State, invitation: str | None = None) -> None:
         self.service, self.state = service, state
         self._models = list(service.summaries)
         self._drawn: dict[str, Any] = {}
@@ -86,6 +88,7 @@ class Tab:
                 self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
                 self._status = ui.label()
             Sharing(service.answers, service.sources, lambda: self.state, self._go)
+            window_buttons(invitation)
         with ui.element("main").classes("explorer") as self._main:
             with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
                 self._controls = Controls(service.start, service.summaries, self._go)

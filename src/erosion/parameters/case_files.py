@@ -47,6 +47,18 @@ def load_case(path: str | Path) -> Parameters:
         raise CaseError(f"{path}: {_lower_first(str(error))}") from error
 
 
+def case_title(path: str | Path) -> str:
+    """What a case file calls its case: its `title`, else the file's name without its suffix.
+
+    Raises:
+        CaseError: for a file that cannot be read, or whose title is no text.
+    """
+    title = _read(Path(path)).get("title") or Path(path).stem
+    if not isinstance(title, str):
+        raise CaseError(f"{path}: field `title` must be text in quotes, but is {shown(title)}.")
+    return " ".join(title.split())
+
+
 def load_section(path: str | Path, name: str) -> dict[str, Any]:
     """The table `[name]` of a case file as it stands there, empty where there is none.
 

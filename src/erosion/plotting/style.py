@@ -101,7 +101,22 @@ def render(fig: Figure, suffix: str, *, transparent: bool = False) -> bytes:
 
 def save_figure(fig: Figure, stem: Path) -> list[Path]:
     """Write `stem`.svg and `stem`.png on a white background; returns their paths."""
-    return [save_plot(fig, stem.with_name(f"{stem.name}.{suffix}")) for suffix in ("svg", "png")]
+    svg, png = (stem.with_name(f"{stem.name}.{suffix}") for suffix in ("svg", "png"))
+    save_plot(fig, svg)
+    with _layout_kept(fig):
+        save_plot(fig, png)
+    return [svg, png]
+
+
+@contextlib.contextmanager
+def _layout_kept(fig: Figure) -> Iterator[None]:
+    """Leave everything where it was drawn last: to lay a figure out takes as long as to draw it."""
+    engine = fig.get_layout_engine()
+    fig.set_layout_engine("none")
+    try:
+        yield
+    finally:
+        fig.set_layout_engine(engine)
 
 
 def save_plot(fig: Figure, path: str | Path) -> Path:

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 from markupsafe import Markup
@@ -20,7 +20,9 @@ from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalar
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import save_figure
 from erosion.report.case import Case, question
+from erosion.report.figures import translate_figure
 from erosion.report.inline import THEMES, inline_svg
+from erosion.report.language import Language, language
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.template import Text, write_text
 from erosion.report.text import number
@@ -42,6 +44,8 @@ def write_report(
     *,
     case_name: str = "Table 1",
     only: Sequence[str] | None = None,
+    brief: bool = False,
+    lang: str = "en",
     progress: Progress = no_progress,
 ) -> Path:
     """Answer the scenario's questions for a case as one self-contained page.
@@ -55,22 +59,35 @@ def write_report(
         out: a folder; it is made if need be.
         case_name: what to call the case on the page.
         only: keys of the questions to answer, by default all; the page keeps its own order.
+        brief: a handout: answers and figures without derivations, so that a question fits on a sheet of A4.
+        lang: the language: "en", or "de" for German.
         progress: called before each part with its title, how many parts are done, and how many there are.
 
     Returns:
         The path of the page.
 
     Raises:
-        ValueError: for parameters out of range or not scalar, or an unknown key in `only`.
+        ValueError: for parameters out of range or not scalar, an unknown key in `only`, or an unknown language.
         OSError: one sentence, where a file cannot be written.
     """
     keys = chosen_questions(only)
+    look = Look(_BRIEF if brief else _WHOLE, language(lang))
     validate(p)
     require_scalars(p)
     out = Path(out)
     make_folders(out)
     with _naming(out):
-        return _write(Case(p, case_name), keys, out, progress)
+        return _write(Case(p, case_name), keys, out, look, progress)
+
+
+_WHOLE, _BRIEF = "page.html", "handout.html"
+
+
+class Look(NamedTuple):
+    """How a page looks: the file of its frame, and its language."""
+
+    template: str
+    language: Language
 
 
 PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
@@ -102,7 +119,7 @@ def _pool() -> Iterator[ThreadPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Path:
+def _write(case: Case, keys: Sequence[str], out: Path, look: Look, progress: Progress) -> Path:
     numbers: Record = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
@@ -114,8 +131,9 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Pa
             progress(question(key), done, len(keys))
             answer = QUESTIONS[key].answer(case)
             numbers[key] = answer.numbers
-            texts[key] = write_text(text_file(key), case, answer)
+            texts[key] = write_text(text_file(key), case, answer, look.language)
             for name, _, description in texts[key].illustrations:
+                translate_figure(answer.figures[name], look.language)
                 svg, _ = save_figure(answer.figures[name], out / "figures" / name)
                 drawings[name] = inline_svg(svg, description)
     progress("The page", len(keys), len(keys))
@@ -123,7 +141,7 @@ def _write(case: Case, keys: Sequence[str], out: Path, progress: Progress) -> Pa
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
     write_whole(out / "numbers.csv", _csv(record).encode())
     page = out / "index.html"
-    write_whole(page, _page(case, texts, drawings).encode())
+    write_whole(page, _page(look, case, texts, drawings).encode())
     return page
 
 
@@ -138,7 +156,7 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
     return [key for key in QUESTIONS if key in only]
 
 
-def _page(case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup]) -> str:
+def _page(look: Look, case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup]) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("erosion.report", "."),
         autoescape=True,
@@ -147,10 +165,12 @@ def _page(case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup])
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template("page.html").render(
+    return environment.get_template(look.template).render(
+        _=look.language.text,
+        lang=look.language.tag,
         case_name=case.name,
         system=_SYSTEMS[case.units],
-        parameters=_parameter_rows(case.p),
+        parameters=_parameter_rows(case.p, look.language),
         texts=texts,
         question=question,
         themes=THEMES,
@@ -159,14 +179,15 @@ def _page(case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup])
     )
 
 
-def _parameter_rows(p: Parameters) -> list[tuple[str, str, str, str]]:
+def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, str, str]]:
     """Symbol, meaning, value, unit; angles in degrees."""
     rows = []
     for name, quantity in QUANTITIES.items():
         value, unit = float(getattr(p, name)), unit_name(quantity.dimension, p.units)
         if quantity.dimension == "angle":
             value, unit = math.degrees(value), "°"
-        rows.append((quantity.symbol, quantity.meaning, number(value, 7, strip=True), unit or "–"))
+        shown = language.number(number(value, 7, strip=True))
+        rows.append((quantity.symbol, language.text(quantity.meaning), shown, unit or "–"))
     return rows
 
 

@@ -4,7 +4,7 @@ import functools
 import math
 import re
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.report.case import Answer, Case
+from erosion.report.language import ENGLISH, Language
 from erosion.report.markdown import blocks, inline, to_html
 from erosion.report.text import degrees, degrees_tex, number, number_tex, quantity, quantity_tex
 
@@ -59,20 +60,21 @@ class Text(NamedTuple):
     derivation: Markup
 
 
-def write_text(path: Path, case: Case, answer: Answer) -> Text:
+def write_text(path: Path, case: Case, answer: Answer, language: Language = ENGLISH) -> Text:
     """Fill in a question's text and divide it into its parts.
 
     Args:
         path: of the Markdown file.
         case: a field of the text, `case`.
         answer: its numbers and fields are fields of the text by their own names, the numbers also as `numbers`.
+        language: of the page.
 
     Raises:
         TextError: for a field that does not exist, or a wrong form; it names the file, the line and the reason.
     """
     fields = {"case": case, "numbers": answer.numbers, **answer.numbers, **answer.fields}
     try:
-        return _parts(_fill(path, fields, case.units), answer.figures)
+        return _parts(_fill(path, fields, case.units, language), answer.figures)
     except Exception as error:  # a field may call any function
         raise TextError(f"{_place(path, error)}: {str(error).rstrip('.')}.") from error
 
@@ -83,18 +85,33 @@ def _place(path: Path, error: Exception) -> str:
     return f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else str(path)
 
 
-def _fill(path: Path, fields: Mapping[str, Any], units: System) -> str:
+def _fill(path: Path, fields: Mapping[str, Any], units: System, language: Language) -> str:
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([path.parent, _FOLDER]),
+        loader=_Translating([path.parent, _FOLDER], language),
+        finalize=lambda value: (
+            language.text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+        ),
         extensions=[_KeepNewlines],
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= _filters(units)
+    environment.filters |= _filters(units, language)
     environment.globals["parameters"] = QUANTITIES
     return environment.get_template(path.name).render(fields)
+
+
+class _Translating(jinja2.FileSystemLoader):
+    """Loads texts in a language."""
+
+    def __init__(self, folders: Sequence[Path], language: Language) -> None:
+        super().__init__(list(map(str, folders)))
+        self._language = language
+
+    def get_source(self, environment: jinja2.Environment, template: str) -> tuple[str, str, Callable[[], bool]]:
+        source, path, is_current = super().get_source(environment, template)
+        return self._language.template(source), path, is_current
 
 
 class _KeepNewlines(jinja2.ext.Extension):
@@ -104,26 +121,26 @@ class _KeepNewlines(jinja2.ext.Extension):
         return _TAG_AFTER_TEXT.sub(r"\1+%}", source)
 
 
-def _filters(units: System) -> dict[str, Callable[..., Any]]:
+def _filters(units: System, language: Language) -> dict[str, Callable[..., Any]]:
     def scale(largest: float, dimension: Dimension) -> Scale:
         return readable_scale(dimension, units, largest)
 
     def fixed(value: float, places: int) -> str:
         return f"{value:.{places}f}"
 
-    of_number: dict[str, Callable[..., Any]] = {
-        "number": number,
-        "number_tex": number_tex,
-        "degrees": degrees,
-        "degrees_tex": degrees_tex,
-        "to_degrees": math.degrees,
-        "fixed": fixed,
-        "quantity": functools.partial(quantity, units=units),
-        "quantity_tex": functools.partial(quantity_tex, units=units),
-        "scale": scale,
-    }
+    of_number: dict[str, Callable[..., Any]] = {"to_degrees": math.degrees, "scale": scale}
+    plain = (number, degrees, fixed, functools.partial(quantity, units=units))
+    for name, function in zip(("number", "degrees", "fixed", "quantity"), plain, strict=True):
+        of_number[name] = _then(language.number, function)
+    tex = (number_tex, degrees_tex, functools.partial(quantity_tex, units=units))
+    for name, function in zip(("number_tex", "degrees_tex", "quantity_tex"), tex, strict=True):
+        of_number[name] = _then(language.number_tex, function)
     filters = {name: _from_float(function) for name, function in of_number.items()}
     return {**filters, "unit": lambda dimension: unit_name(dimension, units)}
+
+
+def _then(last: Callable[[str], str], first: Callable[..., str]) -> Callable[..., str]:
+    return lambda *args, **options: last(first(*args, **options))
 
 
 def _from_float(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -49,6 +49,8 @@ def number_tex(value: float, digits: int = 5, *, strip: bool = False) -> str:
     return text if power is None else rf"{text}\times 10^{{{power}}}"
 
 
+# "1{,}5" is one number.
+_DECIMAL_COMMA = re.compile(r"<mn>(\d+)</mn><mrow><mo>&#x0002C;</mo></mrow><mn>(\d+)</mn>")
 _CORRECTIONS = (
     ("<mi>&#x000B1;</mi>", "<mo>&#x000B1;</mo>"),
     ("<mo>&#x0002F;</mo>", '<mo lspace="0" rspace="0">&#x0002F;</mo>'),
@@ -111,7 +113,7 @@ def math(tex: str, *, display: bool = False) -> Markup:
         raise ValueError(f"The formula {tex!r} cannot be read ({type(error).__name__}).") from error
     for written, meant in _CORRECTIONS:
         mathml = mathml.replace(written, meant)
-    return Markup(mathml)
+    return Markup(_DECIMAL_COMMA.sub(r"<mn>\1,\2</mn>", mathml))
 
 
 def formula(tex: str) -> Markup:

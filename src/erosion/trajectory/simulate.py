@@ -26,7 +26,7 @@ from erosion.models.base import NO_CUT, CuttingModel, units_within
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, require_concrete, validate
 from erosion.parameters.precision import require_xla
-from erosion.trajectory.events import find_root, first_fall
+from erosion.trajectory.events import Fall, find_root, first_fall
 from erosion.trajectory.trajectory import SimulationError, Trajectory, TurnWarning
 
 _SAMPLES = 8  # looks at the event functions within each step
@@ -113,20 +113,7 @@ def _follow(
     def dense(t: np.ndarray) -> np.ndarray:
         return np.asarray(flow.interpolate(solver, interpolant, sizes, _padded(t)))[: len(t)]
 
-    t, values, rates = _looks(model, p, dense, ends, float(time))
-    try:
-        fall = first_fall(t, values, rates)
-    except ArithmeticError as error:
-        raise SimulationError(f"{model_name(model)}: {error}.") from error
-    if len(ends) == 1:
-        raise SimulationError(
-            f"{model_name(model)}: no first step could be taken: the motion is not finite at contact."
-        )
-    if fall is None:
-        raise SimulationError(
-            f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
-            f"({ends[-1] / float(time):.3g} time scales, {len(ends) - 1} of at most {flow.MAX_STEPS} steps)."
-        )
+    fall = _first_event(model, p, dense, ends, float(time))
     name = fall.name
 
     # From the start of the step in which the cut ends, steps of full order to any time in it.
@@ -148,6 +135,27 @@ def _follow(
     # The ends of the histories are known better than the dense output gives them.
     ys = np.concatenate([dense(t)[:-1], np.asarray(reach(t_c))[None]])
     return _trajectory(model, given, structure, t, ys, name, dense)
+
+
+def _first_event(
+    model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], np.ndarray], ends: np.ndarray, time: float
+) -> Fall:
+    """The event that ends the cut, from looks within the steps, which end at `ends`."""
+    t, values, rates = _looks(model, p, dense, ends, time)
+    try:
+        fall = first_fall(t, values, rates)
+    except ArithmeticError as error:
+        raise SimulationError(f"{model_name(model)}: {error}.") from error
+    if len(ends) == 1:
+        raise SimulationError(
+            f"{model_name(model)}: no first step could be taken: the motion is not finite at contact."
+        )
+    if fall is None:
+        raise SimulationError(
+            f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
+            f"({ends[-1] / time:.3g} time scales, {len(ends) - 1} of at most {flow.MAX_STEPS} steps)."
+        )
+    return fall
 
 
 def _looks(

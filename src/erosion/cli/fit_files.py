@@ -1,0 +1,63 @@
+"""The files that `erosion calibrate` writes."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.options import require_outputs, user_errors
+
+if TYPE_CHECKING:
+    from erosion.calibration import Ranking
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class FitFiles:
+    """The files that are asked for."""
+
+    plot: Annotated[Path | None, Parameter(help="Draw data, fits and band into this file (.svg, .png, .pdf).")] = None
+    openfoam: Annotated[Path | None, Parameter(help="Write OpenFOAM ParticleErosion coefficients.")] = None
+    fluent: Annotated[Path | None, Parameter(help="Write the angle function as a piecewise-linear table.")] = None
+    write_case: Annotated[Path | None, Parameter(help="Write the best fit as a case file, for --case.")] = None
+
+    def require_writable(self, inputs: Sequence[Any]) -> None:
+        """Know before the fit that all files can be written, and that none of them is read."""
+        require_outputs(self.openfoam, self.fluent, self.write_case, plot=self.plot, inputs=inputs)
+
+    def write(self, ranking: "Ranking", level: float) -> tuple[list[Path], list[str]]:
+        """Write the files; gives their paths, and what they lack."""
+        from erosion.calibration import CalibrationError, to_case, to_fluent, to_openfoam
+        from erosion.calibration.export import command
+        from erosion.files import write_whole
+        from erosion.models.own_parameters import own_parameters
+
+        best, warnings = ranking.best, []
+        texts: list[tuple[Path, str]] = []
+        # What cannot be represented is refused before anything is written.
+        with user_errors(CalibrationError):
+            if self.openfoam is not None:
+                coefficients = to_openfoam(best)
+                texts.append((self.openfoam, coefficients.text()))
+                warnings += [coefficients.warning] if coefficients.warning else []
+            if self.fluent is not None:
+                texts.append((self.fluent, to_fluent(best).text()))
+            if self.write_case is not None:
+                texts.append((self.write_case, to_case(best, str(self.write_case))))
+                if {*best.names} & {*own_parameters(best.model)}:
+                    warnings.append(
+                        f"{self.write_case} holds neither the model nor its own parameters: "
+                        f"use it as `{command(best, str(self.write_case))}`."
+                    )
+            written = []
+            if self.plot is not None:
+                from erosion.plotting.calibrations import plot_calibration
+                from erosion.plotting.style import save_plot
+
+                written.append(save_plot(plot_calibration(ranking.fits, level), self.plot))
+            for path, text in texts:
+                write_whole(path, text.encode())
+                written.append(path)
+        return written, warnings

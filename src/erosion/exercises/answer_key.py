@@ -1,0 +1,232 @@
+"""The answers to the tasks about a case, and what is said of a student's answer."""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from erosion.engine.impact import impact
+from erosion.exercises.by_hand import at_contact, euler, linearized_rate, rk4
+from erosion.models import Linearized
+from erosion.optimum.alpha_max import Optimum, alpha_max
+from erosion.optimum.maxima import Jump
+from erosion.parameters.parameters import Parameters, require_scalars, validate
+from erosion.parameters.units import Dimension, unit_name
+
+EULER_STEPS = 100
+RK4_STEPS = 10
+_SPINS = (-0.2, -0.7, 0.8, -0.8, 0.6, -0.5, 0.5)  # s = r φ̇₀/v₀ that are tried for a maximum at a jump
+_NEAR = 0.05  # of the answer: the method is right, and its error is still too large
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """A number that a student computes.
+
+    Args:
+        asks: what it is, to follow "is".
+        dimension: what it measures.
+        tolerance: relative, within which an answer is right.
+        hint: what to do where an answer is near, but not near enough.
+    """
+
+    asks: str
+    dimension: Dimension
+    tolerance: float
+    hint: str
+
+
+TASKS: Mapping[str, Task] = {
+    "omega": Task("ω = √(k σ b ψ / m)", "rate", 1e-4, "Keep all digits of the parameters."),
+    "euler_depth": Task(
+        f"the depth at the time π/(4ω), after {EULER_STEPS} steps of Euler's method", "length", 1e-6,
+        "Check the number of steps, and that all four numbers of the state are taken from before the step.",
+    ),
+    "rk4_depth": Task(
+        f"the depth at the time π/(4ω), after {RK4_STEPS} steps of Runge and Kutta's method", "length", 1e-7,
+        "Check the number of steps and the weights 1, 2, 2, 1 of the four rates.",
+    ),
+    "euler_order": Task("the power of the step with which Euler's error falls", "1", 0.05, "Take more steps."),
+    "rk4_order": Task(
+        "the power of the step with which Runge and Kutta's error falls", "1", 0.05,
+        "Take more steps, but not so many that rounding is all that is left.",
+    ),
+    "t_c": Task("the time at which the cut ends", "time", 1e-5, "Look for the end between two steps, not at one."),
+    "volume": Task("the removed volume", "volume", 1e-4, "Take the integral to the end of the cut, in smaller steps."),
+    "newton_step": Task(
+        "the angle after one step of Newton's method", "angle", 1e-4, "Take the differences of V over a smaller angle."
+    ),
+    "alpha_max": Task("the angle of greatest removal", "angle", 1e-5, "Take one more step of Newton's method."),
+    "jump": Task("the angle at which the volume jumps", "angle", 1e-4, "Halve the interval more often."),
+    "alpha_max_at_jump": Task(
+        "the angle of greatest removal with spin", "angle", 1e-4, "It is on one side of the jump: find the jump better."
+    ),
+}  # fmt: skip
+
+_SLIPS = (
+    (180 / math.pi, "It is right in degrees; give radians."),
+    (math.pi / 180, "It is right, but divided by 180/π as if it had been in degrees; give radians."),
+    (-1.0, "Only the sign is wrong."),
+    (2.0, "It is twice the answer."),
+    (0.5, "It is half of the answer."),
+)
+"""Factors by which an answer is often off, and what to say then."""
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Verdict:
+    """What is said of an answer; a notebook shows the sentence.
+
+    Args:
+        right: whether the answer is within the tolerance.
+        sentence: how far off it is, and what to look at.
+    """
+
+    right: bool
+    sentence: str
+
+    def __repr__(self) -> str:
+        return self.sentence
+
+
+class AnswerKey:
+    """The answers to the tasks of `erosion exercise`, computed from the case.
+
+        key = erosion.AnswerKey(erosion.TABLE_1)
+        key.check("t_c", 4.9e-5)      # t_c: 27 % below the answer. …
+
+    Args:
+        p: the case, all scalars. Its own spin is left aside: the tasks are about the linearized model, and about
+            `rotating` with the spin `spin`.
+
+    Raises:
+        ValueError: for parameters out of range, or a case that cuts nothing.
+    """
+
+    def __init__(self, p: Parameters) -> None:
+        validate(p)
+        require_scalars(p)
+        self.p = p.replace(phidot0=0.0)
+        closed = Linearized().closed_form()
+        assert closed is not None, "the linearized model is solved in closed form"
+        self._closed = closed
+        if str(closed.ended_by(self.p)) == "no-cut":
+            angle = f"{math.degrees(float(p.alpha)):g}°"
+            raise ValueError(f"Argument `alpha` must be an angle at which something is cut, but is {angle}.")
+
+    @functools.cached_property
+    def time(self) -> float:
+        """A quarter of the time from surface to surface, π/(4ω) [time].
+
+        At half of it the tip is deepest, and the errors of phase do not count: the order of Runge and Kutta's method
+        would seem to be 5.
+        """
+        return math.pi / 4 / float(self.p.rate)
+
+    @functools.cached_property
+    def first_guess(self) -> float:
+        """The angle from which Newton's method begins, two digits of degrees [rad]."""
+        degrees = math.degrees(self._answers["alpha_max"]())
+        return math.radians(float(f"{0.75 * degrees:.2g}"))
+
+    @functools.cached_property
+    def with_spin(self) -> Optimum | None:
+        """A greatest removal of `rotating` at a jump; None where no spin that is tried has one."""
+        for s in _SPINS:
+            best = alpha_max("rotating", self.p.replace(phidot0=s * float(self.p.v0 / self.p.r)))
+            if best.kind == "jump":
+                return best
+        return None
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The names of the tasks in their order; without those with spin where no spin puts the maximum at a jump."""
+        with_spin = ("jump", "alpha_max_at_jump")
+        return tuple(name for name in TASKS if name not in with_spin or self.with_spin is not None)
+
+    def answer(self, task: str) -> float:
+        """The answer to a task, in the units of the case, angles in radians.
+
+        Raises:
+            ValueError: for a name that is no task.
+        """
+        if task not in self.tasks:
+            raise ValueError(f"Argument `task` must be one of {', '.join(self.tasks)}, but is {task!r}.")
+        return self._answers[task]()
+
+    def check(self, task: str, answer: Any) -> Verdict:
+        """Compare a student's number with the answer.
+
+        Args:
+            task: its name, one of `tasks`.
+            answer: a number in the units of the case, angles in radians; `...` where there is none yet.
+
+        Returns:
+            Whether it is right, and in one or two sentences how far off it is.
+
+        Raises:
+            ValueError: for a name that is no task, and for an answer that is no single finite number.
+        """
+        asked, right = TASKS.get(task), self.answer(task)
+        assert asked is not None
+        if answer is ...:
+            return Verdict(False, f"{task}: still to do.")
+        given = np.asarray(answer)
+        if given.dtype.kind not in "iuf" or given.size != 1 or not np.isfinite(given).all():
+            raise ValueError(f"Argument `answer` must be one finite number, but is {answer!r}.")
+        off = float(given.reshape(())) / right - 1
+        if abs(off) <= asked.tolerance:
+            return Verdict(True, f"{task}: right. It is {asked.asks}: {self._in_words(right, asked.dimension)}.")
+        for factor, slip in _SLIPS:
+            if abs((1 + off) / factor - 1) <= asked.tolerance and (asked.dimension == "angle" or "radians" not in slip):
+                return Verdict(False, f"{task}: {slip}")
+        side = "above" if off > 0 else "below"
+        hint = asked.hint if abs(off) <= _NEAR else f"It is to be {asked.asks}."
+        return Verdict(False, f"{task}: {_share(abs(off))} {side} the answer. {hint}")
+
+    def _in_words(self, value: float, dimension: Dimension) -> str:
+        if dimension == "angle":
+            return f"{value:.7g} rad, {math.degrees(value):.7g}°"
+        return f"{value:.7g} {unit_name(dimension, self.p.units)}".strip()
+
+    @property
+    def _answers(self) -> Mapping[str, Callable[[], float]]:
+        return {
+            "omega": lambda: float(self.p.rate),
+            "euler_depth": lambda: self._depth(euler, EULER_STEPS),
+            "rk4_depth": lambda: self._depth(rk4, RK4_STEPS),
+            "euler_order": lambda: 1.0,
+            "rk4_order": lambda: 4.0,
+            "t_c": lambda: float(self._closed.t_c(self.p)),
+            "volume": lambda: float(self._closed.volume(self.p)),
+            "newton_step": self._newton_step,
+            "alpha_max": lambda: float(alpha_max("linearized", self.p).alpha),
+            "jump": lambda: float(self._jump.alpha),
+            "alpha_max_at_jump": lambda: float(self._best_with_spin.alpha),
+        }
+
+    def _depth(self, method: Callable[..., np.ndarray], steps: int) -> float:
+        return float(method(linearized_rate(self.p), at_contact(self.p), self.time, steps)[1])
+
+    def _newton_step(self) -> float:
+        hit = impact("linearized", self.p.replace(alpha=self.first_guess), derivatives=2)
+        return self.first_guess - float(hit.dvolume) / float(hit.d2volume)
+
+    @property
+    def _best_with_spin(self) -> Optimum:
+        assert self.with_spin is not None
+        return self.with_spin
+
+    @property
+    def _jump(self) -> Jump:
+        """The jump at which the maximum is."""
+        best = self._best_with_spin
+        return min(best.jumps, key=lambda jump: abs(float(jump.alpha) - float(best.alpha)))
+
+
+def _share(off: float) -> str:
+    """How far off, to two digits: "27 %", "0.0031 %", "a factor of 57"."""
+    return f"a factor of {1 + off:.3g}" if off > 2 else f"{float(f'{100 * off:.2g}'):g} %"

@@ -1,0 +1,114 @@
+"""What is said of a student's numbers."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+import erosion
+from erosion.exercises import answer_key
+from erosion.exercises.answer_key import TASKS
+from erosion.exercises.by_hand import at_contact, euler, linearized_rate, rk4
+from erosion.exercises.notebook import notebook
+
+KEY = erosion.AnswerKey(erosion.TABLE_1)
+P = erosion.TABLE_1
+
+
+@pytest.mark.parametrize("task", KEY.tasks)
+def test_the_answer_itself_is_right(task: str) -> None:
+    verdict = KEY.check(task, KEY.answer(task))
+    assert verdict.right
+    assert repr(verdict).startswith(f"{task}: right. It is {TASKS[task].asks}: ")
+
+
+@pytest.mark.parametrize("task", KEY.tasks)
+def test_an_answer_just_outside_the_tolerance_is_not(task: str) -> None:
+    tolerance = TASKS[task].tolerance
+    assert KEY.check(task, KEY.answer(task) * (1 + 0.99 * tolerance)).right
+    assert not KEY.check(task, KEY.answer(task) * (1 + 1.01 * tolerance)).right
+
+
+def test_the_sentence_says_how_far_off_an_answer_is() -> None:
+    t_c = KEY.answer("t_c")
+    assert str(KEY.check("t_c", 0.987 * t_c)) == (
+        "t_c: 1.3 % below the answer. Look for the end between two steps, not at one."
+    )
+    assert (
+        str(KEY.check("t_c", 1.25 * t_c)) == "t_c: 25 % above the answer. It is to be the time at which the cut ends."
+    )
+    assert str(KEY.check("volume", 57.3 * KEY.answer("volume"))).startswith(
+        "volume: a factor of 57.3 above the answer."
+    )
+
+
+@pytest.mark.parametrize(
+    ("factor", "slip"),
+    [
+        (180 / math.pi, "It is right in degrees; give radians."),
+        (-1.0, "Only the sign is wrong."),
+        (2.0, "It is twice the answer."),
+    ],
+)
+def test_common_slips_are_named(factor: float, slip: str) -> None:
+    verdict = KEY.check("alpha_max", factor * KEY.answer("alpha_max"))
+    assert not verdict.right
+    assert verdict.sentence == f"alpha_max: {slip}"
+
+
+def test_only_angles_can_be_in_degrees() -> None:
+    assert "degrees" not in KEY.check("volume", math.degrees(KEY.answer("volume"))).sentence
+
+
+@pytest.mark.parametrize("answer", [math.nan, math.inf, None, "0.5", [1.0, 2.0], 1j])
+def test_what_is_no_number_is_refused(answer: Any) -> None:
+    with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is "):
+        KEY.check("t_c", answer)
+
+
+def test_a_gap_is_still_to_do() -> None:
+    assert str(KEY.check("t_c", ...)) == "t_c: still to do."
+
+
+def test_an_unknown_task_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^Argument `task` must be one of omega, euler_depth, .* but is 'tc'"):
+        KEY.check("tc", 1.0)
+
+
+def test_a_case_that_cuts_nothing_is_refused() -> None:
+    with pytest.raises(
+        ValueError, match=r"^Argument `alpha` must be an angle at which something is cut, but is 90°\.$"
+    ):
+        erosion.AnswerKey(P.replace(alpha=np.pi / 2))
+
+
+def test_the_methods_of_the_tasks_have_their_orders() -> None:
+    rate, start, time = linearized_rate(P), at_contact(P), KEY.time
+    exact = integrate.solve_ivp(lambda _, state: rate(state), (0, time), start, "DOP853", rtol=1e-13, atol=1e-18).y[
+        1, -1
+    ]
+    for method, order in ((euler, 1.0), (rk4, 4.0)):
+        coarse, fine = (abs(method(rate, start, time, steps)[1] - exact) for steps in (40, 80))
+        assert math.log2(coarse / fine) == pytest.approx(order, abs=0.05)
+
+
+def test_the_angle_with_spin_is_at_a_jump() -> None:
+    best = KEY.with_spin
+    assert best is not None
+    assert best.kind == "jump"
+    assert KEY.answer("jump") == pytest.approx(KEY.answer("alpha_max_at_jump"), abs=1e-7)
+    beside = best.p.replace(alpha=KEY.answer("jump") + np.array([-1e-6, 1e-6]))
+    volumes = erosion.impact("rotating", beside).volume
+    assert abs(volumes[1] - volumes[0]) > 0.05 * volumes.max()
+
+
+def test_without_a_jump_its_tasks_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(answer_key, "_SPINS", (0.0,))  # with which Table 1 has its maximum inside
+    key = erosion.AnswerKey(P)
+    assert key.with_spin is None
+    assert key.tasks == KEY.tasks[:-2]
+    with pytest.raises(ValueError, match="must be one of"):
+        key.answer("jump")
+    assert "Where Newton" not in notebook(key, title="a case")

@@ -1,0 +1,106 @@
+"""The notebook of tasks, and that its solutions are right."""
+
+import ast
+import io
+import json
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import nbformat
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import _status
+from erosion.exercises.notebook import cells_of, notebook
+
+P = erosion.TABLE_1
+CASES = {
+    "Table 1": P,
+    "a stop": P.replace(alpha=np.deg2rad(70)),
+    "small k": P.replace(k=0.3, alpha=np.deg2rad(5)),
+    "large k, SI": P.replace(k=8.0, alpha=np.deg2rad(60)).to("si"),
+    "spinning": P.replace(phidot0=2e4),
+}
+
+
+def verdicts(text: str) -> list[Any]:
+    """Run a notebook's code, and give what its last lines show where they check an answer."""
+    plt.switch_backend("agg")
+    names: dict[str, Any] = {}
+    shown = []
+    for cell in json.loads(text)["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        tree = ast.parse("".join(cell["source"]))
+        last = tree.body[-1]
+        if isinstance(last, ast.Expr):
+            tree.body.pop()
+        with redirect_stdout(io.StringIO()):
+            exec(compile(tree, "cell", "exec"), names)
+            if isinstance(last, ast.Expr):
+                shown.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
+    plt.close("all")
+    return [value for value in shown if type(value).__name__ == "Verdict"]
+
+
+@pytest.mark.parametrize("p", CASES.values(), ids=CASES)
+def test_all_solutions_are_right(p: erosion.Parameters) -> None:
+    key = erosion.AnswerKey(p)
+    said = verdicts(notebook(key, title="a case", solved=True))
+    assert [str(verdict) for verdict in said if not verdict.right] == []
+    assert len(said) == len(key.tasks)
+
+
+def test_the_notebook_is_one_and_has_no_solutions() -> None:
+    text = notebook(erosion.AnswerKey(P), title="Table 1")
+    nbformat.validate(nbformat.reads(text, as_version=4))
+    cells = json.loads(text)["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert "# How a grain cuts: Table 1" in "".join(cells[0]["source"])
+    assert len({cell["id"] for cell in cells}) == len(cells)
+    assert sum("key.check(" in source for source in code) == len(erosion.AnswerKey(P).tasks)
+    assert all("..." in source for source in code if "key.check(" in source)
+    for source in code:
+        ast.parse(source)
+    assert text == notebook(erosion.AnswerKey(P), title="Table 1")
+
+
+def test_gaps_and_solutions_are_told_apart() -> None:
+    text = (
+        "Do it.\n\n```python task\nx = ...\n```\n\n```python solution\nx = 1\n```\n\n```python\nx\n```\n## Next\nEnd.\n"
+    )
+    gaps = [("markdown", "Do it."), ("code", "x = ..."), ("code", "x"), ("markdown", "## Next\nEnd.")]
+    assert list(cells_of(text, solved=False)) == gaps
+    assert list(cells_of(text, solved=True)) == [gaps[0], ("code", "x = 1"), *gaps[2:]]
+
+
+def test_the_command_writes_both_notebooks(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    tasks, solved = tmp_path / "tasks.ipynb", tmp_path / "solved.ipynb"
+    assert _status(["exercise", "--alpha", "40deg", "-o", str(tasks), "--solved", str(solved)]) == 0
+    printed = capsys.readouterr().out
+    assert printed == f"{tasks}: 11 tasks about Table 1, α = 40deg\n{solved}: the same with solutions\n"
+    key = erosion.AnswerKey(P.replace(alpha=np.deg2rad(40)))
+    title = "Table 1, α = 40deg"
+    assert tasks.read_text() == notebook(key, title=title)
+    assert solved.read_text() == notebook(key, title=title, solved=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["-o", "x.txt"], "Option `--output` must end in .ipynb, but is x.txt."),
+        (["--solved", "x.txt"], "Option `--solved` must end in .ipynb, but is x.txt."),
+        (["-o", "a.ipynb", "--solved", "a.ipynb"], "a.ipynb: is named twice, but every file must be another."),
+        (["--alpha", "90deg"], "Option `--alpha` must be an angle at which something is cut, but is 90°."),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(
+    arguments: list[str], sentence: str, tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert _status(["exercise", *arguments]) == 2
+    assert capsys.readouterr().err.replace(f"{tmp_path}/", "") == f"erosion: {sentence}\n"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,3 @@
+"""A browser, to print pages with."""
+
+from tests.explorer.conftest import browser as browser
