@@ -415,6 +415,26 @@ def test_the_command_line_says_what_is_damaged(tmp_path: Path, capsys: pytest.Ca
     assert said.count("\n") == 1
 
 
+@pytest.mark.parametrize("theirs", ["linearized", "finnie"])
+def test_a_zarr_store_that_another_process_makes_at_the_same_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, theirs: str
+) -> None:
+    path = tmp_path / "out.zarr"
+
+    def checked(_: Path) -> None:
+        monkeypatch.undo()
+        monkeypatch.setattr("erosion.sweeps.sweep._LEAST_BLOCK", 6)
+        ZarrStore(make_grid(theirs, P, AXES), (3, 2), path)
+
+    monkeypatch.setattr("erosion.sweeps.stores.require_writable", checked)
+    if theirs == "linearized":
+        assert_same_bits(zarr(path).compute(), WHOLE)
+    else:
+        with pytest.raises(StoreError, match="holds another result"):
+            zarr(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["out.zarr"]
+
+
 # The program ends where a file is to get its name, for the third time in a folder of that kind.
 KILLED = """
 import os, signal, sys

@@ -102,12 +102,12 @@ class ZarrStore(Store):
         _require_zarr()
         self._grid, self._block, self._path = grid, block, path
         identity = grid.identity() | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
-        if path.exists():
-            require_same(path, _zarr_identity(path), identity)
-            self._require_frame()
-            self._clear_drafts()
-        else:
+        if not path.exists():
             self._create(identity)
+        # Another process may have made it at the same moment.
+        require_same(path, _zarr_identity(path), identity)
+        self._require_frame()
+        self._clear_drafts()
 
     def missing(self) -> list[Region]:
         arrays = _arrays(self._path, self._grid.variables())
@@ -179,17 +179,21 @@ class ZarrStore(Store):
         encoding = {str(name): {**encoding.get(str(name), {}), **summed} for name in template.variables}
         template.attrs[IDENTITY] = json.dumps(identity)
         require_writable(self._path)  # zarr would make folders
-        with written_whole(self._path) as draft:
-            # Coordinates and metadata alone: no block is computed.
-            template.to_zarr(
-                draft,
-                mode="w-",
-                compute=False,
-                encoding=encoding,
-                consolidated=False,
-                zarr_format=3,
-                write_empty_chunks=True,  # of coordinates: zeros are there too
-            )
+        try:
+            with written_whole(self._path) as draft:
+                # Coordinates and metadata alone: no block is computed.
+                template.to_zarr(
+                    draft,
+                    mode="w-",
+                    compute=False,
+                    encoding=encoding,
+                    consolidated=False,
+                    zarr_format=3,
+                    write_empty_chunks=True,  # of coordinates: zeros are there too
+                )
+        except OSError:
+            if not self._path.exists():
+                raise
 
 
 def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
