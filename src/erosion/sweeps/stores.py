@@ -203,6 +203,9 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
         path: of the store.
         along: the slice of the block along each dimension.
         values: its arrays by name, `ended_by` last.
+
+    Raises:
+        OSError: naming a file or the store, where the block cannot be written.
     """
     import zarr
 
@@ -211,7 +214,11 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
         arrays = _arrays(path, values)
         for name, block in values.items():
             array = arrays[name]
-            array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
+            try:
+                array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
+            except OSError as error:
+                error.filename = error.filename or str(path)  # of a full disk zarr names no file
+                raise
 
 
 def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:
