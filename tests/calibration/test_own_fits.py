@@ -8,7 +8,7 @@ import pytest
 import erosion
 from erosion.calibration.forward import Forward
 from erosion.cli import _status
-from erosion.models import Linearized
+from erosion.models import DeformationWear, Linearized
 from tests.calibration.test_real_data import DENSITY, SAND
 from tests.cli.test_set_option import FILE
 from tests.documents import result_of
@@ -127,16 +127,67 @@ def test_the_command_line_fits_them(tmp_path, monkeypatch, capsys):
     assert result["estimates"]["factor"] == pytest.approx(2.0, rel=0.05)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("correlation", "threshold"), [("dnv", 0.0), ("ecrc", 2200.0), ("oka", 0.0)])
-def test_with_deformation_the_linearized_cut_follows_angle_functions_of_tests(correlation, threshold):
-    degrees = np.arange(5.0, 91.0, 5.0)
-    curve = erosion.CORRELATIONS[correlation].normalised(np.deg2rad(degrees))
-    model = erosion.load_model("linearized-deformation").replace(threshold=threshold)
-    free = ["k", "energy_ratio", *(["threshold"] if threshold else [])]
-    fit = erosion.calibrate(model, P, {"angle [deg]": degrees, "erosion [-]": curve}, free=free)
-    # A cut alone misses these curves by 0.23 to 0.26 of their maximum.
-    assert np.sqrt(np.mean(fit.residuals**2)) < 0.05
+STEPS = np.arange(5.0, 91.0, 5.0)
+# Numbers of the target as `DeformationWear` has them, in other units and far from what the curves ask for.
+WORN = {
+    "energy ratio": erosion.load_model("linearized-deformation"),
+    "specific energy": Linearized(deformation=DeformationWear()),
+    "specific energy, guessed": Linearized(deformation=DeformationWear(specific_energy=50.0, threshold=3000.0)),
+}
+
+
+def fitted(model, correlation: str, free: list[str]) -> erosion.Calibration:
+    curve = erosion.CORRELATIONS[correlation].normalised(np.deg2rad(STEPS))
+    return erosion.calibrate(model, P, {"angle [deg]": STEPS, "erosion [-]": curve}, free=free)
+
+
+def rms_of(fit: erosion.Calibration) -> float:
+    return float(np.sqrt(np.mean(fit.residuals**2)))
+
+
+@pytest.mark.parametrize("guess", WORN)
+@pytest.mark.parametrize(("correlation", "rms"), [("dnv", 0.0458), ("ecrc", 0.0466), ("oka", 0.0356)])
+def test_with_deformation_the_linearized_cut_follows_angle_functions_of_tests(correlation, rms, guess):
+    # A cut alone misses these curves by 0.23 to 0.26 of their maximum. DNV's and Oka's ask for no threshold: the least
+    # misfit is at the end of its range.
+    size = "energy_ratio" if guess == "energy ratio" else "specific_energy"
+    fit = fitted(WORN[guess], correlation, ["k", size, "threshold"])
+    assert rms_of(fit) < rms
+    assert (fit.estimates["threshold"] == 0) == (correlation != "ecrc")
+
+
+@pytest.mark.parametrize(("correlation", "rms"), [("dnv", 0.0438), ("ecrc", 0.0375), ("oka", 0.0328)])
+def test_with_deformation_a_turning_body_follows_them_as_well(correlation, rms):
+    assert rms_of(fitted("rotating-deformation", correlation, ["k", "energy_ratio", "threshold", "r"])) < rms
+
+
+@pytest.mark.parametrize(("energy", "threshold"), [(3e9, 0.0), (3e9, 9.0), (2e7, 50.0)])
+def test_numbers_of_deformation_that_all_speeds_share_are_found_from_any_guess(energy, threshold):
+    p, rng = P.to("si"), np.random.default_rng(0)
+    degrees, speeds = np.tile([15, 25, 35, 50, 65, 80, 90.0], 3), np.repeat([40.0, 80.0, 120.0], 7)
+    truth = {"k": 1.5, "psi": 0.04, "specific_energy": 0.5e9, "threshold": 12.0}
+    conditions = {"alpha": np.deg2rad(degrees), "v0": speeds, "k": truth["k"]}
+    volume = erosion.impact(Linearized(deformation=DeformationWear(0.5e9, 12.0)), p.replace(**conditions)).volume
+    loss = volume / float(p.m) * 1e9
+    columns = {"angle [deg]": degrees, "speed [m/s]": speeds, "uncertainty [mm^3/kg]": 0.02 * loss}
+    columns["volume [mm^3/kg]"] = loss * (1 + 0.02 * rng.standard_normal(loss.size))
+    model = Linearized(deformation=DeformationWear(energy, threshold))
+    fit = erosion.calibrate(model, p, columns, list(truth))
+    assert fit.bounds["threshold"] == pytest.approx((0.0, 120.0))
+    for name, value in truth.items():
+        assert abs(fit.estimates[name] - value) < 3 * fit.standard_errors[name] < 0.2 * value
+    held = erosion.calibrate(model.replace(threshold=0.0), p, columns, ["k", "psi", "specific_energy"], starts=1)
+    assert held.statements[-1].startswith("Free threshold or fit each speed alone: the model removes as v₀^2, ")
+
+
+def test_bounds_hold_for_a_stress_that_is_guessed():
+    truth = Linearized(deformation=DeformationWear(1200.0))
+    volume = erosion.impact(truth, P.replace(psi=0.004, alpha=np.deg2rad(STEPS))).volume
+    data, free = {"angle [deg]": STEPS, "volume [in^3]": volume}, ["psi", "specific_energy"]
+    # σψ of the case is 8000, and it is a tenth of that which the data ask for.
+    fit = erosion.calibrate(WORN["specific energy"], P, data, free, bounds={"specific_energy": (6e3, 1e5)})
+    assert fit.estimates["specific_energy"] == pytest.approx(6e3)
+    assert erosion.calibrate(WORN["specific energy"], P, data, free).estimates["specific_energy"] == pytest.approx(1200)
 
 
 ALL_DEGREES = np.array([15, 25, 35, 50, 65, 90.0])

@@ -1,12 +1,17 @@
 """A correlation as a model: the engine's volumes, derivatives and best angles are the correlation's."""
 
+import json
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
 
 import erosion
+from erosion.cli import _status
 from erosion.models import correlated, model_name
 from erosion.models.check import flaw
+from erosion.models.correlated import CorrelatedBySize
 
 P = erosion.TABLE_1
 SI = P.to("si")
@@ -76,6 +81,77 @@ def test_it_stands_beside_models_in_comparisons_sweeps_and_streams():
     angles = np.linspace(0.3, 0.4, 401)
     mean = np.trapezoid(np.asarray(expected("dnv", angles)), angles) / 0.1
     assert jet.mean_volume.value == pytest.approx(mean, rel=1e-4)
+
+
+SPEEDS = "outside of the range that {} is made for: speeds from 0 m/s to {} m/s."
+BEYOND, ALWAYS = SPEEDS.format("dnv", 200), f"dnv is used {SPEEDS.format('it', 200)}"
+
+
+@pytest.mark.slow
+def test_sweeps_say_which_share_is_outside_of_the_range():
+    with pytest.warns(erosion.correlations.OutOfRangeWarning, match=f"^40 % of the impacts are {BEYOND}$"):
+        grid = erosion.sweep("dnv", SI, v0=[100.0, 150.0, 200.0, 201.0, 300.0], alpha=[0.2, 0.4])
+    assert grid.attrs["comment"] == f"40 % of the impacts are {BEYOND}"
+    # Within it nothing is said, and nothing of other models.
+    assert "comment" not in erosion.sweep("dnv", SI, v0=[100.0, 150.0]).attrs
+    assert "comment" not in erosion.sweep("linearized", SI, v0=[300.0, 400.0]).attrs
+    fast = P.replace(v0=P.v0 * 2.0)
+    with pytest.warns(erosion.correlations.OutOfRangeWarning) as warned:
+        erosion.compare(["rotating", "dnv", "oka", "ecrc"], fast, alpha=[0.3, 0.6])
+    assert [str(warning.message) for warning in warned] == [ALWAYS, f"oka is used {SPEEDS.format('it', 135)}"]
+
+
+@pytest.mark.slow
+def test_streams_say_which_share_is_outside_of_the_range():
+    # Particles that miss are not counted: every second one, whatever its speed.
+    laws: dict[str, Any] = {
+        "v0": erosion.distributions.Uniform(150.0, 350.0),
+        "alpha": erosion.distributions.Uniform(-0.5, 0.5),
+    }
+    with pytest.warns(erosion.correlations.OutOfRangeWarning, match=f"^75 % of the impacts are {BEYOND}$"):
+        jet = erosion.stream("dnv", SI, **laws, n=256, best_angle=False, sensitivities=False)
+    assert str(jet).endswith(f"75 % of the impacts are {BEYOND}")
+    assert erosion.stream("rotating", SI, **laws, n=256, best_angle=False, sensitivities=False).statements == ()
+
+
+@pytest.mark.slow
+def test_one_impact_outside_of_the_range_is_a_warning():
+    with pytest.warns(erosion.correlations.OutOfRangeWarning, match=f"^{ALWAYS}$"):
+        followed = erosion.simulate("dnv", SI.replace(v0=250.0))
+    assert followed.warnings == (ALWAYS,)
+    # A batch of impacts is what other verbs are made of: they warn.
+    assert erosion.impact("dnv", SI.replace(v0=250.0)).volume_at_contact > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("run --model dnv --v0 250m/s", ALWAYS),
+        ("compare --model linearized,dnv --v0 250m/s", ALWAYS),
+        ("sweep --model dnv --v0 100m/s:300m/s:5 --output fast.nc", f"40 % of the impacts are {BEYOND}"),
+        ("stream --model dnv --v0 uniform(100m/s,300m/s) --n 256 --no-best-angle", f"50 % of the impacts are {BEYOND}"),
+    ],
+)
+def test_the_command_line_says_it_in_one_sentence(words, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert _status(words.split()) == 0
+    assert capsys.readouterr().err.count(f"warning: {said}\n") == 1
+    assert _status([*words.split(), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == [said]
+
+
+def test_a_size_counts_where_it_is_known():
+    class Sized(CorrelatedBySize):
+        def _checked(self, p):
+            return {"diameter": super()._checked(p)["diameter"]}
+
+    sizes = np.array([0.5, 0.9, 1.1, 2.0]) * 5e-3
+    masses = 2650 * np.pi / 6 * sizes**3
+    said = Sized("dnv").outside_of_range(SI.replace(m=masses))
+    assert (
+        said == "50 % of the impacts are outside of the range that dnv is made for: diameters from 2e-05 m to 0.005 m."
+    )
 
 
 @pytest.mark.parametrize(

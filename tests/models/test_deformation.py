@@ -194,3 +194,30 @@ def test_streams_and_sweeps_take_its_numbers():
     sweep = erosion.sweep(model, p, alpha=np.deg2rad([30.0, 90.0]), energy_ratio=[1.0, 4.0], threshold=[0.0, 2200.0])
     shares = sweep.volume.sel(alpha=np.pi / 2).values / float(P.volume_scale)
     np.testing.assert_allclose(shares, [[0.5, 0.125], [0.125, 0.03125]], rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_datasets_keep_apart_what_deformation_removes():
+    angles = np.deg2rad([5.0, 30.0, 90.0])
+    names = ["linearized", "linearized-deformation", "dnv"]
+    curves = erosion.compare(names, P, alpha=angles)
+    for name in names:
+        apart = curves.volume_at_contact.sel(model=name)
+        np.testing.assert_array_equal(apart, erosion.impact(name, P.replace(alpha=angles)).volume_at_contact)
+    assert curves.volume_at_contact.dims == curves.volume.dims == ("model", "alpha")
+    assert curves.volume_at_contact.attrs["units"] == "in^3"
+    assert not curves.volume_at_contact.sel(model="linearized").any()
+    # A cut alone has none.
+    assert "volume_at_contact" not in erosion.compare(["linearized", "rotating"], P, alpha=angles)
+    assert "volume_at_contact" not in erosion.sweep("linearized", P, alpha=angles)
+    threshold = erosion.sweep("linearized-deformation", P, alpha=angles, threshold=[0.0, 9000.0]).volume_at_contact
+    assert threshold.sel(threshold=0.0).all()
+    assert not threshold.sel(threshold=9000.0).any()
+
+
+@pytest.mark.slow
+def test_blocks_of_a_store_all_have_it(tmp_path):
+    options = {"alpha": np.deg2rad([20.0, 60.0]), "store": tmp_path / "sweep.zarr", "chunks": {"model": 1}}
+    stored = erosion.sweep(["linearized", "linearized-deformation"], P, **options).volume_at_contact.values
+    expected = erosion.impact("linearized-deformation", P.replace(alpha=options["alpha"])).volume_at_contact
+    np.testing.assert_array_equal(stored, [[0.0, 0.0], expected])

@@ -9,6 +9,7 @@ from erosion.models import Linearized, ProportionalDeformationWear
 from erosion.plotting.angles import plot_optimum
 from erosion.plotting.labels import AT_CONTACT
 from erosion.plotting.motion import plot_trajectory
+from erosion.plotting.studies import plot_comparison
 
 P = erosion.TABLE_1
 MODEL = Linearized(deformation=ProportionalDeformationWear(1.6, 0.25 * float(P.v0)))
@@ -34,10 +35,26 @@ def test_the_area_below_what_deformation_removes_is_shaded(objective) -> None:
 
 @pytest.mark.slow
 def test_nothing_is_shaded_where_the_cut_removes_all_or_the_time_is_asked_for() -> None:
-    for best in (erosion.alpha_max("linearized", P), erosion.alpha_max(MODEL, P, objective="t_c")):
+    never_cuts = erosion.alpha_max("dnv", P)
+    for best in (erosion.alpha_max("linearized", P), erosion.alpha_max(MODEL, P, objective="t_c"), never_cuts):
         fig = plot_optimum(best)
         assert AT_CONTACT not in labels(fig)
         assert not fig.axes[0].collections
+
+
+@pytest.mark.slow
+def test_a_comparison_shades_it_below_the_curves_that_have_both() -> None:
+    curves = erosion.compare(["linearized", "linearized-deformation", "dnv"], P)
+    fig = plot_comparison(curves)
+    (area,) = fig.axes[0].collections
+    corners = np.asarray(area.get_paths()[0].vertices)
+    top = corners[corners[:, 1] > 0]
+    lines = [np.asarray(line.get_ydata()) for line in fig.axes[0].lines]
+    scale = float(curves.volume_max.max()) / max(np.nanmax(line) for line in lines)
+    expected = np.sin(np.deg2rad(top[:, 0])) ** 2 / 3.2 * float(P.volume_scale)
+    np.testing.assert_allclose(top[:, 1] * scale, expected, rtol=1e-4)
+    assert labels(fig)[-1] == AT_CONTACT
+    assert AT_CONTACT not in labels(plot_comparison(erosion.compare(["linearized", "dnv"], P)))
 
 
 @pytest.mark.slow

@@ -53,6 +53,22 @@ def test_formulas_are_limits_of_models(ratios):
 
 
 @pytest.mark.slow
+def test_correlations_give_what_formulas_of_other_programs_give(ratios):
+    for name in ("OpenFOAM's Q at 10°, correlation", "E/CRC, E at 30°, 50 m/s", "DNV 2007, F(30°)", "DNV 2007, F(90°)"):
+        assert ratios[name] == pytest.approx(1, abs=1e-8), name
+    for name in ("McLaury, coefficient A", "Oka, size exponent k₃"):
+        assert ratios[name] == pytest.approx(1, abs=1e-6), name
+    assert ratios["McLaury, E at 30°, 50 m/s"] == pytest.approx(1 / 1.64, abs=1e-3)
+    assert ratios["McLaury, F(10°) in Nektar++"] == pytest.approx(1 / 1.325, abs=1e-3)
+    assert ratios["Oka, E₉₀ by 65 Hv^-0.12"] == pytest.approx(1 / 0.768, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["arabnejad", "dnv", "ecrc", "finnie", "mclaury", "oka"])
+def test_every_correlation_stands_beside_two_published_numbers(name):
+    assert sum(fact.by.startswith(f"correlations.{name}") for fact in published_facts()) >= 2
+
+
+@pytest.mark.slow
 def test_misses_are_as_large_as_the_page_says(ratios):
     assert all(1.6 < ratios[f"Crater, 5 mm sphere, {speed} m/s"] < 1.9 for speed in ("9.99", "12", "14", "16", "18"))
     assert ratios["Crater, speed exponent"] == pytest.approx(1 / 1.137, rel=1e-6)
@@ -90,7 +106,7 @@ def test_how_far_off_is_told_in_words(published, computed, error, off, within):
 
 def test_it_prints_each_source_once_and_claims_nothing(validation):
     text = str(validation)
-    assert text.startswith("46 published numbers")
+    assert text.startswith("56 published numbers")
     assert text.count("test value: Equinor, pysand 2.0.0, tests/test_erosion.py, bend_validation") == 1
     assert "12 of 12 numbers agree within the error" in text
     assert "This table validates no model." in text

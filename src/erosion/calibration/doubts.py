@@ -111,7 +111,11 @@ def _of_speed(fit: "Calibration") -> list[str]:
     of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
     alone = min(len(group.rows) for group in groups) > len(fit.names)
     exponents = f"the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
-    return [f"Fit each speed alone: {exponents}" if alone else f"{exponents[0].upper()}{exponents[1:]}"]
+    # With a threshold, which all speeds share, the erosion grows faster than as v₀².
+    held = [name for name in fit.problem.forward.own_thresholds if of_data > 0 and name not in fit.names]
+    ways = [f"free {', '.join(held)}"] * bool(held) + ["fit each speed alone"] * alone
+    said = f"{' or '.join(ways)}: {exponents}" if ways else exponents
+    return [f"{said[0].upper()}{said[1:]}"]
 
 
 def _undetermined(fit: "Calibration") -> list[str]:

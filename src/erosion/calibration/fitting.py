@@ -43,7 +43,7 @@ def calibrate(
             that starts at zero or below it, ±2 times its size (of zero: 1), but not below its least
             value; of an own speed with a least value, up to the data's greatest normal speed. The first guess is
             the case, but ψ, σ or the cutting fraction, the first of these that is free, is
-            guessed from the size of the data.
+            guessed from the size of the data; and an own stress is σψ at first, if that fits better.
         density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
             for data of mass loss.
         cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
@@ -51,7 +51,7 @@ def calibrate(
         loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some
             rows may be far off (`scipy.optimize.least_squares`).
         starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
-            has several valleys.
+            has several valleys. The best fits with one parameter at its least value are further starts.
 
     Returns:
         Estimates, their errors, and sentences on parameters that the data does not determine.

@@ -80,6 +80,18 @@ class Forward:
         of_case = {**values(self.model, self.p), FRACTION: self.cutting_fraction, SCALE: 1.0}
         return self.theta({name: float(of_case[name]) for name in self.names})
 
+    @property
+    def own_stresses(self) -> np.ndarray:
+        """Which free parameters are stresses of the model that are fitted as logarithms, shape (names,)."""
+        own = own_parameters(self.model)
+        return np.array([name in own and name not in self._units and own[name].quantity.dimension == "stress"
+                         for name in self.names])  # fmt: skip
+
+    @property
+    def contact_stress(self) -> float:
+        """σψ of the case [stress]."""
+        return float(self.p.sigma * self.p.psi)
+
     def theta(self, values: Mapping[str, float]) -> np.ndarray:
         """θ of parameter values."""
         return np.array([self.to_theta(name, values[name]) for name in self.names])
@@ -158,6 +170,13 @@ class Forward:
             factor = factor * values[SCALE]
         return hits, factor
 
+    @property
+    def own_thresholds(self) -> tuple[str, ...]:
+        """The own parameters of the model that are speeds with a least value, free or not."""
+        own = own_parameters(self.model).items()
+        return tuple(name for name, parameter in own
+                     if parameter.quantity.dimension == "speed" and np.isfinite(parameter.least))  # fmt: skip
+
     @functools.cached_property
     def _units(self) -> dict[str, float]:
         """Size of the parameters that are not fitted as logarithms: their value at θ = 1."""
@@ -168,10 +187,9 @@ class Forward:
     @functools.cached_property
     def _normal_speeds(self) -> dict[str, float]:
         """The greatest normal speed of the data, by free own parameter that is a speed with a least value."""
-        own, rows = own_parameters(self.model), self.data.conditions
+        rows = self.data.conditions
         greatest = float(np.max(rows.get("v0", self.p.v0) * np.sin(rows["alpha"])))
-        bounded = [name for name in self.free if name in own and np.isfinite(own[name].least)]
-        return {name: greatest for name in bounded if own[name].quantity.dimension == "speed"}
+        return {name: greatest for name in self.own_thresholds if name in self.free}
 
 
 def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> tuple[str, ...]:

@@ -134,7 +134,7 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
         if name in bounds:
             lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
     unbounded = Problem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
-    start = _of_data_size(unbounded.thinned(), unbounded.start[None])[0]
+    start = _first_guess(unbounded.thinned())
     width = np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
     width[len(forward.free) :] = np.inf  # the scale has no bounds
     lower = np.where(lower == -np.inf, start - width, lower)
@@ -145,6 +145,19 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
     return dataclasses.replace(unbounded, lower=lower, upper=upper, start=start)
 
 
+def _first_guess(problem: Problem) -> np.ndarray:
+    """θ of the case, of the data's size; or with the model's stresses at σψ, where the data are nearer to that."""
+    of_case, stresses = _of_data_size(problem, problem.start[None])[0], problem.forward.own_stresses
+    if not stresses.any():
+        return of_case
+    similar = problem.start.copy()
+    similar[stresses] = np.log(problem.forward.contact_stress)
+    similar = _of_data_size(problem, np.clip(similar, problem.lower, problem.upper)[None], together=stresses)[0]
+    similar = np.clip(similar, problem.lower, problem.upper)
+    costs = problem.costs(np.stack([of_case, similar]))
+    return similar if costs[1] < costs[0] else of_case
+
+
 def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
     """The best minimum found; the problem returned has the robust loss and its noise.
 
@@ -152,7 +165,8 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
         CalibrationError: if the model fails for all starts.
     """
     few = problem.thinned()
-    begins, rough = _starts(few, starts), _ROUGH / len(few.data)
+    rough = _ROUGH / len(few.data)
+    begins = [*_starts(few, starts), *_at_least_values(few, rough)]
     solutions = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
     if not solutions:
         raise CalibrationError("The model could not be fitted: its impacts failed for every start.")
@@ -255,7 +269,9 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
             max_nfev=200,
         )
     theta, jacobian = theta.copy(), np.zeros_like(jacobian)
-    theta[moving], jacobian[:, moving] = result.x, result.jac
+    # scipy's steps never reach a bound: no threshold is 0, and not 1e-33.
+    at_least = result.x - problem.lower[moving] < _EXACT
+    theta[moving], jacobian[:, moving] = np.where(at_least, problem.lower[moving], result.x), result.jac
     return Solution(theta, float(result.cost), jacobian)
 
 
@@ -277,8 +293,28 @@ def _starts(problem: Problem, count: int) -> np.ndarray:
     return begins[[0, *ranked[: _FOLLOWED - 1]]]
 
 
-def _of_data_size(problem: Problem, thetas: np.ndarray) -> np.ndarray:
-    """Several θ, shape (points, names), each with erosion of the data's size if a parameter that sets it is free."""
+def _at_least_values(problem: Problem, ftol: float) -> list[np.ndarray]:
+    """θ of the fits that hold one parameter at its least value: no threshold.
+
+    There the misfit often has a valley of its own, whose floor is the bound. Points inside of the range miss it.
+    """
+    thetas = []
+    for i in np.flatnonzero(np.isfinite(problem.forward.limits[:, 0])):
+        theta = problem.start.copy()
+        theta[i] = problem.lower[i]
+        held = descend(problem, _of_data_size(problem, theta[None])[0], int(i), ftol)
+        thetas += [] if held is None else [held.theta]
+    return thetas
+
+
+def _of_data_size(problem: Problem, thetas: np.ndarray, together: np.ndarray | None = None) -> np.ndarray:
+    """Several θ, shape (points, names), each with erosion of the data's size if a parameter that sets it is free.
+
+    Args:
+        problem: the residuals.
+        thetas: shape (points, names).
+        together: which stresses keep their ratio to σψ, shape (names,); none by default.
+    """
     names = problem.forward.names
     name = next((name for name in _SIZES if name in names), None)
     if name is None:
@@ -292,5 +328,7 @@ def _of_data_size(problem: Problem, thetas: np.ndarray) -> np.ndarray:
         moved = np.clip(thetas[:, at] + np.where(np.isfinite(step), step, 0.0), problem.lower[at], problem.upper[at])
         if np.array_equal(moved, thetas[:, at]):
             break
+        if together is not None and _SIZES[name] < 0:
+            thetas[:, together] += (moved - thetas[:, at])[:, None]
         thetas[:, at] = moved
     return thetas

@@ -1,6 +1,7 @@
 """`erosion compare`: several models over the angle of attack."""
 
 import math
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,12 +66,14 @@ def compare(
         overlay = _correlations(correlations, plot)
         models = _models(model)
         start_engine()
-        curves = _curves(list(models), p)
+        curves, outside = _curves(list(models), p)
         lines = _at_the_case(curves, p)
         lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
         _require_volumes(curves, lost)
         _write(curves, overlay, plot, output)
     said = Output("compare", p, options.case, json=json)
+    for message in outside:
+        said.warn(message)
     for name in lost:
         said.warn(f"{name}: its impact could not be computed.")
     statements = _spread(lines)
@@ -97,14 +100,18 @@ def _units(p: "Parameters") -> dict[str, str]:
     return {name: RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
 
 
-def _curves(names: list[str], p: "Parameters") -> "xr.Dataset":
-    """V(α) of each model; the case's own angle goes along as one more angle."""
+def _curves(names: list[str], p: "Parameters") -> "tuple[xr.Dataset, list[str]]":
+    """V(α) of each model, with the case's own angle as one more angle; and who is used outside of its range."""
     import numpy as np
 
+    from erosion.correlations import OutOfRangeWarning
     from erosion.parameters.ranges import QUARTER_DEGREES
     from erosion.sweeps.studies import compare as compare_models
 
-    return compare_models(names, p, alpha=np.union1d(QUARTER_DEGREES, p.alpha))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", OutOfRangeWarning)
+        curves = compare_models(names, p, alpha=np.union1d(QUARTER_DEGREES, p.alpha))
+    return curves, [str(warning.message) for warning in caught if warning.category is OutOfRangeWarning]
 
 
 def _at_the_case(curves: "xr.Dataset", p: "Parameters") -> list[dict[str, Any]]:

@@ -147,6 +147,8 @@ def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
 
 
 def _show(result: "Stream", name: str, output: Output) -> None:
+    for message in result.statements:
+        output.warn(message)
     if not output.json:
         print_table(result.title, result.rows())
         return

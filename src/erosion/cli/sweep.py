@@ -195,6 +195,8 @@ def _print(dataset: Any, grid: "Grid", store: Path, output: Output) -> None:
     """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
     summary = _summary(dataset)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
+    for message in grid.outside_of_range:
+        output.warn(message)
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
     if output.json:

@@ -1,5 +1,6 @@
 """For which speeds and angles a correlation is made, and a warning outside of them."""
 
+import functools
 import math
 import warnings
 from collections.abc import Mapping
@@ -30,6 +31,10 @@ class Range:
     high: float
     unit: str
     source: str
+
+    def excludes(self, values: np.ndarray) -> np.ndarray | np.bool_:
+        """Which values lie outside, by more than rounding; NaN lies nowhere."""
+        return (values > self.high * (1 + _ROUNDING)) | (values < self.low * (1 - _ROUNDING))
 
     def __str__(self) -> str:
         return f"{_in_words(self.low, self.unit)} to {_in_words(self.high, self.unit)}"
@@ -78,6 +83,30 @@ def warn_outside(title: str, ranges: Mapping[str, Range], **values: Values) -> N
             # The line that called the correlation.
             warnings.warn(f"{title} is made for {_MEANINGS[name]} from {span}: {', and '.join(excess)}.",
                           OutOfRangeWarning, stacklevel=3)  # fmt: skip
+
+
+def outside_in_words(
+    name: str, ranges: Mapping[str, Range], values: Mapping[str, np.ndarray], counted: np.ndarray | None = None
+) -> str | None:
+    """A sentence on the share of impacts outside of a correlation's range; None if there are none.
+
+    Args:
+        name: of the correlation.
+        ranges: by the name of the argument.
+        values: by the same names, of shapes that broadcast.
+        counted: which impacts count, of their broadcast shape; all of them without it.
+    """
+    counts = np.asarray(True) if counted is None else counted
+    masks = {key: ranges[key].excludes(value) & counts for key, value in values.items() if key in ranges}
+    crossed = {key: mask for key, mask in masks.items() if mask.any()}
+    if not crossed:
+        return None
+    # Impacts that differ in nothing else are not counted one by one: their share is the same.
+    share = float(np.mean(functools.reduce(np.logical_or, crossed.values())) / np.mean(counts))
+    made_for = " and ".join(f"{_MEANINGS[key]} from {ranges[key]}" for key in crossed)
+    if share == 1:
+        return f"{name} is used outside of the range that it is made for: {made_for}."
+    return f"{100 * share:.3g} % of the impacts are outside of the range that {name} is made for: {made_for}."
 
 
 def _in_words(value: float, unit: str) -> str:

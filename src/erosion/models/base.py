@@ -126,7 +126,7 @@ class CuttingModel(eqx.Module):
     A model is autonomous (its motion depends on the state alone) and written for **one**
     impact with `jax.numpy`; the engines batch and differentiate it. `initial_state`,
     `derivative` and `tip` must be given. `events`, `removal_rate`, `removed_at_contact`,
-    `scales` and `closed_form` have the defaults that the physics of most models shares, and are
+    `outside_of_range`, `scales` and `closed_form` have the defaults that the physics of most models shares, and are
     the only implemented methods a model may replace.
 
     The state may be any pytree of scalars; `State` serves a rigid body.
@@ -166,6 +166,20 @@ class CuttingModel(eqx.Module):
         It counts for every impact, for one that cuts nothing too.
         """
         return 0.0
+
+    @property
+    def removes_at_contact(self) -> bool:
+        """Whether any impact removes something at contact; by default, whether the model says how much."""
+        return type(self).removed_at_contact is not CuttingModel.removed_at_contact
+
+    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> str | None:
+        """A sentence on the impacts outside of the range that the model is made for, by default none.
+
+        Args:
+            p: of one impact, or arrays that broadcast; the model's own parameters may be arrays as well.
+            counted: which impacts count, of the broadcast shape; all of them without it.
+        """
+        return None
 
     def scales(self, p: Parameters) -> Scales:
         """Typical time and depth, by default 1/ω and v₀ sin α/ω with ω = √(k c/m)."""

@@ -1,11 +1,14 @@
 """A correlation as a model: compared, swept and streamed like a model of the cut."""
 
 import math
+import warnings
 
 import equinox as eqx
+import numpy as np
 
-from erosion.array_types import Scalar
+from erosion.array_types import Broadcast, Scalar
 from erosion.correlations import CORRELATIONS
+from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import own_parameter
 from erosion.parameters.parameters import Parameters
@@ -16,7 +19,7 @@ class Correlated(CuttingModel):
     """The volume of an impact is E(α, v₀) m/ρ, with a correlation's E and the target's density ρ.
 
     A correlation knows no motion: all of the volume is removed at contact, and the impact ends as "no-cut" at t_c = 0.
-    Nothing is checked against the correlation's range, as the numbers are not known when a model is compiled.
+    `run`, `compare`, `sweep` and `stream` say how many of their impacts are outside of the correlation's range.
 
     Args:
         name: in `erosion.CORRELATIONS`.
@@ -40,8 +43,19 @@ class Correlated(CuttingModel):
     def removed_at_contact(self, p: Parameters) -> Scalar:
         speed = p.v0 * conversion_factor("speed", p.units, "si")
         mass = p.m * conversion_factor("mass", p.units, "si")
-        ratio = CORRELATIONS[self.name].erosion(p.alpha, speed, **self._factors(p))
+        with warnings.catch_warnings():
+            # Verbs warn once, with the share of their impacts: `outside_of_range`.
+            warnings.simplefilter("ignore", OutOfRangeWarning)
+            ratio = CORRELATIONS[self.name].erosion(p.alpha, speed, **self._factors(p))
         return ratio * mass / self.density * conversion_factor("volume", "si", p.units)
+
+    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> str | None:
+        values = {name: np.asarray(value) for name, value in self._checked(p).items()}
+        return outside_in_words(self.label, CORRELATIONS[self.name].ranges, values, counted)
+
+    def _checked(self, p: Parameters) -> dict[str, Broadcast]:
+        """What may lie outside of a range, in SI units."""
+        return {"alpha": p.alpha, "v0": p.v0 * conversion_factor("speed", p.units, "si")}
 
     @property
     def needs_units(self) -> bool:
@@ -68,8 +82,14 @@ class CorrelatedBySize(Correlated):
     erodent_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
 
     def _factors(self, p: Parameters) -> dict[str, object]:
+        return {**super()._factors(p), "diameter": self._diameter(p)}
+
+    def _checked(self, p: Parameters) -> dict[str, Broadcast]:
+        return {**super()._checked(p), "diameter": self._diameter(p)}
+
+    def _diameter(self, p: Parameters) -> Broadcast:
         volume = p.m * conversion_factor("mass", p.units, "si") / self.erodent_density
-        return {**super()._factors(p), "diameter": (6 * volume / math.pi) ** (1 / 3)}
+        return (6 * volume / math.pi) ** (1 / 3)
 
 
 def correlated(name: str, material: str | None = None) -> Correlated:

@@ -49,6 +49,10 @@ class RigidErodent(CuttingModel):
     def removed_at_contact(self, p: Parameters) -> Broadcast:
         return self.deformation.removed_at_contact(p)
 
+    @property
+    def removes_at_contact(self) -> bool:
+        return not isinstance(self.deformation, NoDeformation)
+
     def tip(self, state: State, p: Parameters) -> Tip:
         return self.kinematics(state, p)
 

@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from erosion.engine.impact import impact
+from erosion.models.base import NO_CUT
 from erosion.optimum.alpha_max import ASIDE, SHALLOWEST, Optimum
 from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
@@ -82,7 +83,8 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     dimension = "1" if quantity is None else quantity.dimension
     scale = readable_scale(dimension, optimum.p.units, _largest(curve))
     # Of a model that never cuts nothing is beside a cut.
-    shares = any(piece.at_contact.any() for piece in curve) and any(np.any(p.at_contact != p.value) for p in curve)
+    cuts = any(piece.ended_by != NO_CUT for piece in curve)
+    shares = cuts and any(piece.at_contact.any() for piece in curve)
     for piece in curve:
         if shares:
             ax.fill_between(np.rad2deg(piece.alpha), 0, piece.at_contact / scale.size, **REMOVED_AT_CONTACT)

@@ -1,5 +1,6 @@
 """Figures of comparisons and of regime maps, drawn from their Datasets."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,28 +15,38 @@ from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
-from erosion.plotting.colors import ENDS, INK, STYLES
+from erosion.plotting.colors import DIM, ENDS, INK, STYLES
 from erosion.plotting.curves import Best, broken, describe
-from erosion.plotting.labels import end_label
+from erosion.plotting.labels import AT_CONTACT, end_label
 from erosion.plotting.marks import mark_best
 from erosion.plotting.style import axes_or_new, house_style, legend_of_panel, new_figure, typeset
 from erosion.sweeps.grid import in_words
 
+_SHARE: Mapping[str, Any] = {"alpha": 0.2, "linewidth": 0}  # of areas below curves of several colours
+
 
 @house_style()
 def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure:
-    """V(α) of several models, broken at jumps. A star marks each maximum; it is hollow if V only approaches it."""
+    """V(α) of several models, broken at jumps. A star marks each maximum; it is hollow if V only approaches it.
+
+    The area below what is removed at contact, as by deformation, is shaded in the model's colour.
+    """
     models = [str(name) for name in comparison.model.values]
     rows = -(-len(models) // 2)
     fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * rows)
     volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
     scale = readable_scale("volume", _units(comparison), float(np.nanmax(comparison.volume_max)))
-    handles = []
+    handles, shares = [], []
     for i, name in enumerate(models):
         color, line = STYLES[i % len(STYLES)]
         results = comparison.isel(model=i)
         x, y = broken(degrees, volume[i], np.deg2rad(1) * results.dvolume.values)
         ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8)
+        at_contact = results.get("volume_at_contact", 0 * results.volume).values
+        # Of a model that never cuts nothing is beside a cut.
+        if at_contact.any() and np.any(results.t_c > 0):
+            ax.fill_between(degrees, 0, at_contact / scale.size, color=color, **_SHARE)
+            shares = [Patch(color=DIM, label=AT_CONTACT, **_SHARE)]
         best = _best(results)
         if np.isfinite(best.alpha):
             mark_best(ax, best, scale.size, color)
@@ -45,7 +56,7 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     ax.set_xlim(0 if degrees[0] < 1 else degrees[0], degrees[-1])
     ax.set_ylim(bottom=0, top=1.06 * float(np.nanmax(comparison.volume_max)) / scale.size)
     _angle_axis(ax.xaxis)
-    legend_of_panel(ax, handles, 1 if len(models) < 4 else 2)
+    legend_of_panel(ax, [*handles, *shares], 1 if len(models) < 4 else 2)
     return fig
 
 

@@ -18,12 +18,13 @@ from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
-from erosion.streams.replicates import Estimate
+from erosion.streams.replicates import Estimate, Points
 from erosion.streams.tally import Tally
 from erosion.tables import Record, Result, Row, largest_of, to_plain, with_error
 from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+_OF_RANGE = 2**12  # particles by which the share outside of a range is known well enough
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +93,14 @@ class Stream(Result):
     def quantiles(self) -> dict[float, float]:
         """Volume that 5, 25, 50, 75 and 95 % of the particles do not exceed [volume], to 0.12 %."""
         return {share: self.tally.quantile(share) for share in QUANTILES}
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """A sentence on the particles outside of the range that the model is made for, from 4096 of them."""
+        points = Points("sobol", len(self.particles.laws), 0, 1).take(_OF_RANGE)[0]
+        model, p, hits = self.particles.impacts(self.particles.draw(points))
+        said = model.outside_of_range(p, hits)
+        return () if said is None else (said,)
 
     def rows(self) -> list[Row]:
         """The results as rows of a table; errors are standard errors."""

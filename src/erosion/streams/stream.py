@@ -5,6 +5,7 @@ their number. Independent scramblings of the same sequence give the standard err
 """
 
 import dataclasses
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
+from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
 from erosion.files import Trace, require_writable, trace
@@ -92,9 +94,15 @@ def stream(
             that holds something else and stays as it is.
         SimulationError: where no particle's impact could be computed.
         StreamInterrupted: after Ctrl-C.
+
+    Warns:
+        OutOfRangeWarning: where a correlation is used outside of its range, with the share of the particles.
     """
     options = StreamOptions(n, seed, points, best_angle, sensitivities, rtol, store)
-    return prepare_stream(model, p, distributions, options).run(progress)
+    result = prepare_stream(model, p, distributions, options).run(progress)
+    for message in result.statements:
+        warnings.warn(message, OutOfRangeWarning, stacklevel=2)
+    return result
 
 
 @dataclasses.dataclass(frozen=True)

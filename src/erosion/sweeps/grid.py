@@ -63,6 +63,7 @@ class Outputs:
     Args:
         derivatives, wrt, rtol: see `erosion.impact`; `wrt` is one parameter.
         optimum: whether the best angle is computed too, over the other dimensions than "alpha".
+        at_contact: whether a model removes something beside the cut.
 
     Raises:
         ValueError, TypeError: for an output that makes no sense.
@@ -72,6 +73,13 @@ class Outputs:
     wrt: str = "alpha"
     rtol: float = 1e-9
     optimum: bool = False
+    at_contact: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the numbers of each impact."""
+        volumes = ("volume", "volume_at_contact") if self.at_contact else ("volume",)
+        return (*volumes, "t_c", *("dvolume", "d2volume")[: self.derivatives])
 
     def __post_init__(self) -> None:
         if self.derivatives not in (0, 1, 2):
@@ -79,11 +87,6 @@ class Outputs:
         if not isinstance(self.optimum, bool):
             raise TypeError(f"Argument `optimum` must be true or false, but is {self.optimum!r}.")
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the numbers of each impact."""
-        return ("volume", "t_c", *("dvolume", "d2volume")[: self.derivatives])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,8 +158,9 @@ class Grid:
         """Symbols and meanings of the parameters of case and models, by name."""
         return quantities(next(iter(self.loaded().values())))
 
-    def impacts(self, model: CuttingModel, dims: Sequence[str]) -> tuple[CuttingModel, Parameters]:
-        """Model and case with the axes along `dims`, as values that broadcast to the shape of `dims`."""
+    def impacts(self, model: CuttingModel, but: str = "") -> tuple[CuttingModel, Parameters]:
+        """A model and its case with all axes `but` one, as values that broadcast to the shape of their dimensions."""
+        dims = [dim for dim in self.dims if dim not in ("model", but)]
         along = {name: PAIR if name in self.paired else name for name in self.axes}
         values = {
             name: values.reshape([-1 if dim == along[name] else 1 for dim in dims])
@@ -164,6 +168,12 @@ class Grid:
             if along[name] in dims
         }
         return with_values(model, self.p, values)
+
+    @functools.cached_property
+    def outside_of_range(self) -> tuple[str, ...]:
+        """Sentences on the impacts that lie outside of what a model is made for."""
+        impacts = [self.impacts(model) for model in self.loaded().values()]
+        return tuple(said for model, p in impacts if (said := model.outside_of_range(p)) is not None)
 
     def variables(self) -> dict[str, "Variable"]:
         """The arrays of impacts, and of best angles; `ended_by` comes last."""
@@ -188,13 +198,11 @@ class Grid:
 
     def _of_model(self, model: CuttingModel) -> dict[str, np.ndarray]:
         """The variables of one model."""
-        dims = [dim for dim in self.dims if dim != "model"]
-        varied, p = self.impacts(model, dims)
         outputs = self.outputs
-        hits = impact(varied, p, derivatives=outputs.derivatives, wrt=outputs.wrt, rtol=outputs.rtol)
+        hits = impact(*self.impacts(model), derivatives=outputs.derivatives, wrt=outputs.wrt, rtol=outputs.rtol)
         values = {name: np.asarray(getattr(hits, name)) for name in outputs.names}
         if outputs.optimum:
-            best = alpha_max(*self.impacts(model, [dim for dim in dims if dim != "alpha"]))
+            best = alpha_max(*self.impacts(model, but="alpha"))
             values["alpha_max"], values["volume_max"] = np.asarray(best.alpha), np.asarray(best.volume)
             values["alpha_max_kind"] = _codes(best.kind, KINDS)
             values["alpha_max_ended_by"] = _codes(best.ended_by, self.ends)
@@ -241,6 +249,7 @@ class Grid:
             **({"own_parameters": own_words} if own_words else {}),
             **derivatives,
             "unit_system": self.p.units,
+            **({"comment": " ".join(self.outside_of_range)} if self.outside_of_range else {}),
             "case": dump_case(self.p),
         }
 
@@ -266,14 +275,11 @@ def make_grid(
     paired: Sequence[str] = (),
     own: Mapping[str, float] | None = None,
 ) -> Grid:
-    """A grid, with everything checked that can be known before computing; arguments as of `Grid`.
-
-    Raises:
-        ValueError, TypeError: one sentence naming the argument.
-    """
-    outputs = outputs or Outputs()
+    """A grid, with everything checked that can be known before; arguments as of `Grid`, errors as of `sweep`."""
     compared = isinstance(model, Sequence) and not isinstance(model, str)
     models = _labelled_models(model if compared else [model])
+    beside = any(_loaded(source).removes_at_contact for source in models.values())
+    outputs = dataclasses.replace(outputs or Outputs(), at_contact=beside)
     for source in models.values():
         require_one_impact(_loaded(source), p, "; give it as an axis")
     parameters = _common(models, (*axes, outputs.wrt))

@@ -23,8 +23,9 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
         alpha: angles, shape (n,) [rad]; every quarter of a degree without it.
 
     Returns:
-        Over (model, alpha): volume, dvolume, d2volume, t_c and ended_by (codes, see their
-        attributes); over model: alpha_max, volume_max, alpha_max_kind, alpha_max_ended_by.
+        Over (model, alpha): volume, dvolume, d2volume, t_c and ended_by (codes, see their attributes), and
+        volume_at_contact, if a model removes something beside the cut; over model: alpha_max, volume_max,
+        alpha_max_kind, alpha_max_ended_by.
 
     Raises:
         ValueError, TypeError: as `sweep`.

@@ -7,6 +7,7 @@ For a Zarr store the workers of a Dask cluster may compute them.
 import dataclasses
 import math
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import xarray as xr
 
 from erosion.arguments import Progress, check_path, no_progress
+from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.models.base import CuttingModel
 from erosion.models.registry import PLUG_IN
 from erosion.parameters.parameters import Parameters
@@ -73,17 +75,23 @@ def sweep(
 
     Returns:
         volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings explain
-        them), derivatives and best angles if asked for, over the axes, with units and the whole case.
+        them), derivatives and best angles if asked for, over the axes, with units and the whole case; and
+        volume_at_contact, if a model removes something beside the cut.
 
     Raises:
         ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`)
             that holds something else and stays as it is.
         SweepInterrupted: after Ctrl-C, if there is a store.
+
+    Warns:
+        OutOfRangeWarning: where a correlation is used outside of its range, with the share of the impacts.
     """
     require_float64()
     if chunks is not None and (store is None or check_path("store", store).suffix != ".zarr"):
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum), paired=paired)
+    for message in grid.outside_of_range:
+        warnings.warn(message, OutOfRangeWarning, stacklevel=2)
     return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
 
 

@@ -20,6 +20,7 @@ from jax import Array
 import erosion.trajectory.diffrax_steps as flow
 from erosion.arguments import check_tolerance, check_whole
 from erosion.array_types import Structure
+from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.engine.step_control import LONGEST_CUT
 from erosion.models import load_model, model_name
 from erosion.models.base import NO_CUT, CuttingModel, units_within
@@ -67,6 +68,7 @@ def simulate(
 
     Warns:
         TurnWarning: where the body turned by more than π/2.
+        OutOfRangeWarning: where a correlation, or another model with a range, is used outside of it.
     """
     require_xla()
     model = load_model(model)
@@ -82,7 +84,8 @@ def simulate(
             raise TypeError(f"Argument `{name}` must be a diffrax.{kind.__name__}, but is {given!r}.")
     trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
     for message in trajectory.warnings:
-        warnings.warn(message, TurnWarning, stacklevel=2)
+        category = TurnWarning if message == trajectory.turn_warning else OutOfRangeWarning
+        warnings.warn(message, category, stacklevel=2)
     return trajectory
 
 

@@ -140,12 +140,17 @@ class Trajectory(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a reader of these numbers should know, as plain sentences."""
+        return tuple(said for said in (self.turn_warning, self.model.outside_of_range(self.p)) if said is not None)
+
+    @property
+    def turn_warning(self) -> str | None:
+        """The sentence on a body that turned too far, if it did."""
         greatest = np.abs(self.phi - self.phi[0]).max() if isinstance(self.states, State) else 0.0
         if greatest <= np.pi / 2:
-            return ()
+            return None
         return (
             f"The body turned by {np.rad2deg(greatest):.1f}° during the cut, more than 90°: the edge that cut "
-            "first has left the surface, so the model's single tip no longer describes the contact.",
+            "first has left the surface, so the model's single tip no longer describes the contact."
         )
 
     def rows(self) -> list[Row]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import numpy as np
@@ -47,6 +48,21 @@ def _speed_exponent(correlation: str, **factors: str) -> Number:
     return jax.grad(erosion)(speed) * speed / erosion(speed)
 
 
+def _size_exponent() -> Number:
+    """∂ ln E/∂ ln D of Oka at 300 µm."""
+    size, erosion = 3e-4, lambda diameter: correlations.oka(math.radians(30), 50.0, diameter)
+    return jax.grad(erosion)(size) * size / erosion(size)
+
+
+def _erosion(correlation: str, angle: float, v0: float, **factors: Any) -> Number:
+    return CORRELATIONS[correlation].erosion(math.radians(angle), v0, **factors)
+
+
+def _mclaury_coefficient() -> Number:
+    """E/F at 1 m/s, Brinell hardness 1 and F_s = 1."""
+    return correlations.mclaury(1.0, 1.0, brinell=1.0, sharpness=1.0) / correlations.mclaury_angle(1.0)
+
+
 def _ecrc_coefficient() -> Number:
     """E/F at 1 m/s, Brinell hardness 1 and F_s = 1."""
     return correlations.ecrc(1.0, 1.0, brinell=1.0, sharpness=1.0) / correlations.ecrc_angle(1.0)
@@ -77,6 +93,11 @@ def _openfoam(angle: float) -> Number:
     """Removed volume of a grain of 10 µg at 50 m/s [µm³], by the model `finnie`."""
     p = Parameters(k=2.0, psi=2.0, r=1e-4, b=1e-4, m=1e-8, v0=50.0, sigma=1e9, alpha=math.radians(angle), units="si")
     return impact("finnie", p).volume * _UM**3
+
+
+def _openfoam_correlation(angle: float) -> Number:
+    """The same by the correlation."""
+    return correlations.finnie_volume(math.radians(angle), 50.0, 1e-8, 1e9) * _UM**3
 
 
 def _sphere(v0: float, angle: float) -> Parameters:
@@ -123,12 +144,16 @@ COMPUTATIONS: Mapping[str, Callable[..., Number]] = {
     "straight pipe": pipes.straight_pipe,
     "choke gallery": _choke_gallery,
     "speed exponent": _speed_exponent,
+    "size exponent": _size_exponent,
+    "erosion": _erosion,
     "ecrc coefficient": _ecrc_coefficient,
+    "mclaury coefficient": _mclaury_coefficient,
     "sharpness": _sharpness,
     "oka normal": _oka_normal,
     "arabnejad cutting": _arabnejad_cutting,
     "arabnejad threshold": _arabnejad_threshold,
     "openfoam": _openfoam,
+    "openfoam correlation": _openfoam_correlation,
     "sphere depth": _sphere_depth,
     "sphere time": _sphere_time,
     "sphere volume": _sphere_volume,

@@ -40,7 +40,7 @@ def volumes(computed: Computed, models: Collection[str]) -> tuple[Option, list[O
         marks = {} if best is None else _marks(best, scale.size, color, shown=model == computed.state.shown)
         degrees, volume = with_gaps(gaps(curve), DEGREES, curve.volume / scale.size)
         series.append(line(model, degrees, volume, color, dashes, **marks))
-        cuts = np.any(curve.volume_at_contact != curve.volume)
+        cuts = np.any(curve.t_c > 0)
         if model == computed.state.shown and cuts and curve.volume_at_contact.any():
             at_contact, area = curve.volume_at_contact / scale.size, {"opacity": 0.2, "color": color}
             thin = {"color": color, "width": 0}
