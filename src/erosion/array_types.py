@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Array, Bool, Int, PyTree, PyTreeDef, Real, Shaped
+from jaxtyping import Array, Bool, Float, Int, PyTree, PyTreeDef, Real, Shaped
 
 Scalar = Real[Array | np.ndarray, ""] | float | int
 """One real number."""
@@ -25,6 +25,12 @@ PerLane = Shaped[np.ndarray, "..."]
 
 Indices = Int[np.ndarray, "_"]
 """Indices of lanes, or of other things in one row."""
+
+Numbers = Float[np.ndarray, "_"]
+"""A number of each row, face or other thing."""
+
+Vectors = Float[np.ndarray, "_ 3"]
+"""A vector of each row, face or other thing."""
 
 if TYPE_CHECKING:
     Structure = Any

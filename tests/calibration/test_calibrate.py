@@ -370,8 +370,8 @@ def test_finnies_shape_goes_to_openfoam_without_loss(fit):
     assert coefficients.misfit < 1e-6
     text = coefficients.text()
     assert "type        particleErosion;" in text
-    assert f"K           {coefficients.K:.6g};" in text
-    assert "differs from the fitted one by up to 0.00% of its maximum" in text
+    assert f"K           {coefficients.K:.12g};" in text
+    assert "differs from the model's by up to 0.00% of its maximum" in text
 
 
 def test_other_shapes_go_to_openfoam_with_their_misfit(turning):
@@ -393,7 +393,7 @@ def test_the_table_for_fluent_says_how_far_off_it_is(fit):
     curve = fit.curve(dense)[0] / fit.curve(np.arctan(fit.estimates["k"]) / 2)[0]
     # The table's own maximum and misfit are taken on a grid of ¼°.
     assert np.abs(np.interp(dense, table.angle, table.f) - curve).max() == pytest.approx(table.misfit, abs=2e-4)
-    assert to_fluent(fit, 30).misfit < table.misfit < to_fluent(fit, 8).misfit
+    assert to_fluent(fit, points=30).misfit < table.misfit < to_fluent(fit, points=8).misfit
     lines = table.text().splitlines()
     assert f"by up to {table.misfit:.2%} of its maximum" in table.text()
     assert lines.index("angle [deg],f [-]") == len(lines) - 21
@@ -402,7 +402,9 @@ def test_the_table_for_fluent_says_how_far_off_it_is(fit):
     largest = fit.curve(np.arctan(fit.estimates["k"]) / 2)[0] * 0.0254**3
     assert table.factor == pytest.approx(largest / float(si.m * si.v0**2), rel=1e-4)
     with pytest.raises(ValueError, match="`points` must be from 2 to 30, but is 31"):
-        to_fluent(fit, 31)
+        to_fluent(fit, points=31)
+    with pytest.raises(ValueError, match="`p` must be left out for a calibration, which has a case of its own"):
+        to_fluent(fit, fit.p)
 
 
 def test_results_are_frozen_and_speak(fit):

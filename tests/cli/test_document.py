@@ -104,6 +104,16 @@ def test_calibrate(document, tmp_path) -> None:
     assert printed["result"]["leave_one_out"]["unit"] == "m^3"
 
 
+def test_export(document, tmp_path) -> None:
+    paths = {name: str(tmp_path / name) for name in ("openfoam", "fluent", "table", "restitution")}
+    options = [word for name, path in paths.items() for word in (f"--{name}", path)]
+    result = document("export", CASE, "--model", "finnie", *options)["result"]
+    assert {name: part["file"] for name, part in result.items()} == paths
+    assert result["openfoam"]["p"]["unit"] == "Pa"
+    assert result["fluent"]["exponent"] == 2.0
+    assert (result["table"]["angles"], result["restitution"]["speeds"]) == (36, 7)
+
+
 @pytest.mark.slow
 def test_models_and_verify(document) -> None:
     printed = document("models")

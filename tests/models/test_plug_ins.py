@@ -156,6 +156,7 @@ VERBS = {
     "sweep": ["--model", "{}", "--alpha", "1deg:80deg:5", "-o", "out.nc"],
     "stream": ["--model", "{}", "--n", "256", "--alpha", "normal(25deg,4deg)"],
     "calibrate": ["sand.csv", "--model", "{}", "--free", "k"],
+    "export": ["--model", "{}", "--openfoam", "out.nc"],
     "verify": ["{}"],
 }
 
@@ -211,6 +212,7 @@ ENDLESS = FORCE.format(force="0 * tip.depth, 0 * tip.depth")
         ("optimum", NAN, "mine.py: no impact could be computed, at any angle."),
         ("sweep", NAN, "of 5 impacts none could be computed."),
         ("stream", NAN, "of 256 particles none could be computed."),
+        ("export", NAN, "impacts could not be computed."),
         ("run", ENDLESS, "no event ended the cut within"),
     ],
 )

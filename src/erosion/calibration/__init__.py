@@ -1,7 +1,5 @@
 """Against measurement: fit a model's parameters to data, and rank models by what fits."""
 
-from erosion.calibration.export import AngleTable as AngleTable
-from erosion.calibration.export import ParticleErosion as ParticleErosion
 from erosion.calibration.export import to_case as to_case
 from erosion.calibration.export import to_fluent as to_fluent
 from erosion.calibration.export import to_openfoam as to_openfoam

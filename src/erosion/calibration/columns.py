@@ -1,10 +1,9 @@
 """Columns of measured data: from "volume [in^3]" to a dimension and a factor to consistent units."""
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from erosion.parameters.units import Dimension, System, UnitError, read_quantity
+from erosion.parameters.units import Dimension, System, UnitError, header_parts, read_quantity
 
 REMOVALS: Mapping[str, Sequence[Dimension]] = {
     "volume": ("volume", "volume per mass"),
@@ -21,8 +20,6 @@ _EXAMPLES = {
     "angle": "angle [deg]", "volume": "volume [mm^3]", "mass_loss": "mass_loss [mg/g]", "erosion": "erosion [-]",
     "speed": "speed [m/s]", "mass": "mass [mg]",
 }  # fmt: skip
-_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
-_LONGEST_HEAD = 300  # characters; the pattern's time grows with their cube
 _NO_UNIT = ("", "-", "–", "1")
 
 
@@ -57,8 +54,7 @@ def read_header(cells: Sequence[str], units: System) -> list[Column | None]:
     Raises:
         HeaderError: for a repeated or missing column, or a unit that does not fit.
     """
-    parts = [_HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEAD else None for cell in cells]
-    names = [re.sub(r"[\s-]+", "_", part["name"]).lower() if part else "" for part in parts]
+    names, given = zip(*map(header_parts, cells), strict=True) if cells else ((), ())
     for i, name in enumerate(names):
         if name in COLUMNS and name in names[:i]:
             raise HeaderError(i, f"repeats the column `{name}`")
@@ -68,7 +64,6 @@ def read_header(cells: Sequence[str], units: System) -> list[Column | None]:
     if len(removals) != 1:
         present = f"has {' and '.join(removals)}" if removals else "has none"
         raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}")
-    given = [(part["unit"] or "").strip() if part else "" for part in parts]
     at = names.index(removals[0])
     removal = _column(at, names[at], given[at], REMOVALS[names[at]], units)
     columns: list[Column | None] = []

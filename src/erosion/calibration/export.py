@@ -1,186 +1,109 @@
-"""The fitted angle curve for CFD codes, and the misfit of their curves.
-
-OpenFOAM's `ParticleErosion` knows one shape of curve, Finnie's, with coefficients p, psi and
-K. Fluent takes any curve as a table of up to 30 points.
-"""
+"""A fit, or a model and its case, in the forms of CFD codes; a fit also as a case file."""
 
 import dataclasses
 import string
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import optimize
 
 from erosion.calibration.conditions import MOST, conditions
-from erosion.calibration.least_squares import CalibrationError
 from erosion.calibration.result import Calibration
-from erosion.correlations import finnie_angle
 from erosion.engine.impact import impact
+from erosion.exports.fluent import AngleTable, angle_table
+from erosion.exports.openfoam import ParticleErosion, coefficients
+from erosion.exports.particle import Particle, commented, particle_of
+from erosion.exports.reach import ANGLES, Reach
 from erosion.models import model_name
+from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import conversion_factor
 from erosion.version import __version__
 
-_ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
-_MOST_POINTS = 30  # a piecewise-linear profile of Fluent has no more
 _POINTS = 20
-_NEAR, _FAR = (
-    0.02,
-    0.15,
-)  # misfits of Finnie's curve over the maximum: above the first it is said, above the last refused
 _PLAIN = {*string.ascii_letters, *string.digits, *"=./_-+:"}  # characters that a shell takes as they are
-_GREATEST_RATIO = 1e3  # K; with more, Finnie's curve no longer changes its shape
+_Exported = Calibration | CuttingModel | str | Path
 
 
-@dataclasses.dataclass(frozen=True)
-class ParticleErosion:
-    """Coefficients of OpenFOAM's `ParticleErosion`: Q = m V²/(p ψ K) F(α; K).
+def to_openfoam(
+    model: _Exported,
+    p: Parameters | None = None,
+    *,
+    v0: Any = None,
+    d: Any = None,
+    erodent_density: float | None = None,
+) -> ParticleErosion:
+    """The coefficients p and K with which Finnie's curve comes nearest to the model's.
 
-    Args:
-        p: flow stress [Pa].
-        psi: depth of contact over length of the cut [-].
-        K: normal over tangential force [-].
-        misfit: greatest difference from the fitted curve over that curve's maximum [-].
-        rms: root mean square of that difference over all angles [-].
-        comment: model, data and estimates, for the file.
-    """
+    ψ is kept as the case has it; only p ψ counts. Curves of `finnie` with β = ½ and no spin, and of `linearized`
+    (with K = 3k), are of Finnie's shape exactly.
 
-    p: float
-    psi: float
-    K: float
-    misfit: float
-    rms: float
-    comment: str
-
-    @property
-    def warning(self) -> str | None:
-        """A sentence where Finnie's curve is clearly off; None where it is near."""
-        if self.misfit <= _NEAR:
-            return None
-        return f"OpenFOAM knows Finnie's curve only: it is off by up to {self.misfit:.1%} of the maximum."
-
-    def text(self) -> str:
-        """An entry for the `cloudFunctions` of a case's cloud properties."""
-        return (
-            f"{_commented(self.comment, '//')}"
-            f"// Finnie's curve differs from the fitted one by up to {self.misfit:.2%} of its maximum,\n"
-            f"// by {self.rms:.2%} in the mean of squares over all angles.\n"
-            "particleErosion1\n"
-            "{\n"
-            "    type        particleErosion;\n"
-            "    patches     (walls);    // name the eroding patches here\n"
-            f"    p           {self.p:.6e};    // Pa\n"
-            f"    psi         {self.psi:.6g};\n"
-            f"    K           {self.K:.6g};\n"
-            "}\n"
-        )
-
-
-@dataclasses.dataclass(frozen=True)
-class AngleTable:
-    """A piecewise-linear angle function f, as Fluent's wall boundary condition takes it.
-
-    Fluent's rate of erosion is Σ ṁ C f(α) V^b / A. With b = 2, `factor` × (density of the
-    target) is C.
+        print(erosion.to_openfoam("finnie", p).text())
 
     Args:
-        angle: ascending, shape (points,) [rad].
-        f: the curve over its maximum, shape (points,) [-].
-        factor: greatest volume over m V² [m³/J].
-        misfit: greatest difference between table and curve, over the curve's maximum [-].
-        comment: model, data and estimates, for the file.
-    """
-
-    angle: np.ndarray
-    f: np.ndarray
-    factor: float
-    misfit: float
-    comment: str
-
-    def text(self) -> str:
-        """A CSV table, one point a line, angles in degrees."""
-        lines = [f"{np.rad2deg(angle):.4f},{f:.6f}" for angle, f in zip(self.angle, self.f, strict=True)]
-        return (
-            f"{_commented(self.comment, '#')}"
-            f"# The table differs from the fitted curve by up to {self.misfit:.2%} of its maximum.\n"
-            f"# Velocity exponent b = 2; diameter function C = {self.factor:.6e} m^3/J x density of the target.\n"
-            "angle [deg],f [-]\n" + "\n".join(lines) + "\n"
-        )
-
-
-def to_openfoam(calibration: Calibration) -> ParticleErosion:
-    """The coefficients p and K with which Finnie's curve comes nearest to the fitted one.
-
-    ψ is kept as the calibration has it; only p ψ counts. Curves of `finnie` with β = ½ and
-    no spin, and of `linearized` (with K = 3k), are of Finnie's shape exactly.
+        model: a model, its name, or the path of its file; or a calibration, which has a case of its own.
+        p: the case, all scalars; its `alpha` is not used.
+        v0: speeds over which the coefficients must hold, shape (n,) [speed]; without it what is lost at half and
+            at twice the case's is said.
+        d: diameters over which they must hold, shape (n,) [length].
+        erodent_density: of the particles in the code [density]; without it the case's particle has the diameter 2 r.
 
     Raises:
-        CalibrationError: where the fitted curve is not of Finnie's shape: the best coefficients are off by more
-            than 15 % of its maximum, or K is without limit.
+        ExportError: where the curve is not of Finnie's shape (the best coefficients are off by more than 15 % of its
+            maximum, or K is without limit), or as far off at one of the speeds and diameters that are given.
+        ValueError: for parameters that are arrays or out of range, or speeds and diameters that are not positive.
     """
-    case = exported_case(calibration).to("si")
-    volume = _volume(calibration, exported_case(calibration))
-    scale = float(case.m * case.v0**2 / case.psi)
-    greatest = volume.max()
-
-    def curve(coefficients: Any) -> np.ndarray:
-        stress, ratio = np.exp(coefficients)
-        return scale / (stress * ratio) * np.asarray(finnie_angle(_ANGLES, ratio))
-
-    begin = np.log([scale / greatest / 3, float(case.k)])
-    fits = [
-        optimize.least_squares(lambda q: curve(q) / greatest - volume / greatest, begin + np.log([1.0, factor]),
-                               xtol=1e-12, ftol=1e-12, gtol=1e-12)
-        for factor in (0.5, 1.0, 3.0)
-    ]  # fmt: skip
-    best = min(fits, key=lambda fit: fit.cost)
-    stress, ratio = np.exp(best.x)
-    misfit = float(np.abs(best.fun).max())
-    if misfit > _FAR or ratio > _GREATEST_RATIO:
-        limit = f" and K, {ratio:.1g}, is without limit" if ratio > _GREATEST_RATIO else ""
-        raise CalibrationError(
-            f"OpenFOAM knows Finnie's curve only, and {model_name(calibration.model)} is not of that shape: the best "
-            f"coefficients are off by up to {misfit:.1%} of the maximum{limit}; use a table for Fluent (--fluent)."
-        )
-    return ParticleErosion(
-        p=float(stress),
-        psi=float(case.psi),
-        K=float(ratio),
-        misfit=misfit,
-        rms=float(np.sqrt(np.mean(best.fun**2))),
-        comment=_comment(calibration),
-    )
+    particle, comment, case = _particle(model, p, erodent_density)
+    return coefficients(particle, Reach.of(particle, case, v0, d), comment)
 
 
-def to_fluent(calibration: Calibration, points: int = _POINTS) -> AngleTable:
-    """The fitted curve as a table; each point is added where the error of the table is greatest.
+def to_fluent(
+    model: _Exported,
+    p: Parameters | None = None,
+    *,
+    points: int = _POINTS,
+    v0: Any = None,
+    d: Any = None,
+    erodent_density: float | None = None,
+) -> AngleTable:
+    """The model's curve as Fluent's angle function, with the velocity exponent and the diameter function that fit best.
+
+        print(erosion.to_fluent("rotating", p).text())
+
+    Args:
+        model: a model, its name, or the path of its file; or a calibration, which has a case of its own.
+        p: the case, all scalars; its `alpha` is not used.
+        points: of the table; each is added where the table's error is greatest.
+        v0: speeds over which the form must hold, shape (n,) [speed]. The exponent is fitted over them; without them
+            from half to twice the case's, and what is lost there is said.
+        d: diameters over which it must hold, shape (n,) [length].
+        erodent_density: of the particles in the code [density]; without it the case's particle has the diameter 2 r.
 
     Raises:
-        ValueError: for fewer than 2 points or more than Fluent takes.
+        ExportError: where the form is off by more than 15 % of the maximum at one of the speeds and diameters that
+            are given.
+        ValueError: for fewer than 2 points or more than Fluent takes; else as `to_openfoam`.
     """
-    if not 2 <= points <= _MOST_POINTS:
-        raise ValueError(f"Argument `points` must be from 2 to {_MOST_POINTS}, but is {points}.")
-    angles, volume = np.append(0.0, _ANGLES), np.append(0.0, _volume(calibration, exported_case(calibration)))
-    curve = volume / volume.max()
-    nodes = [0, len(angles) - 1]
-    while True:
-        table = np.interp(angles, angles[nodes], curve[nodes])
-        error = np.abs(table - curve)
-        if len(nodes) == points:
-            break
-        nodes = sorted({*nodes, int(np.argmax(error))})
-        if len(nodes) < points and not error.any():
-            break
-    case = exported_case(calibration).to("si")
-    return AngleTable(
-        angle=angles[nodes],
-        f=curve[nodes],
-        factor=float(volume.max() / (case.m * case.v0**2)),
-        misfit=float(error.max()),
-        comment=_comment(calibration),
-    )
+    particle, comment, case = _particle(model, p, erodent_density)
+    return angle_table(particle, Reach.of(particle, case, v0, d), comment, points)
+
+
+def _particle(
+    model: _Exported, p: Parameters | None, erodent_density: float | None
+) -> tuple[Particle, str, Parameters]:
+    """The particle that is exported, the comment on where it comes from, and its case."""
+    if isinstance(model, Calibration):
+        if p is not None:
+            raise ValueError("Argument `p` must be left out for a calibration, which has a case of its own.")
+        case = exported_case(model)
+        particle = particle_of(model.model, case, erodent_density)
+        particle = dataclasses.replace(particle, cutting_fraction=model.cutting_fraction)
+        return particle, _comment(model), case
+    if p is None:
+        raise TypeError("Argument `p` must be Parameters, but is left out.")
+    particle = particle_of(model, p, erodent_density)
+    return particle, particle.origin(), p
 
 
 def to_case(calibration: Calibration, path: str = "fitted.toml") -> str:
@@ -198,7 +121,7 @@ def to_case(calibration: Calibration, path: str = "fitted.toml") -> str:
     lines += calibration.statements
     lines.append(f"The best angle of this fit: {command(calibration, path)}")
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
-    return _commented(text, "#") + dump_case(exported_case(calibration), calibration.title)
+    return commented(text, "#") + dump_case(exported_case(calibration), calibration.title)
 
 
 def command(calibration: Calibration, path: str) -> str:
@@ -225,12 +148,6 @@ def exported_case(calibration: Calibration) -> Parameters:
                                             for name, value in group.values.items())]  # fmt: skip
     chosen = max(own or groups, key=lambda group: (len(group.rows), *group.values.values()))
     return p.replace(**chosen.values)
-
-
-def _volume(calibration: Calibration, p: Parameters) -> np.ndarray:
-    """Volume over `_ANGLES` [m³], per particle, of which a share cuts."""
-    volume = impact(calibration.model, p.replace(alpha=_ANGLES)).volume
-    return calibration.cutting_fraction * volume * conversion_factor("volume", p.units, "si")
 
 
 def _comment(calibration: Calibration) -> str:
@@ -263,7 +180,7 @@ def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
     lines = ["This speed is one of the data's." if "v0" in groups[0].values else "This mass is one of the data's."]
 
     def over_energy(case: Parameters) -> np.ndarray:
-        return _volume(calibration, case) / float(case.m * case.v0**2)
+        return impact(calibration.model, case.replace(alpha=ANGLES)).volume / float(case.m * case.v0**2)
 
     here = over_energy(p)
     differs = {group.label: np.abs(over_energy(p.replace(**group.values)) - here).max() / here.max()
@@ -272,7 +189,3 @@ def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
     if len(groups) > 1:
         lines.append(f"At {label} the volume over m V^2 differs from it by up to {differs[label]:.2%} of its maximum.")
     return lines
-
-
-def _commented(text: str, mark: str) -> str:
-    return "".join(f"{mark} {line}\n" for line in text.splitlines())

@@ -19,6 +19,8 @@ from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
 from erosion.cli.exercise import exercise
 from erosion.cli.explore import explore
+from erosion.cli.export import export
+from erosion.cli.map import map_
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
@@ -44,8 +46,9 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, report, exercise, explore):
+for verb in (run, optimum, compare, sweep, stream, calibrate, export, report, exercise, explore):
     app.command(verb)
+app.command(map_, name="map")
 for verb in (models, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 

@@ -43,7 +43,9 @@ class FitFiles:
                 texts.append((self.openfoam, coefficients.text()))
                 warnings += [coefficients.warning] if coefficients.warning else []
             if self.fluent is not None:
-                texts.append((self.fluent, to_fluent(best).text()))
+                shape = to_fluent(best)
+                texts.append((self.fluent, shape.text()))
+                warnings += [shape.warning] if shape.warning else []
             if self.write_case is not None:
                 texts.append((self.write_case, to_case(best, str(self.write_case))))
                 if {*best.names} & {*own_parameters(best.model)}:

@@ -140,6 +140,13 @@ class AllAngles(CaseOptions):
     """Which impact, at no angle of its own."""
 
 
+@Parameter(name="*")
+@functools.partial(_with_quantities, hidden=("alpha", "v0"))
+@dataclasses.dataclass(frozen=True)
+class EachRow(CaseOptions):
+    """Which impact, whose angle and speed a table has."""
+
+
 CaseFile = Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")]
 
 

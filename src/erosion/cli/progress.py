@@ -34,8 +34,8 @@ def progress_bar(title: str) -> Iterator["Progress"]:
         def show(work: str, done: int, total: int) -> None:
             speed = bar.tasks[0].speed or 0
             rate = f"{speed:,.0f}/s" if speed > _SLOWEST else ""
-            # Without a total the bar moves to and fro: it shows that the first part is being computed.
-            bar.update(task, description=work, completed=done, total=total if done else None, rate=rate)
+            # Without a total the bar moves to and fro: the first part is computed, or no one knows how many follow.
+            bar.update(task, description=work, completed=done, total=(total or None) if done else None, rate=rate)
 
         yield show
 

@@ -1,12 +1,12 @@
 """`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
 
-import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.clusters import dask_cluster
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import (
     CaseFile,
@@ -80,7 +80,7 @@ def sweep(
         together = paired or _listed(options, section, "paired", read_list) or ()
         grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
         lengths = _chunks(chunks)
-    with _cluster(workers, scheduler), progress_bar("sweep") as progress:
+    with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=lengths, store=output)
         dataset = job.run(progress)
@@ -163,32 +163,6 @@ def _chunks(items: list[str] | None) -> dict[str, int] | None:
     if not all(length.isdecimal() for _, _, length in parts):
         raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {",".join(items)!r}.')
     return {dim: int(length) for dim, _, length in parts}
-
-
-@contextlib.contextmanager
-def _cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
-    """The Dask cluster that the options ask for."""
-    if workers is None and scheduler is None:
-        yield
-        return
-    if workers is not None and scheduler is not None:
-        raise InputError("Give `--workers` or `--scheduler`, but not both.")
-    try:
-        from distributed import Client
-
-        from erosion.sweeps.cluster import local_cluster
-    except ImportError as error:
-        raise InputError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
-    if workers is not None and workers < 1:
-        raise InputError(f"Option `--workers` must be 1 or more, but is {workers}.")
-    with contextlib.ExitStack() as stack:
-        target = scheduler if workers is None else stack.enter_context(local_cluster(workers))
-        try:
-            client = Client(target)
-        except (OSError, ValueError) as error:
-            raise InputError(f"Option `--scheduler` must be a cluster that answers, not {target} ({error}).") from error
-        stack.enter_context(client)
-        yield
 
 
 def _print(dataset: Any, grid: "Grid", store: Path, output: Output) -> None:

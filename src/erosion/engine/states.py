@@ -38,7 +38,14 @@ class States(NamedTuple):
 
 
 def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float) -> States:
-    """The motion of one impact at times since contact, infinity for its end."""
+    """The motion at times since contact, infinity for the end, of one impact, or of one impact for each time.
+
+    Args:
+        model: the model.
+        p: scalars, or arrays of shape (times,).
+        times: shape (times,) [s].
+        rtol: relative tolerance.
+    """
     layout, numbers = split(model, p)
     with compiling:
         program, structure, shapes = _compiled(layout)

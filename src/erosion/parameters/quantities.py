@@ -76,6 +76,12 @@ RESULTS = {
     "mass_loss": Quantity("Δm", "mass loss per impact", "mass"),
     "erosion_ratio": Quantity("Δm/m", "mass loss per mass of erodent", "mass per mass"),
     "relative_erosion": Quantity("E", "erosion, in units of its own", "1"),
+    "d": Quantity("d", "diameter of the particle in a CFD code", "length"),
+    "e_n": Quantity("e_n", "normal speed of the centre of mass after the impact over that before", "1"),
+    "e_t": Quantity("e_t", "tangential velocity of the centre of mass after the impact over that before", "1"),
+    "vx": Quantity("ẋ", "velocity of the centre of mass along the surface", "speed"),
+    "vy": Quantity("ẏ", "velocity of the centre of mass into the target", "speed"),
+    "spin": Quantity("φ̇", "spin after the impact", "angular speed"),
 }
 
 

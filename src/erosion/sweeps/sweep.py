@@ -147,7 +147,7 @@ class SweepJob:
     def _compute(self, missing: list[Region], advance: Callable[[int], None]) -> None:
         # Without the import there is no active cluster.
         if isinstance(self.store, ZarrStore) and "distributed" in sys.modules:
-            from erosion.sweeps.cluster import active_client, run_blocks
+            from erosion.cluster import active_client, run_blocks
 
             client = active_client()
             if client is not None:

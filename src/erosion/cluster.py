@@ -1,4 +1,4 @@
-"""Blocks of a sweep on a Dask cluster: one process on each core writes its own blocks.
+"""Blocks of a sweep or a map on a Dask cluster, each of them on one core.
 
 Nothing here imports JAX: a worker is pinned to its core before JAX counts the cores.
 """
@@ -62,15 +62,15 @@ def _threads(client: Client) -> dict[str, int]:
 
 
 def run_blocks(
-    client: Client, task: Callable[..., int], blocks: Iterator[tuple[Any, ...]], done: Callable[[int], None]
+    client: Client, task: Callable[..., Any], blocks: Iterator[tuple[Any, ...]], done: Callable[[Any], None]
 ) -> None:
     """Run `task(*block)` for every block on the cluster's workers.
 
     Args:
         client: of the cluster.
-        task: returns the number of impacts it computed; it runs again for a block whose worker died.
+        task: computes a block; it runs again for a block whose worker died.
         blocks: taken one by one as the workers are ready, so that there may be millions.
-        done: called with the number of impacts of each block that is done.
+        done: called with what `task` returns of each block, in the order in which they are done.
     """
     client.register_plugin(OneCore())
     running = as_completed()

@@ -1,0 +1,100 @@
+"""How many impacts a second a map computes, beside `erosion.impact` on the same lanes, and the memory that it takes.
+
+    python benchmarks/maps.py [rows] [faces along]
+
+Rows are made block by block, as a reader makes them, and the time of making them is taken off.
+"""
+
+import resource
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+import erosion
+from erosion.cfd.impacts import ImpactBlock, Impacts
+from erosion.cfd.surface import Surface
+from erosion.maps.erosion_map import erosion_map
+
+P = erosion.TABLE_1.to("si")
+
+
+def floor(along: int) -> Surface:
+    """A wavy floor of along × along/4 faces."""
+    across = along // 4
+    x, y = np.meshgrid(np.linspace(0, 0.2, along + 1), np.linspace(0, 0.05, across + 1), indexing="ij")
+    points = np.stack([x, y, 0.02 * np.sin(np.pi * x / 0.2) ** 2], axis=-1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(along), np.arange(across), indexing="ij")
+    first = (i * (across + 1) + j).ravel()
+    corners = np.stack([first, first + 1, first + across + 2, first + across + 1], axis=1).ravel()
+    faces = along * across
+    return Surface("floor", points, corners, 4 * np.arange(1, faces + 1), ("floor",), np.zeros(faces, np.int64))
+
+
+class Rain(Impacts):
+    """Synthetic impacts, and the time that it took to make them."""
+
+    title, duration, mesh_faces = "rain", 1.0, False
+
+    def __init__(self, rows: int, surface: Surface) -> None:
+        self.rows = self.count = rows
+        self.surface, self.normal, self.seconds = surface, surface.normal, 0.0
+
+    def blocks(self, rows: int) -> Iterator[ImpactBlock]:
+        """Random rows, the same each time."""
+        for number, first in enumerate(range(0, self.count, rows)):
+            begin = time.perf_counter()
+            block = self._block(number, first, min(rows, self.count - first))
+            self.seconds += time.perf_counter() - begin
+            yield block
+
+    def _block(self, number: int, first: int, rows: int) -> ImpactBlock:
+        rng = np.random.default_rng([0, number])
+        face, diameter = rng.integers(0, self.surface.faces, rows), rng.uniform(1e-4, 5e-4, rows)
+        speed, alpha = rng.uniform(20.0, 120.0, rows), rng.uniform(0.05, 1.4, rows)
+        normal = self.normal[face]
+        along = np.stack([normal[:, 2], np.zeros(rows), -normal[:, 0]], axis=1)
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        velocity = speed[:, None] * (np.sin(alpha)[:, None] * normal + np.cos(alpha)[:, None] * along)
+        return ImpactBlock("rain", first, np.full(rows, 10.0), 2650 * np.pi / 6 * diameter**3, diameter,
+                           velocity=velocity, face=face)  # fmt: skip
+
+    def identity(self) -> str:
+        """The number of rows, on which the others depend."""
+        return str(self.rows)
+
+
+def lanes(rain: Rain) -> Iterator[erosion.Parameters]:
+    """The same impacts as the map's, without the map."""
+    for block in rain.blocks(2**18):
+        assert block.velocity is not None
+        speed = np.linalg.norm(block.velocity, axis=1)
+        alpha = np.arcsin(np.sum(block.velocity * rain.normal[block.face], axis=1) / speed)
+        growth = np.cbrt(block.mass / float(P.m))
+        yield P.replace(r=P.r * growth, b=P.b * growth, m=block.mass, v0=speed, alpha=alpha)
+
+
+def main() -> None:
+    """Compute the map and its impacts alone, one after the other."""
+    rows = int(float(sys.argv[1])) if len(sys.argv) > 1 else 10**7
+    rain = Rain(rows, floor(int(sys.argv[2]) if len(sys.argv) > 2 else 400))
+    erosion.impact("rotating", P.replace(alpha=np.full(8, 0.3)))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    begin = time.perf_counter()
+    wear = erosion_map("rotating", P, rain, rain.surface)
+    of_map = time.perf_counter() - begin - rain.seconds
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    of_impact = 0.0
+    for p in lanes(rain):
+        begin = time.perf_counter()
+        erosion.impact("rotating", p)
+        of_impact += time.perf_counter() - begin
+    print(f"{rows:,} impacts on {rain.surface.faces:,} faces: total {float(wear['total_volume']):.15g} m³")
+    print(f"map    {rows / of_map:,.0f} impacts/s, {of_map:.1f} s")
+    print(f"impact {rows / of_impact:,.0f} impacts/s, {of_impact:.1f} s; ratio {of_impact / of_map:.2f}")
+    print(f"peak memory {after / 1024:,.0f} MiB, of which {(after - before) / 1024:,.0f} MiB came with the map")
+
+
+if __name__ == "__main__":
+    main()

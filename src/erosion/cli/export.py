@@ -1,0 +1,191 @@
+"""`erosion export`: a model and a case in the forms that CFD codes take."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+from cyclopts import Parameter
+
+from erosion.cli.lists import ModelOption
+from erosion.cli.options import (
+    AllAngles,
+    CaseFile,
+    InputError,
+    JsonOption,
+    require_outputs,
+    start_engine,
+    user_errors,
+    with_file,
+)
+from erosion.cli.output import Output, print_table
+from erosion.cli.progress import working
+from erosion.cli.set_option import SetOption, in_full, load_set, settings
+from erosion.parameters.quantities import QUANTITIES, RESULTS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from erosion.models.base import CuttingModel
+    from erosion.parameters.parameters import Parameters
+
+_OWN_NAMES = {"alpha": "angles", "v0": "speeds", "d": "diameters"}
+
+
+class _Outputs(NamedTuple):
+    """The files that are asked for."""
+
+    openfoam: Path | None
+    fluent: Path | None
+    table: Path | None
+    restitution: Path | None
+
+
+class _Part(NamedTuple):
+    """One file: its content, one line on it for people, its numbers for programs, and what to warn of."""
+
+    path: Path
+    text: str
+    line: str
+    numbers: dict[str, Any]
+    warning: str | None
+
+
+def export(
+    file: CaseFile = None,
+    /,
+    *,
+    case: AllAngles | None = None,
+    model: ModelOption = "linearized",
+    own: SetOption = None,
+    openfoam: Annotated[Path | None, Parameter(help="Write OpenFOAM ParticleErosion coefficients.")] = None,
+    fluent: Annotated[
+        Path | None, Parameter(help="Write angle function, velocity exponent and diameter function for Fluent.")
+    ] = None,
+    table: Annotated[Path | None, Parameter(help="Write V over angle, speed and diameter (CSV).")] = None,
+    restitution: Annotated[Path | None, Parameter(help="Write e_n, e_t and spin over angle and speed (CSV).")] = None,
+    angles: Annotated[str | None, Parameter(help='Of both tables: "5deg : 85deg : 17".')] = None,
+    speeds: Annotated[
+        str | None, Parameter(help='Of the tables, and over which forms must hold: "20 m/s : 80 m/s : 7".')
+    ] = None,
+    diameters: Annotated[str | None, Parameter(help='The same of diameters: "0.1 mm, 0.2 mm, 0.4 mm".')] = None,
+    erodent_density: Annotated[
+        str | None, Parameter(help="Of the particles in the code; the diameter is 2 r without it.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Write a model and a case for a CFD code: OpenFOAM, Fluent, or tables.
+
+    Each file says how far its form is off the model. Forms are made at the
+    case's speed; with --speeds they must hold over all of these.
+    """
+    options = with_file(case, file)
+    options.refuse_angle("the forms hold all angles; --angles are those of the tables")
+    outputs = _Outputs(openfoam, fluent, table, restitution)
+    if not any(outputs):
+        raise InputError("Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`.")
+    with working("computing"):
+        p = options.parameters()
+        chosen = load_set(model, settings(own), p.units)
+        axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
+        density = _density(erodent_density, p)
+        require_outputs(*outputs, inputs=(options.case, model))
+        start_engine()
+        from erosion.files import write_whole
+
+        with user_errors(), _named():
+            parts = _parts(chosen, p, outputs, axes, density)
+        # What cannot be represented is refused before anything is written.
+        with user_errors():
+            for part in parts.values():
+                write_whole(part.path, part.text.encode())
+    output = Output("export", p, options.case, json=json)
+    for part in parts.values():
+        if part.warning is not None:
+            output.warn(part.warning)
+    if json:
+        result = {name: {"file": str(part.path), **part.numbers} for name, part in parts.items()}
+        output.document(result, {model: chosen}, {"p": "Pa"})
+        return
+    rows = [(str(part.path), part.line) for part in parts.values()]
+    print_table(f"{in_full(model, chosen)}: for CFD codes", rows, ("file", "holds"), numbers=())
+
+
+def _parts(
+    model: "CuttingModel", p: "Parameters", outputs: _Outputs, axes: dict[str, Any], density: float | None
+) -> dict[str, _Part]:
+    """What is asked for, computed."""
+    from erosion.calibration import to_fluent, to_openfoam
+    from erosion.exports.restitution import restitution
+    from erosion.exports.tables import volume_table
+
+    reach, parts = {name: axes[name] for name in ("v0", "d")}, {}
+    if outputs.openfoam is not None:
+        form = to_openfoam(model, p, **reach, erodent_density=density)
+        numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
+        line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
+        numbers["misfit_over_speeds"] = form.losses.worst
+        parts["openfoam"] = _Part(outputs.openfoam, form.text(), line, numbers, form.warning)
+    if outputs.fluent is not None:
+        shape = to_fluent(model, p, **reach, erodent_density=density)
+        numbers = {"exponent": shape.exponent, "factor": shape.factor, "misfit": shape.misfit}
+        numbers["misfit_over_speeds"] = shape.losses.worst
+        line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.factor:.6g} x density"
+        parts["fluent"] = _Part(outputs.fluent, shape.text(), line, numbers, shape.warning)
+    if outputs.table is not None:
+        volumes = volume_table(model, p, **axes, erodent_density=density)
+        parts["table"] = _table(outputs.table, volumes, "V", None)
+    if outputs.restitution is not None:
+        rebounds = restitution(model, p, alpha=axes["alpha"], v0=axes["v0"])
+        lost = int(rebounds.e_n.isnull().sum())
+        if lost == rebounds.e_n.size:
+            raise RuntimeError(f"of {lost:,} impacts none has a rebound: nothing is cut, or they fail.")
+        warning = f"{lost:,} of {rebounds.e_n.size:,} impacts have no rebound (nan): nothing is cut, or they fail."
+        parts["restitution"] = _table(outputs.restitution, rebounds, "e_n, e_t and spin", warning if lost else None)
+    return parts
+
+
+def _table(path: Path, dataset: "xr.Dataset", content: str, warning: str | None) -> _Part:
+    from erosion.exports.tables import to_csv
+
+    sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
+    line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
+    return _Part(path, to_csv(dataset), line, sizes, warning)
+
+
+def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:
+    """The values of --angles, --speeds and --diameters, None where they are not given."""
+    from erosion.parameters.ranges import read_axis
+
+    axes: dict[str, Any] = dict.fromkeys(texts)
+    for name, text in texts.items():
+        if text is None:
+            continue
+        try:
+            axes[name] = read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
+        except ValueError as error:
+            raise InputError(f"Option `--{_OWN_NAMES[name]}` {error}.") from error
+    return axes
+
+
+def _density(text: str | None, p: "Parameters") -> float | None:
+    from erosion.parameters.units import read_quantity
+
+    if text is None:
+        return None
+    try:
+        return read_quantity(text, "density", p.units)
+    except ValueError as error:
+        raise InputError(f"Option `--erodent-density` {error}.") from error
+
+
+@contextlib.contextmanager
+def _named() -> Iterator[None]:
+    """Python's names of axes are other options here."""
+    try:
+        yield
+    except ValueError as error:
+        text = str(error)
+        for name, option in _OWN_NAMES.items():
+            text = text.replace(f"Argument `{name}`", f"Argument `{option}`")
+        raise ValueError(text) from error

@@ -1,0 +1,301 @@
+"""`erosion map`: the wear of a surface by the impacts of a CFD run."""
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.clusters import dask_cluster
+from erosion.cli.lists import LISTED, ModelOption
+from erosion.cli.options import (
+    EachRow,
+    InputError,
+    JsonOption,
+    WholeOption,
+    load,
+    require_outputs,
+    start_engine,
+    user_errors,
+)
+from erosion.cli.output import Output, print_table
+from erosion.cli.progress import progress_bar, working
+from erosion.cli.set_option import SetOption, read_settings, settings
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from erosion.cfd.surface import Surface
+    from erosion.maps.job import MapJob
+    from erosion.maps.options import MapOptions
+    from erosion.parameters.parameters import Parameters
+    from erosion.parameters.units import Dimension
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class _Surface:
+    """What the particles hit."""
+
+    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtu or .stl; without it totals alone.")] = (
+        None
+    )
+    patch: Annotated[
+        list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; all walls without it.')
+    ] = None
+    reverse: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Turn round normals that point into the fluid.")
+    ] = False
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class _Rows:
+    """How rows of the table become impacts; texts as they are typed."""
+
+    scaling: Annotated[
+        str, Parameter(help='"similar": r and b follow the size of a particle; "none": they are the case\'s.')
+    ] = "similar"
+    diameter: Annotated[
+        str | None,
+        Parameter(help='Of the sphere that has r and b of the case; that of its mass without it: "0.2 mm".'),
+    ] = None
+    spin: Annotated[
+        str | None, Parameter(help='"column" of the table, "case" (--phidot0), "none", or a law: "normal(0, 1e4)".')
+    ] = None
+    seed: Annotated[WholeOption, Parameter(help="Of a law of the spin.")] = None
+    restitution: Annotated[
+        str | None, Parameter(help="e,μ of the wall, if velocities are those after the rebound: 0.8,0.1.")
+    ] = None
+    target_density: Annotated[str | None, Parameter(help='For mass: "7800 kg/m^3".')] = None
+    limit: Annotated[
+        str | None, Parameter(help='Leave out rows that name no face and lie farther from the surface: "1 mm".')
+    ] = None
+    duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
+    density: Annotated[str | None, Parameter(help='Of the particles, where no column gives it: "2650 kg/m^3".')] = None
+
+    def options(self, p: "Parameters") -> "MapOptions":
+        """The same as numbers in the units of the case.
+
+        Raises:
+            InputError: one sentence naming the option.
+        """
+        from erosion.maps.bodies import Bodies
+        from erosion.maps.options import MapOptions
+
+        with user_errors(TypeError):
+            spin = self._spin(p)
+            return MapOptions(
+                bodies=Bodies(p, self.scaling, self.number("diameter", "length", p), spin, self.seed or 0),
+                restitution=self._restitution(),
+                target_density=self.number("target_density", "density", p),
+                limit=self.number("limit", "length", p),
+            )
+
+    def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
+        """The number of an option, in the units of the case."""
+        from erosion.parameters.units import read_quantity
+
+        text = getattr(self, name)
+        try:
+            return None if text is None else read_quantity(text, dimension, p.units)
+        except ValueError as error:
+            raise InputError(f"Option `--{name.replace('_', '-')}` {error}.") from error
+
+    def _spin(self, p: "Parameters") -> Any:
+        from erosion.distributions import read_distribution
+
+        try:
+            law = None if self.spin is None else read_distribution(self.spin, "phidot0", "angular speed", p.units)
+        except ValueError as error:
+            raise InputError(f"Option `--spin` {error}.") from error
+        return self.spin if law is None else law
+
+    def law_in_words(self, job: "MapJob") -> str | None:
+        """The law of the spin, if it has one."""
+        from erosion.distributions import Distribution
+
+        bodies = job.task.options.bodies
+        return bodies.spin.in_words("angular speed", bodies.p.units) if isinstance(bodies.spin, Distribution) else None
+
+    def _restitution(self) -> tuple[float, float] | None:
+        if self.restitution is None:
+            return None
+        try:
+            normal, friction = (float(number) for number in self.restitution.split(","))
+        except ValueError as error:
+            raise InputError(
+                f'Option `--restitution` must be two numbers such as "0.8,0.1", but is {self.restitution!r}.'
+            ) from error
+        return normal, friction
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class _Picture:
+    """What is drawn, and how."""
+
+    plot: Annotated[Path | None, Parameter(help="Also draw it into this file (.svg, .png, .pdf).")] = None
+    quantity: Annotated[str, Parameter(help="What to draw: depth, depth_per_year, alpha_mean, relative_error, ….")] = (
+        "depth"
+    )
+    view: Annotated[
+        str, Parameter(help='"iso", +x, -x, … -z, or towards the eye: "1,-1,0.5".', allow_leading_hyphen=True)
+    ] = "iso"
+    zoom: Annotated[float, Parameter(help="2 shows the middle half.")] = 1.0
+    log: Annotated[bool, Parameter(negative="", show_default=False, help="Colours by the logarithm.")] = False
+
+    @property
+    def direction(self) -> Any:
+        """The view's name, or its direction."""
+        try:
+            return tuple(float(number) for number in self.view.split(",")) if "," in self.view else self.view
+        except ValueError as error:
+            raise InputError(f'Option `--view` must be such as iso, +x or "1,-1,0.5", but is {self.view!r}.') from error
+
+    def check(self, *, has_surface: bool) -> None:
+        """Know before computing that it can be drawn."""
+        if self.plot is None:
+            return
+        from erosion.maps.result import FACES
+        from erosion.plotting.maps import require_view
+
+        if not has_surface:
+            raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
+        if self.quantity not in FACES:
+            raise InputError(f"Option `--quantity` must be one of {', '.join(FACES)}, but is {self.quantity!r}.")
+        with user_errors():
+            require_view(self.direction, self.zoom)
+
+    def check_surface(self, surface: "Surface | None") -> None:
+        """Know before computing that something can be seen."""
+        if self.plot is None or surface is None:
+            return
+        from erosion.plotting.maps import require_view
+
+        with user_errors():
+            require_view(self.direction, self.zoom, surface.normal)
+
+    def draw(self, dataset: "xr.Dataset") -> None:
+        """Draw the map into its file, if there is one."""
+        if self.plot is None:
+            return
+        from erosion.plotting.maps import plot_map
+        from erosion.plotting.style import save_plot
+
+        with user_errors():
+            picture = plot_map(dataset, self.quantity, view=self.direction, zoom=self.zoom, log=self.log)
+            save_plot(picture, self.plot)
+
+
+def map_(
+    impacts: Path,
+    /,
+    *,
+    target: _Surface | None = None,
+    case: EachRow | None = None,
+    model: ModelOption = "linearized",
+    own: SetOption = None,
+    rows: _Rows | None = None,
+    output: Annotated[
+        Path | None, Parameter(name=("--output", "-o"), help="map.vtp (for ParaView), map.csv, or map.nc (netCDF).")
+    ] = None,
+    picture: _Picture | None = None,
+    workers: Annotated[WholeOption, Parameter(help="Work in this many processes.")] = None,
+    scheduler: Annotated[str | None, Parameter(help="Work on this Dask cluster: tcp://host:8786.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Compute the wear of a surface by the impacts of a CFD run, face by face.
+
+    IMPACTS is an OpenFOAM case, a table of its cloud functions (.post, .dat),
+    a sample of Fluent (.dpm), or a table with named columns (.csv, .parquet).
+    Speed, angle and mass are those of its rows; the case gives the rest.
+    """
+    target, options, rows, picture = target or _Surface(), case or EachRow(), rows or _Rows(), picture or _Picture()
+    _refuse_replaced(options)
+    p = options.parameters()
+    chosen = read_settings(model, load(model), settings(own), p.units, _read)
+    picture.check(has_surface=target.surface is not None)
+    if output is not None:
+        from erosion.maps.export import require_map_path
+
+        with user_errors():
+            require_map_path(output, has_surface=target.surface is not None)
+    require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, options.case, model))
+    start_engine()
+    with dask_cluster(workers, scheduler):
+        job = _job(impacts, target, rows, p, (model, chosen))
+        picture.check_surface(job.surface)
+        dataset = _computed(job)
+    if output is not None:
+        from erosion.maps.export import write_map
+
+        with user_errors():
+            write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
+    picture.draw(dataset)
+    law = rows.law_in_words(job)
+    printed = Output("map", p, options.case, json=json, seed=None if law is None else job.task.options.bodies.seed)
+    _show(dataset, job, printed, model, {} if law is None else {"phidot0": law})
+    if not json:
+        for name, path in (("map", output), ("figure", picture.plot)):
+            if path is not None:
+                print(f"{name}: {path}")
+
+
+def _refuse_replaced(options: EachRow) -> None:
+    """Refuse what each row has of its own."""
+    options.refuse_angle("each row of the table has its own")
+    if "v0" in options.given():
+        raise InputError("Option `--v0` has no meaning here: each row of the table has its own.")
+
+
+def _read(name: str, text: Any, dimension: "Dimension", units: Any) -> float:
+    from erosion.parameters.units import read_quantity
+
+    return read_quantity(str(text), dimension, units)
+
+
+def _job(
+    impacts: Path, target: _Surface, rows: _Rows, p: "Parameters", model: tuple[str, dict[str, float]]
+) -> "MapJob":
+    """Open the table and the surface, and check the map."""
+    from erosion.cfd.read import read_impacts, read_surface
+    from erosion.maps.erosion_map import prepare_map
+
+    options, name = rows.options(p), target.surface
+    if name is None and (target.patch is not None or target.reverse):
+        raise InputError("Options `--patch` and `--reverse` need `--surface`, which has the patches and the normals.")
+    with user_errors(), working("reading"):
+        surface = None if name is None else read_surface(name, patch=target.patch, reverse=target.reverse)
+        case = name if name is not None and name.is_dir() else None
+        duration = rows.number("duration", "time", p)
+        table = read_impacts(impacts, case=case, density=rows.density, duration=duration)
+        return prepare_map(model[0], table, surface, options, model[1])
+
+
+def _computed(job: "MapJob") -> "xr.Dataset":
+    """The map; what is wrong with the table, which is read meanwhile, is bad input."""
+    from erosion.cfd.impacts import ImpactsError
+
+    with progress_bar("map") as progress:
+        try:
+            return job.run(progress)
+        except ImpactsError:
+            with user_errors():
+                raise
+
+
+def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str, laws: dict[str, str]) -> None:
+    """Print the totals; sentences on what is left out are warnings."""
+    from erosion.maps.result import MapSummary
+
+    summary = MapSummary(dataset)
+    for sentence in summary.warnings:
+        output.warn(sentence)
+    if output.json:
+        content = summary.to_dict()
+        units = content.pop("units")
+        each = dict.fromkeys(("alpha", "v0"), "each row's")
+        output.document(content, {model: job.task.model}, units, {**each, **laws})
+    else:
+        print_table(summary.title, summary.rows())

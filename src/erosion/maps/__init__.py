@@ -1,0 +1,1 @@
+"""From a table of impacts to the wear of each face of a surface."""

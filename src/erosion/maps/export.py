@@ -1,0 +1,150 @@
+"""Maps in files: VTP for ParaView, CSV, netCDF."""
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from erosion.arguments import check_path
+from erosion.cfd.extra import library
+from erosion.files import write_whole, written_whole
+from erosion.parameters.units import Dimension, conversion_factor
+from erosion.storage.identity import code_version
+from erosion.storage.netcdf import write_netcdf
+
+SUFFIXES = (".vtp", ".csv", ".nc")
+
+
+class _Column(NamedTuple):
+    """A column of a file: its name with the unit, the variable, its dimension, and the SI unit over the file's."""
+
+    name: str
+    variable: str
+    dimension: Dimension
+    size: float
+
+
+# Units that fit to the surface, which is in metres, whatever the units of the case. ASCII, as ParaView's filters are.
+_COLUMNS = (
+    _Column("depth [mm]", "depth", "length", 1e3),
+    _Column("volume [mm^3]", "volume", "volume", 1e9),
+    _Column("mass [kg]", "mass", "mass", 1.0),
+    _Column("depth rate [m/s]", "depth_rate", "speed", 1.0),
+    _Column("depth rate [mm/year]", "depth_per_year", "1", 1.0),
+    _Column("mass flux [kg/(m^2 s)]", "mass_flux", "mass flux", 1.0),
+    _Column("erosion [mm^3/kg]", "erosion", "volume per mass", 1e9),
+    _Column("erosion ratio [kg/kg]", "erosion_ratio", "mass per mass", 1.0),
+    _Column("erodent [kg]", "erodent", "mass", 1.0),
+    _Column("impacts", "impacts", "1", 1.0),
+    _Column("particles", "particles", "1", 1.0),
+    _Column("mean angle [deg]", "alpha_mean", "angle", 180 / math.pi),
+    _Column("mean speed [m/s]", "v0_mean", "speed", 1.0),
+    _Column("relative standard error", "relative_error", "1", 1.0),
+    _Column("area [mm^2]", "area", "area", 1e6),
+)
+
+
+def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str] | None = None) -> Path:
+    """Write a map into a file; an existing one is replaced.
+
+    Args:
+        dataset: what `erosion_map` returns.
+        path: `….vtp`, which ParaView opens: the surface in metres, with the wear of each face. `….csv`: a line for
+            each face, or for all if there is no surface. `….nc`: the Dataset, with its identity.
+        identity: of a netCDF file; without it the version and what the Dataset says of its origin.
+
+    Raises:
+        ValueError: for another suffix, and for a VTP file of a map without a surface.
+        OSError: where the file cannot be written.
+    """
+    path = require_map_path(path, has_surface="face" in dataset.dims)
+    if path.suffix == ".vtp":
+        _write_vtp(dataset, path)
+    elif path.suffix == ".csv":
+        write_whole(path, _as_csv(dataset).encode())
+    else:
+        told = {str(name): str(value) for name, value in dataset.attrs.items()}
+        write_netcdf(dataset, path, identity or {"version": code_version(), **told})
+    return path
+
+
+def require_map_path(path: str | Path, *, has_surface: bool = True) -> Path:
+    """The path of a map's file; errors as of `write_map`."""
+    path = check_path("path", path)
+    if path.suffix not in SUFFIXES:
+        raise ValueError(f"{path}: the name of a map's file must end in {', '.join(SUFFIXES)}.")
+    if path.suffix == ".vtp" and not has_surface:
+        raise ValueError(f"{path}: a .vtp file holds a surface, but there is none; a .csv file holds totals.")
+    return path
+
+
+def to_polydata(dataset: xr.Dataset) -> Any:
+    """The surface of a map as pyvista's `PolyData`, with names and units in the names of the arrays.
+
+    Raises:
+        ImpactsError: where pyvista is not installed.
+    """
+    points, corners, ends = (dataset[name].values for name in ("point", "corner", "corner_end"))
+    sizes = np.diff(ends, prepend=0)
+    # VTK's list of faces has the number of corners before each face's corners.
+    cells = np.insert(corners, ends - sizes, sizes)
+    surface = library("pyvista").PolyData(points, faces=cells)
+    for name, values in _columns(dataset, "").items():
+        surface.cell_data[name] = values
+    surface.cell_data["patch"] = dataset["face_patch"].values
+    if "mesh_face" in dataset:
+        surface.cell_data["mesh face"] = dataset["mesh_face"].values
+    told = {str(name): [str(value)] for name, value in dataset.attrs.items() if value}
+    told["patches"] = [str(name) for name in dataset["patch"].values]
+    for name, texts in told.items():
+        surface.field_data[name] = [text.encode("ascii", "backslashreplace").decode() for text in texts]
+    return surface
+
+
+def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
+    """The columns of the variables that the map has."""
+    units, columns = dataset.attrs["unit_system"], {}
+    for column in _COLUMNS:
+        name = prefix + column.variable
+        if name in dataset:
+            factor = conversion_factor(column.dimension, units, "si") * column.size
+            values = dataset[name].values
+            columns[column.name] = values if factor == 1 else values * factor
+    return columns
+
+
+def _write_vtp(dataset: xr.Dataset, path: Path) -> None:
+    surface = to_polydata(dataset)
+    writer = library("vtkmodules.vtkIOXML").vtkXMLPolyDataWriter()
+    with written_whole(path) as draft:
+        writer.SetFileName(str(draft))
+        writer.SetInputData(surface)
+        if not writer.Write():
+            raise OSError(writer.GetErrorCode(), "cannot be written", str(path))
+
+
+def _as_csv(dataset: xr.Dataset) -> str:
+    """A line for each face, or for each patch if there are no faces."""
+    patches = dataset["patch"].values
+    columns: dict[str, Sequence[Any]] = {}
+    if "face" in dataset.dims:
+        columns["face"] = range(dataset.sizes["face"])
+        columns["patch"] = [patches[i] for i in dataset["face_patch"].values]
+        columns |= {f"{axis} [m]": dataset["centre"].values[:, i].tolist() for i, axis in enumerate("xyz")}
+    else:
+        columns["patch"] = list(patches)
+    columns |= {name: values.tolist() for name, values in _columns(dataset, _prefix(dataset)).items()}
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue()
+
+
+def _prefix(dataset: xr.Dataset) -> str:
+    return "" if "face" in dataset.dims else "patch_"

@@ -1,0 +1,320 @@
+"""The wear of a surface as a labelled Dataset, and the summary that people read."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from erosion.cfd.impacts import Impacts
+from erosion.cfd.surface import Surface
+from erosion.maps.bodies import Bodies
+from erosion.maps.incidence import LEFT_OUT
+from erosion.maps.tally import Tally
+from erosion.models import model_name
+from erosion.models.base import CuttingModel
+from erosion.models.correlated import Correlated
+from erosion.models.own_parameters import own_in_words
+from erosion.parameters.case_files import dump_case
+from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
+from erosion.parameters.scales import table_scale
+from erosion.parameters.units import System, conversion_factor
+from erosion.tables import Record, Result, Row, to_plain, with_error
+from erosion.version import __version__
+
+YEAR = 365.25 * 86400.0
+"""Seconds of a year (Julian)."""
+
+FACES: Mapping[str, Quantity] = {
+    "volume": RESULTS["volume"],
+    "depth": Quantity("h", "depth of wear, volume over area", "length"),
+    "mass": Quantity("Δm", "removed mass", "mass"),
+    "depth_rate": Quantity("ḣ", "depth per time", "speed"),
+    "depth_per_year": Quantity("ḣ", "depth per year", "1"),
+    "mass_flux": Quantity("ṁ", "removed mass per area and time", "mass flux"),
+    "erosion": RESULTS["erosion"],
+    "erosion_ratio": RESULTS["erosion_ratio"],
+    "erodent": Quantity("M", "mass of erodent that hits", "mass"),
+    "impacts": Quantity("n", "rows that hit", "1"),
+    "particles": Quantity("N", "particles that hit", "1"),
+    "alpha_mean": Quantity("ᾱ", "mean angle of attack of the particles", "angle"),
+    "v0_mean": Quantity("v̄₀", "mean impact speed of the particles", "speed"),
+    "relative_error": Quantity("s", "relative standard error of the volume", "1"),
+    "area": Quantity("A", "area", "area"),
+}
+"""The variables over faces. `depth_per_year` is in mm/year in all unit systems."""
+
+TOTALS = ("volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "particles", "relative_error")
+"""Those that a patch, and the whole surface, have as well: `patch_volume`, `total_volume`, …"""
+
+
+Variables = dict[str, tuple[Any, ...]]
+"""Dimensions, values and attributes by name."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MapSource:
+    """What a map is made of.
+
+    Args:
+        model: with its own parameters.
+        bodies: the case, and how its body follows a row's particle.
+        impacts: the table.
+        surface: None for totals alone.
+        options: the other options, in words.
+        far: the first rows that are too far, in words.
+    """
+
+    model: CuttingModel
+    bodies: Bodies
+    impacts: Impacts
+    surface: Surface | None
+    options: str
+    far: tuple[str, ...]
+
+
+def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: float | None) -> xr.Dataset:
+    """The wear of a surface with its units and its geometry.
+
+    Args:
+        tally: the sums of all rows.
+        source: what they are sums of.
+        ends: the outcomes, columns of `tally.ends`.
+        density: of the target [density], where it is known.
+    """
+    units, surface, duration = source.bodies.p.units, source.surface, source.impacts.duration
+    sums = {**tally.sums, "impacts": tally.impacts.astype(float)}
+    sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
+    patches = ("all",) if surface is None else surface.patches
+    patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
+    variables: Variables = {}
+    if surface is not None:
+        _add_geometry(variables, surface, units)
+        numbers = _numbers(sums, density)
+        numbers |= _per_area(numbers, surface.area * conversion_factor("area", "si", units), duration, units)
+        for name in (name for name in FACES if name in numbers):
+            variables[name] = ("face", numbers[name], _attributes(name, units))
+    variables["patch"] = ("patch", np.array(patches, dtype=object))
+    grouped = {name: _by_patch(values, patch, len(patches)) for name, values in sums.items()}
+    whole = {name: np.array(math.fsum(values)) for name, values in grouped.items()}
+    for prefix, dims, of in (("patch", ("patch",), grouped), ("total", (), whole)):
+        for name, value in _numbers(of, density).items():
+            if name in TOTALS:
+                variables[f"{prefix}_{name}"] = (dims, value, _attributes(name, units))
+    variables["end"] = ("end", np.array(ends, dtype=object))
+    variables["ends"] = (("patch", "end"), tally.ends, {"long_name": "rows by how their impact ends", "units": "1"})
+    _add_rows(variables, tally, source, units)
+    if duration is not None:
+        variables["duration"] = ((), duration, {"long_name": "time that the impacts cover", "units": "s"})
+    # At once: xarray looks at all variables for each one that is added.
+    return xr.Dataset(variables, attrs=_provenance(source))
+
+
+def _numbers(sums: Mapping[str, np.ndarray], density: float | None) -> dict[str, np.ndarray]:
+    """Variables from sums over rows, of faces, patches or all."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        numbers = {
+            "volume": sums["volume"],
+            "erosion": sums["volume"] / sums["erodent"],
+            "erodent": sums["erodent"],
+            "impacts": np.asarray(sums["impacts"]).astype(np.int64),
+            "particles": sums["particles"],
+            "alpha_mean": sums["angle"] / sums["particles"],
+            "v0_mean": sums["speed"] / sums["particles"],
+            "relative_error": np.sqrt(sums["squares"]) / sums["volume"],
+        }
+    if density is not None:
+        numbers["mass"] = numbers["volume"] * density
+        numbers["erosion_ratio"] = numbers["erosion"] * density
+    return numbers
+
+
+def _per_area(
+    numbers: Mapping[str, np.ndarray], area: np.ndarray, duration: float | None, units: System
+) -> dict[str, np.ndarray]:
+    """Depths and rates, where what they need is known."""
+    made = {"depth": numbers["volume"] / area}
+    if duration is not None:
+        made["depth_rate"] = made["depth"] / duration
+        made["depth_per_year"] = made["depth_rate"] * (YEAR * 1e3 * conversion_factor("length", units, "si"))
+        if "mass" in numbers:
+            made["mass_flux"] = numbers["mass"] / (area * duration)
+    return made
+
+
+def _attributes(name: str, units: System) -> dict[str, str]:
+    attributes = FACES[name].attributes(units)
+    return attributes | {"units": "mm/year"} if name == "depth_per_year" else attributes
+
+
+def _by_patch(values: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarray:
+    """Sums over the faces of each patch, rounded once."""
+    return np.array([math.fsum(values[patch == i]) for i in range(patches)])
+
+
+def _add_geometry(variables: Variables, surface: Surface, units: System) -> None:
+    """Points and corners of the faces, so that the Dataset alone can be drawn and written; in metres, as CFD has it."""
+    metres = {"units": "m"}
+    names = " ".join(surface.patches)
+    flags = {"flag_values": np.arange(len(surface.patches), dtype=np.int32), "flag_meanings": names}
+    area = surface.area * conversion_factor("area", "si", units)
+    variables["point"] = (("points", "axis"), surface.points, {"long_name": "points of the surface", **metres})
+    variables["corner"] = ("corners", surface.corners, {"long_name": "points around each face, face after face"})
+    variables["corner_end"] = ("face", surface.ends, {"long_name": "where each face's corners end"})
+    variables["centre"] = (("face", "axis"), surface.centre, {"long_name": "centres of the faces", **metres})
+    variables["face_patch"] = ("face", np.asarray(surface.patch, np.int32), {"long_name": "patch", **flags})
+    variables["area"] = ("face", area, _attributes("area", units))
+    if surface.mesh_face is not None:
+        variables["mesh_face"] = ("face", surface.mesh_face, {"long_name": "number of the face in the mesh"})
+
+
+def _add_rows(variables: Variables, tally: Tally, source: MapSource, units: System) -> None:
+    """What became of the rows of the table."""
+    of_mass, length = QUANTITIES["m"].unit(units), conversion_factor("length", "si", units)
+    reasons = np.array(list(LEFT_OUT), dtype=object)
+    lost = tally.lost_mass[1:] * conversion_factor("mass", "si", units)
+    variables["rows"] = ((), tally.rows, {"long_name": "rows of the table"})
+    variables["reason"] = ("reason", reasons)
+    variables["left_out"] = ("reason", tally.fates[1:], {"long_name": "rows that are left out"})
+    variables["left_out_mass"] = ("reason", lost, {"long_name": "their mass", "units": of_mass})
+    variables["rows_to_nearest"] = ((), tally.unnamed, {"long_name": "rows that name no face"})
+    if tally.unnamed:
+        metre = {"units": QUANTITIES["r"].unit(units)}
+        median, farthest = tally.median_distance * length, tally.farthest * length
+        variables["distance_median"] = ((), median, {"long_name": "their median distance, to 0.3 %", **metre})
+        variables["distance_max"] = ((), farthest, {"long_name": "their greatest distance", **metre})
+    if isinstance(source.model, Correlated):
+        share = tally.outside_mass / tally.lost_mass[0] if tally.lost_mass[0] else math.nan
+        variables["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})
+
+
+def _provenance(source: MapSource) -> dict[str, str]:
+    """The attributes of a map."""
+    own, p = own_in_words(source.model), source.bodies.p
+    return {
+        "Conventions": "CF-1.11",
+        "title": "Solid particle erosion: a map",
+        "source": f"erosion {__version__}",
+        "model": model_name(source.model),
+        **({"own_parameters": own} if own else {}),
+        "table": source.impacts.title,
+        "surface": "" if source.surface is None else source.surface.title,
+        "options": source.options,
+        "far_rows": "; ".join(source.far),
+        "notes": " ".join(source.impacts.notes),
+        "unit_system": p.units,
+        "case": dump_case(p),
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class MapSummary(Result):
+    """The totals of a map, for people and as JSON.
+
+    Args:
+        dataset: see `erosion_map`.
+    """
+
+    dataset: xr.Dataset
+
+    @property
+    def title(self) -> str:
+        """Model, table and surface in one line."""
+        attrs = self.dataset.attrs
+        surface = f" on {attrs['surface']}" if attrs["surface"] else ""
+        own = f" ({attrs['own_parameters']})" if "own_parameters" in attrs else ""
+        return f"{attrs['model']}{own}: {attrs['table']}{surface}"
+
+    @property
+    def units(self) -> System:
+        """The unit system of the numbers."""
+        return self.dataset.attrs["unit_system"]
+
+    def rows(self) -> list[Row]:
+        """The totals, the deepest face, each patch, and how impacts end."""
+        data, rows = self.dataset, [Row("impacts", "", f"{int(self.dataset['total_impacts']):,}", "", "rows that hit")]
+        if "face" in data.dims:
+            hit = int((data["impacts"] > 0).sum())
+            rows.append(Row("faces hit", "", f"{hit:,} of {data.sizes['face']:,}", "", "of the surface"))
+        rows += self._totals("total", "", ())
+        if data.sizes["patch"] > 1:
+            for i, patch in enumerate(data["patch"].values):
+                rows += self._totals("patch", f" {patch}", (i,))[:1]
+        for name in ("depth", "depth_per_year"):
+            if name in data:
+                row = quantity_row(f"greatest {name}", FACES[name], float(data[name].max()), self.units)
+                unit = "mm/year" if name == "depth_per_year" else row.unit
+                rows.append(row._replace(unit=unit, meaning=f"at face {int(np.argmax(data[name].values)):,}"))
+        counts = data["ends"].sum("patch").values
+        for end, count in zip(data["end"].values, counts, strict=True):
+            if count:
+                rows.append(Row(f"share {end}", "", f"{100 * count / counts.sum():.3g}", "%", "of the rows that hit"))
+        for name, meaning in (("distance_median", "median"), ("distance_max", "greatest")):
+            if name in data:
+                length = quantity_row(name, QUANTITIES["r"], float(data[name]), self.units)
+                rows.append(length._replace(symbol="", meaning=f"{meaning} distance of rows that name no face"))
+        return rows
+
+    def _totals(self, prefix: str, suffix: str, index: tuple[int, ...]) -> list[Row]:
+        """Volume, mass, erodent and erosion of everything, or of a patch."""
+        rows = []
+        error = float(self.dataset[f"{prefix}_relative_error"].values[index])
+        for name in ("volume", "mass", "erodent", "erosion", "erosion_ratio"):
+            if f"{prefix}_{name}" not in self.dataset:
+                continue
+            value = float(self.dataset[f"{prefix}_{name}"].values[index])
+            row = quantity_row(f"{name}{suffix}", FACES[name], value, self.units)
+            if name in ("volume", "mass"):
+                # Patches are in the unit of the whole.
+                scale = table_scale(FACES[name].dimension, self.units, float(self.dataset[f"total_{name}"]))
+                row = row._replace(
+                    value=with_error(value, value * error if value else 0.0, scale.size), unit=scale.unit
+                )
+            rows.append(row)
+        return rows
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences on what is left out or doubtful."""
+        data = self.dataset
+        sentences = [data.attrs["notes"]] if data.attrs["notes"] else []
+        total = int(data["rows"])
+        for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
+            if count and name != "elsewhere":
+                named = f", such as {data.attrs['far_rows']}" if name == "too-far" else ""
+                sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{named}.")
+        failed = int(data["ends"].sum() - data["total_impacts"])
+        if failed:
+            sentences.append(f"{failed:,} impacts could not be computed, and are not counted.")
+        if "beyond_range" in data and float(data["beyond_range"]) > 0:
+            share = f"{100 * float(data['beyond_range']):.3g} %"
+            sentences.append(f"{share} of the mass that hits is outside the range of {data.attrs['model']}.")
+        return sentences
+
+    def to_dict(self) -> Record:
+        """Totals, patches, how impacts end and what is left out, with the units of the numbers."""
+        data = self.dataset
+        numbers: Record = {
+            str(name): data[name].item() for name, variable in data.data_vars.items() if not variable.dims
+        }
+        units = {name: data[name].attrs.get("units", "1") for name in numbers}
+        for name in ("depth", "depth_rate", "depth_per_year", "mass_flux"):
+            if name in data:
+                numbers[f"greatest_{name}"] = data[name].max().item()
+                units[f"greatest_{name}"] = data[name].attrs["units"]
+        if "depth" in data:
+            numbers["deepest_face"] = int(np.argmax(data["depth"].values))
+            numbers["faces"], numbers["faces_hit"] = data.sizes["face"], int((data["impacts"] > 0).sum())
+        of_patches = [str(name) for name, variable in data.data_vars.items() if variable.dims == ("patch",)]
+        units |= {name.removeprefix("patch_"): data[name].attrs["units"] for name in of_patches}
+        numbers["patches"] = {
+            patch: {name.removeprefix("patch_"): data[name].values[i] for name in of_patches}
+            for i, patch in enumerate(data["patch"].values)
+        }
+        numbers["ends"] = dict(zip(data["end"].values, data["ends"].sum("patch").values, strict=True))
+        numbers["left_out"] = dict(zip(data["reason"].values, data["left_out"].values, strict=True))
+        pure = {name for name, unit in units.items() if unit == "1"}
+        numbers["units"] = {name: unit for name, unit in units.items() if name not in pure}
+        return to_plain(numbers)

@@ -1,0 +1,231 @@
+"""Pictures of maps: the surface in three dimensions, each face coloured by its wear."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from erosion.cfd.extra import library
+from erosion.maps.export import to_polydata
+from erosion.maps.result import FACES
+from erosion.parameters.scales import Scale, readable_scale, table_scale
+from erosion.plotting.colors import FAINT, INK
+from erosion.plotting.style import house_style, new_figure
+from erosion.tables import with_error
+
+VIEWS: Mapping[str, tuple[float, float, float]] = {
+    "iso": (1.0, -1.4, 0.9), "+x": (1.0, 0.0, 0.0), "-x": (-1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0),
+    "-y": (0.0, -1.0, 0.0), "+z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0),
+}  # fmt: skip
+"""Views by name: the direction from the surface to the eye."""
+
+_COLORS = "viridis"
+_UNTOUCHED = "#d9dde2"
+_PIXELS = 1600  # of the longer side of the picture
+_DECADES = 3  # of a logarithmic scale
+_MARGIN = 1.04
+_FLATTEST, _TALLEST = 0.25, 1.2  # height over width of the picture
+_EDGE_ON = 1e-3  # cosine of the angle between a face's normal and the view
+_STRIP = 0.15  # height of the strip below the picture over the picture's width
+_EDGES = 4000  # faces: with more of them lines between faces would hide the colours
+
+
+@house_style()
+def plot_map(
+    wear: xr.Dataset,
+    quantity: str = "depth",
+    *,
+    view: str | Sequence[float | int] = "iso",
+    zoom: float | int = 1.0,
+    log: bool = False,
+) -> Figure:
+    """Draw a map: the surface, coloured by one of the numbers of its faces; faces that nothing hits are grey.
+
+    Args:
+        wear: what `erosion_map` returns, of a surface.
+        quantity: a variable over "face": "depth", "depth_per_year", "alpha_mean", "relative_error", ….
+        view: "iso", "+x", "-x", …, or the direction from the surface to the eye, (x, y, z).
+        zoom: 2 shows the middle half of the surface.
+        log: colours by the logarithm, over the three decades below the greatest value.
+
+    Raises:
+        ValueError: for a map without a surface, an unknown variable or view, and a view that shows nothing.
+        ImpactsError: where pyvista, of the extra `cfd`, is not installed.
+    """
+    require_view(view, zoom)
+    if "face" not in wear.dims:
+        raise ValueError("Argument `wear` must be the map of a surface, but holds totals alone.")
+    if quantity not in FACES or quantity not in wear:
+        known = ", ".join(name for name in FACES if name in wear)
+        raise ValueError(f"Argument `quantity` must be one of {known}, but is {quantity!r}.")
+    scale, values = _in_scale(wear, quantity)
+    greatest = float(np.max(values, where=np.isfinite(values), initial=0.0))
+    norm = _norm(values, from_zero=quantity not in ("alpha_mean", "v0_mean"), log=log)
+    is_hit = (wear["impacts"].values > 0) & np.isfinite(values)
+    colours = mpl.colormaps[_COLORS](np.clip(norm(np.where(is_hit, values, greatest)).filled(0.0), 0.0, 1.0))[:, :3]
+    colours[~is_hit] = to_rgb(_UNTOUCHED)
+    camera = _camera(wear["point"].values[wear["corner"].values], view, zoom)
+    fig = new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.0, 8.5))
+    ax = fig.subplots()
+    ax.imshow(_picture(wear, colours, camera), extent=(0, camera.width, 0, camera.height))
+    _add_ruler_and_axes(ax, camera)
+    if not is_hit.all():
+        handles = [Patch(color=_UNTOUCHED, label="no impacts")]
+        ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.0), borderaxespad=0.3)
+    low = log and bool(np.any(values[is_hit] < norm.vmin))
+    unit = f" [{scale.unit}]" if scale.unit else ""
+    fig.colorbar(
+        ScalarMappable(norm, _COLORS), ax=ax, orientation="horizontal", aspect=40, shrink=0.9, pad=0.01,
+        extend="min" if low else "neither", label=f"{FACES[quantity].symbol}  {FACES[quantity].meaning}{unit}",
+    )  # fmt: skip
+    ax.set_title(_title(wear), fontsize=10, loc="left")
+    return fig
+
+
+def require_view(view: str | Sequence[float | int], zoom: float | int, normals: np.ndarray | None = None) -> None:
+    """Check a view and its zoom, and that it sees something of a surface; errors as of `plot_map`.
+
+    Args:
+        view: see `plot_map`.
+        zoom: see `plot_map`.
+        normals: of the faces, shape (faces, 3), where they are known.
+    """
+    direction = _direction(view)
+    if normals is not None and np.abs(normals @ direction).max() < _EDGE_ON:
+        raise ValueError("Argument `view` must show the surface, but sees it edge on.")
+    if not (isinstance(zoom, (int, float)) and math.isfinite(zoom) and zoom > 0):
+        raise ValueError(f"Argument `zoom` must be positive and finite, but is {zoom!r}.")
+
+
+class _Camera(NamedTuple):
+    """A view without perspective; unit vectors, and the size of what is seen [m]."""
+
+    middle: np.ndarray
+    eye: np.ndarray
+    right: np.ndarray
+    up: np.ndarray
+    width: float
+    height: float
+
+
+def _direction(view: str | Sequence[float | int]) -> np.ndarray:
+    """The unit vector from the surface to the eye."""
+    if isinstance(view, str):
+        if view not in VIEWS:
+            raise ValueError(f"Argument `view` must be one of {', '.join(VIEWS)}, or a direction, but is {view!r}.")
+        view = VIEWS[view]
+    direction = np.asarray(view, float)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise ValueError(f"Argument `view` must be a direction (x, y, z) other than (0, 0, 0), but is {view!r}.")
+    return direction / np.linalg.norm(direction)
+
+
+def _camera(points: np.ndarray, view: str | Sequence[float | int], zoom: float | int) -> _Camera:
+    """A camera that sees all points, with z upwards if it can be."""
+    eye = _direction(view)
+    vertical = np.array([0.0, 1.0, 0.0]) if abs(eye[2]) > 0.999 else np.array([0.0, 0.0, 1.0])
+    right = np.cross(vertical, eye)
+    right /= np.linalg.norm(right)
+    up = np.cross(eye, right)
+    seen = points @ np.stack([right, up, eye], axis=1)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    middle = np.stack([right, up, eye], axis=1) @ ((low + high) / 2)
+    width, height = (high - low)[:2] * (_MARGIN / zoom)
+    width, height = max(width, height / _TALLEST), max(height, width * _FLATTEST)
+    return _Camera(middle, eye, right, up, float(width), float(height))
+
+
+def _picture(wear: xr.Dataset, colours: np.ndarray, camera: _Camera) -> np.ndarray:
+    """The surface as pixels."""
+    pyvista = library("pyvista")
+    longer = max(camera.width, camera.height)
+    size = [max(1, round(_PIXELS * length / longer)) for length in (camera.width, camera.height)]
+    surface = to_polydata(wear)
+    surface.clear_data()
+    surface.cell_data["colour"] = np.round(255 * colours).astype(np.uint8)
+    # Without a screen VTK warns on stderr that it looks for one, and then draws in memory.
+    with pyvista.vtk_verbosity("off"):
+        plotter = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
+        plotter.set_background("white")
+        # A light at the eye shows the shape; most of it is ambient, so that colours stay those of the scale.
+        plotter.add_light(pyvista.Light(light_type="headlight"))
+        edges = {"show_edges": surface.n_cells <= _EDGES, "edge_color": FAINT, "edge_opacity": 0.5, "line_width": 1}
+        plotter.add_mesh(surface, scalars="colour", rgb=True, ambient=0.6, diffuse=0.42, specular=0.0, **edges)
+        far = 10 * float(np.linalg.norm(np.ptp(surface.points, axis=0)))
+        plotter.camera.focal_point = camera.middle
+        plotter.camera.position = camera.middle + far * camera.eye
+        plotter.camera.up = camera.up
+        plotter.camera.parallel_projection = True
+        plotter.camera.parallel_scale = camera.height / 2
+        plotter.renderer.reset_camera_clipping_range()
+        plotter.enable_anti_aliasing("ssaa")
+        picture = plotter.screenshot(None, return_img=True)
+        plotter.close()
+    if (picture == 255).all():
+        raise ValueError("Argument `view` must show the surface, but sees it edge on, or zooms into a gap.")
+    return np.asarray(picture)
+
+
+def _in_scale(wear: xr.Dataset, quantity: str) -> tuple[Scale, np.ndarray]:
+    """The unit in which the numbers of the faces read well, and the numbers in it."""
+    values = np.asarray(wear[quantity].values, float)
+    if quantity == "depth_per_year":
+        return Scale(1.0, "mm/year"), values
+    if FACES[quantity].dimension == "1":
+        return Scale(1.0, ""), values
+    greatest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+    scale = readable_scale(FACES[quantity].dimension, wear.attrs["unit_system"], greatest)
+    return scale, values / scale.size
+
+
+def _norm(values: np.ndarray, *, from_zero: bool, log: bool) -> Normalize:
+    """The range of the colours."""
+    known = values[np.isfinite(values)]
+    low = float(known.min(initial=np.inf)) if not from_zero else 0.0
+    high = float(known.max(initial=0.0))
+    if log and high > 0:
+        return LogNorm(high / 10**_DECADES, high)
+    if not low < high:
+        return Normalize(min(low, high), high + 1.0) if from_zero else Normalize(high - 1.0, high + 1.0)
+    return Normalize(low, high)
+
+
+def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
+    """Below the picture a ruler, and the directions of x, y and z."""
+    strip, centre = _STRIP * camera.width, -0.6 * _STRIP * camera.width
+    ax.set_xlim(0, camera.width)
+    ax.set_ylim(-strip, camera.height)
+    ax.axis("off")
+    length = 10.0 ** math.floor(math.log10(camera.width / 4))
+    length *= max(factor for factor in (1, 2, 5) if factor * length <= camera.width / 4)
+    scale = readable_scale("length", "si", length)
+    begin = 0.02 * camera.width
+    tick = 0.01 * camera.width
+    ax.plot([begin, begin, begin + length, begin + length], [centre + tick, centre, centre, centre + tick],
+            color=INK, linewidth=1.2, solid_joinstyle="miter")  # fmt: skip
+    ax.annotate(f"{length / scale.size:g} {scale.unit}", (begin + length / 2, centre), (0, 3),
+                textcoords="offset points", ha="center", va="bottom", fontsize=9)  # fmt: skip
+    origin, arm = np.array([0.88 * camera.width, centre]), 0.045 * camera.width
+    for i, name in enumerate("xyz"):
+        shown: Any = np.array([camera.right[i], camera.up[i]])
+        if np.linalg.norm(shown) < 0.15:  # towards the eye
+            continue
+        tip = origin + arm * shown
+        arrow = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
+        ax.annotate("", tuple(tip), tuple(origin), arrowprops=arrow)
+        ax.annotate(name, tuple(origin + 1.35 * arm * shown), ha="center", va="center", fontsize=9)
+
+
+def _title(wear: xr.Dataset) -> str:
+    """The model, and the total with its standard error."""
+    total, error = float(wear["total_volume"]), float(wear["total_relative_error"])
+    scale = table_scale("volume", wear.attrs["unit_system"], total)
+    return f"{wear.attrs['model']}: {with_error(total, total * error, scale.size)} {scale.unit} in all"

@@ -1,0 +1,434 @@
+"""Tables and meshes that OpenFOAM v1912 wrote, and copies of them with something wrong."""
+
+import gzip
+import math
+import pickle
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foamlib import FoamFile
+
+from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.read import read_impacts, read_surface
+
+RUNS = Path(__file__).parent / "openfoam"
+TABLES = Path("postProcessing") / "lagrangian" / "kinematicCloud" / "impacts"
+ROWS = 464  # lines of the four tables without their headers
+HUMP, FLOOR = (942, 36), (918, 24)  # first face and number of faces, in constant/polyMesh/boundary
+
+
+def together(impacts, rows=1_000_000):
+    blocks = list(impacts.blocks(rows))
+    names = ("count", "mass", "diameter", "velocity", "position", "face", "time")
+    return {name: np.concatenate([getattr(block, name) for block in blocks]) for name in names}
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A copy of the parallel run, whose tables are plain text, to spoil."""
+    shutil.copytree(RUNS / "parallel", tmp_path / "run")
+    return tmp_path / "run"
+
+
+def finnie(rows, normals):
+    """Volumes by the formula of OpenFOAM's function object `particleErosion`, ψ = 2, K = 2.4, p = 1.5e9 Pa."""
+    speed = np.linalg.norm(rows["velocity"], axis=1)
+    alpha = math.pi / 2 - np.arccos(np.sum(rows["velocity"] * normals, axis=1) / speed)
+    unit = rows["count"] * rows["mass"] * speed**2 / (1.5e9 * 2 * 2.4)
+    shallow = np.sin(2 * alpha) - 6 / 2.4 * np.sin(alpha) ** 2
+    return unit * np.where(np.tan(alpha) < 2.4 / 6, shallow, 2.4 * np.cos(alpha) ** 2 / 6)
+
+
+@pytest.mark.parametrize("name", ["serial", "parallel"])
+def test_volumes_by_openfoams_formula_are_its_own_field(name):
+    rows = together(read_impacts(RUNS / name))
+    surface = read_surface(RUNS / name, ["hump", "floor"])
+    assert len(rows["count"]) == ROWS
+    faces = surface.face_of_mesh(rows["face"])
+    volume = np.bincount(faces, finnie(rows, surface.normal[faces]), surface.faces)
+    field = FoamFile(next((RUNS / name / "0.02").glob("kinematicCloudQ*")))
+    own = np.concatenate([np.asarray(field["boundaryField", patch, "value"]) for patch in surface.patches])
+    assert np.count_nonzero(own) == 38
+    # Files hold 17 digits; the sums of up to 40 rows a face round in another order.
+    np.testing.assert_allclose(volume, own, rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["serial", "parallel"])
+def test_each_impact_lies_on_the_face_that_it_names(name):
+    rows = together(read_impacts(RUNS / name))
+    surface = read_surface(RUNS / name, ["hump", "floor"])
+    faces, distances = surface.nearest(rows["position"])
+    np.testing.assert_array_equal(faces, surface.face_of_mesh(rows["face"]))
+    assert distances.max() < 1e-16  # m
+
+
+def test_blocks_keep_the_order_of_the_table_whatever_their_size():
+    impacts = read_impacts(RUNS / "serial")
+    whole, parts = together(impacts), together(impacts, 7)
+    for name, values in whole.items():
+        np.testing.assert_array_equal(parts[name], values)
+    assert max(block.rows for block in impacts.blocks(7)) == 7
+    # Times of a patch increase through its windows, and the numbers of rows start again in each file.
+    first = [(Path(block.source).parent.name, Path(block.source).name, block.first) for block in impacts.blocks(1000)]
+    assert first == [(window, f"{patch}.post.gz", 0) for window in ("0.01", "0.02") for patch in ("floor", "hump")]
+
+
+def test_a_case_is_found_from_within_and_has_the_name_that_was_given(run, monkeypatch):
+    monkeypatch.chdir(run.parent)
+    assert read_surface("run", "hump").title == "run: hump"
+    monkeypatch.chdir(run / TABLES)
+    rows = together(read_impacts("0.01"))
+    np.testing.assert_array_equal(rows["face"], together(read_impacts(RUNS / "parallel" / TABLES / "0.01"))["face"])
+
+
+def test_a_table_apart_from_its_case_needs_the_case(run, tmp_path):
+    shutil.move(run / TABLES, tmp_path / "apart")
+    with pytest.raises(ImpactsError, match="faceProcAddressing is needed of the case, which is not given"):
+        together(read_impacts(tmp_path / "apart"))
+    rows = together(read_impacts(tmp_path / "apart", case=run))
+    np.testing.assert_array_equal(rows["face"], together(read_impacts(RUNS / "parallel"))["face"])
+
+
+def test_what_the_case_says_of_the_run():
+    impacts = read_impacts(RUNS / "serial")
+    assert impacts.duration == pytest.approx(0.02, rel=1e-15)
+    assert impacts.mesh_faces
+    assert impacts.rows is None
+    assert impacts.notes == ()
+    assert read_impacts(RUNS / "serial", duration=3.0).duration == 3.0
+
+
+def test_a_table_can_be_sent_to_another_process():
+    impacts = pickle.loads(pickle.dumps(read_impacts(RUNS / "parallel")))
+    np.testing.assert_array_equal(together(impacts)["face"], together(read_impacts(RUNS / "parallel"))["face"])
+
+
+def test_the_identity_is_of_the_rows_alone(run):
+    original, copy = read_impacts(RUNS / "parallel"), read_impacts(run)
+    assert copy.identity() == original.identity()
+    path = run / TABLES / "0.02" / "floor.post"
+    path.write_text(path.read_text().replace("2650", "2651", 1))
+    assert copy.identity() != original.identity()
+
+
+def test_one_file_one_window_and_a_whole_case_give_the_same_rows():
+    case = together(read_impacts(RUNS / "serial"))
+    folder = together(read_impacts(RUNS / "serial" / TABLES))
+    np.testing.assert_array_equal(folder["velocity"], case["velocity"])
+    windows = [together(read_impacts(RUNS / "serial" / TABLES / window)) for window in ("0.01", "0.02")]
+    np.testing.assert_array_equal(np.concatenate([rows["time"] for rows in windows]), case["time"])
+    file = together(read_impacts(RUNS / "serial" / TABLES / "0.01" / "hump.post.gz"))
+    assert 0 < len(file["time"]) < len(windows[0]["time"])
+
+
+def only_processor_0(path):
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(row for row in rows if row.split()[1] == "0")]) + "\n")
+
+
+def test_a_parallel_run_that_hits_on_one_processor_alone(run):
+    whole = list(read_impacts(run).blocks(1_000_000))
+    for path in (run / TABLES).rglob("*.post"):
+        only_processor_0(path)
+    rows = together(read_impacts(run))
+    # Left of x = 6 cm, where the mesh is cut, all is of processor 0.
+    left = np.concatenate([np.asarray(block.face)[np.asarray(block.position)[:, 0] < 0.06] for block in whole])
+    assert 100 < len(left) < ROWS
+    np.testing.assert_array_equal(rows["face"], left)
+
+
+def test_a_serial_run_of_a_case_that_is_decomposed_too(run):
+    for path in (RUNS / "serial" / TABLES).rglob("*.post.gz"):
+        (run / TABLES / path.parent.name / path.stem).write_bytes(gzip.decompress(path.read_bytes()))
+    np.testing.assert_array_equal(together(read_impacts(run))["face"], together(read_impacts(RUNS / "serial"))["face"])
+
+
+def test_faces_that_fit_a_serial_and_a_parallel_run_are_refused(run):
+    for path in (run / TABLES).rglob("*.post"):
+        only_processor_0(path)
+        if path.stem == "hump":
+            path.unlink()
+    head = "FoamFile { version 2.0; format ascii; class labelList; object x; }\n"
+    numbers = np.arange(1, 1300)
+    numbers[FLOOR[0] : sum(FLOOR)] = numbers[FLOOR[0] : sum(FLOOR)][::-1]
+    text = f"{head}{len(numbers)}({' '.join(map(str, numbers))})"
+    (run / "processor0" / "constant" / "polyMesh" / "faceProcAddressing").write_text(text)
+    for path in (run / TABLES).rglob("floor.post"):
+        head, *rows = path.read_text().splitlines()
+        fields = [row.split(" ") for row in rows]
+        place = head.replace("(", "").replace(")", "").split().index("facei") - 1
+        for row in fields:
+            row[place] = str(FLOOR[0])
+        path.write_text("\n".join([head, *(" ".join(row) for row in fields)]) + "\n")
+    with pytest.raises(ImpactsError, match="names faces of patch 'floor', whether they are counted in the whole mesh"):
+        together(read_impacts(run))
+
+
+def test_names_of_other_versions(tmp_path):
+    # As openfoam.org and `particlePostProcessing` of openfoam.com write: (Ux Uy Uz), tabs, and only the wanted fields.
+    table = tmp_path / "0.5" / "wall.dat"
+    table.parent.mkdir()
+    table.write_text(
+        "# Time currentProc (positionx positiony positionz) d rho nParticle (Ux Uy Uz) active\n"
+        "0.1\t0 (1 2 3) 1e-4 2650 20 (10 -20 30) 1\n0.2\t0  (1 2 4) 2e-4 2650 2.5 (1 2 -3) 1\n"
+    )
+    (block,) = read_impacts(tmp_path).blocks(10)
+    np.testing.assert_array_equal(block.velocity, [(10, -20, 30), (1, 2, -3)])
+    np.testing.assert_array_equal(block.position, [(1, 2, 3), (1, 2, 4)])
+    np.testing.assert_array_equal(block.count, [20, 2.5])
+    np.testing.assert_allclose(block.mass, 2650 * math.pi / 6 * np.array([1e-12, 8e-12]), rtol=1e-15)
+    assert block.face is None
+    assert not read_impacts(tmp_path).mesh_faces
+
+
+def test_surfaces_of_the_ascii_and_of_the_binary_mesh_are_the_same():
+    ascii_mesh, binary_mesh = (read_surface(RUNS / name) for name in ("serial", "parallel"))
+    assert ascii_mesh.patches == binary_mesh.patches == ("floor", "hump", "roof", "sides")
+    assert ascii_mesh.mesh_face is not None
+    np.testing.assert_array_equal(ascii_mesh.mesh_face, binary_mesh.mesh_face)
+    np.testing.assert_array_equal(ascii_mesh.centre, binary_mesh.centre)
+
+
+def test_a_patch_has_its_faces_and_points_out_of_the_fluid():
+    hump = read_surface(RUNS / "serial", "hump")
+    assert hump.mesh_face is not None
+    np.testing.assert_array_equal(hump.mesh_face, np.arange(HUMP[0], sum(HUMP)))
+    assert (hump.normal[:, 1] < 0).all()  # the fluid is above
+    # The arc through (4, 0), (6, 1.2), (8, 0) cm has the radius (2² + 1.2²) / 2.4; twelve chords are shorter by 0.2 %.
+    radius = (2**2 + 1.2**2) / 2.4
+    arc = 2 * radius * math.asin(2 / radius) * 2 * 1e-4
+    assert hump.area.sum() == pytest.approx(arc, rel=3e-3)
+    both = read_surface(RUNS / "serial", ["hump", "floor"])
+    np.testing.assert_array_equal(np.bincount(both.patch), [HUMP[1], FLOOR[1]])
+
+
+def test_polyhedra_with_faces_of_many_corners(tmp_path):
+    mesh = tmp_path / "constant" / "polyMesh"
+    mesh.mkdir(parents=True)
+    head = "FoamFile {{ version 2.0; format ascii; class {}; object x; }}\n"
+    points = "6((0 0 0) (2 0 0) (2 1 0) (1 2 0) (0 1 0) (1 1 5))"
+    (mesh / "points").write_text(head.format("vectorField") + points)
+    (mesh / "faces").write_text(head.format("faceList") + "3(5(0 1 2 3 4) 3(0 5 1) 4(0 4 5 1))")
+    (mesh / "boundary").write_text(
+        head.format("polyBoundaryMesh")
+        + "2(a {type patch; nFaces 1; startFace 1;} b {type wall; nFaces 2; startFace 0;})"
+    )
+    surface = read_surface(tmp_path, "b")
+    np.testing.assert_allclose(surface.area[0], 3.0, rtol=1e-15)
+    np.testing.assert_array_equal(surface.ends, [5, 8])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("icoUncoupledKinematicParcelFoam") is None, reason="OpenFOAM is not installed")
+def test_the_recipe_makes_the_same_runs_again(tmp_path):
+    subprocess.run(["sh", RUNS / "run.sh", tmp_path], check=True, capture_output=True)
+    for name in ("serial", "parallel"):
+        again, rows = together(read_impacts(tmp_path / name)), together(read_impacts(RUNS / name))
+        np.testing.assert_array_equal(again["face"], rows["face"])
+        np.testing.assert_allclose(again["velocity"], rows["velocity"], rtol=1e-9)
+
+
+def test_a_binary_mesh_with_labels_of_64_bits(run):
+    expected, rows = read_surface(RUNS / "parallel"), together(read_impacts(RUNS / "parallel"))
+    head = 'FoamFile {{ version 2.0; format binary; arch "LSB;label=64;scalar=64"; class {}; object x; }}\n'
+
+    def labels(numbers):
+        return f"{len(numbers)}\n(".encode() + np.asarray(numbers, "<i8").tobytes() + b")\n"
+
+    mesh = Path("constant") / "polyMesh"
+    faces: Any = FoamFile(run / mesh / "faces")[None]
+    starts, corners = faces
+    content = head.format("faceCompactList").encode() + labels(starts) + labels(corners)
+    (run / mesh / "faces").write_bytes(content)
+    for path in run.glob("processor*/constant/polyMesh/faceProcAddressing"):
+        path.write_bytes(head.format("labelList").encode() + labels(FoamFile(path)[None]))
+    np.testing.assert_array_equal(read_surface(run).centre, expected.centre)
+    np.testing.assert_array_equal(together(read_impacts(run))["face"], rows["face"])
+
+
+def append(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def spoil_row(path, number, change):
+    lines = path.read_text().splitlines()
+    lines[number] = change(lines[number])
+    path.write_text("\n".join(lines) + "\n")
+
+
+def serial_first(run):
+    path = RUNS / "serial" / TABLES / "0.01" / "floor.post.gz"
+    (run / TABLES / "0.01" / "floor.post").write_bytes(gzip.decompress(path.read_bytes()))
+
+
+def drop_processors(run):
+    for folder in run.glob("processor*"):
+        shutil.rmtree(folder)
+
+
+def repeat_window(run):
+    shutil.copytree(run / TABLES / "0.02", run / TABLES / "0.03")
+
+
+def empty_table(run):
+    (run / TABLES / "0.02" / "hump.post").write_text("")
+
+
+def junk(run):
+    (run / TABLES / "0.02" / "hump.post").write_bytes(bytes(range(256)) * 40)
+
+
+def drop_header(run):
+    path = run / TABLES / "0.02" / "hump.post"
+    path.write_text(path.read_text().split("\n", 1)[1])
+
+
+def other_header(run):
+    append(run / TABLES / "0.02" / "hump.post", " dTarget ", " dAim ")
+
+
+def short_row(run):
+    spoil_row(run / TABLES / "0.02" / "hump.post", 12, lambda line: line.rsplit(" ", 1)[0])
+
+
+def not_a_number(run):
+    spoil_row(run / TABLES / "0.02" / "hump.post", 12, lambda line: line.replace("2650", "steel"))
+
+
+def nan(run):
+    spoil_row(run / TABLES / "0.02" / "hump.post", 12, lambda line: line.replace("2650", "nan"))
+
+
+def full_table(run):
+    append(run / "constant" / "kinematicCloudProperties", "maxStoredParcels 100000", "maxStoredParcels 50")
+
+
+def two_objects(run):
+    shutil.copytree(run / TABLES, run / TABLES.with_name("more"))
+
+
+def no_tables(run):
+    shutil.rmtree(run / "postProcessing")
+
+
+def twice(run):
+    path = run / TABLES / "0.02" / "hump.post"
+    path.with_name("hump.post.gz").write_bytes(gzip.compress(path.read_bytes()))
+
+
+def foreign_mesh(run):
+    append(run / "constant" / "polyMesh" / "boundary", "918", "917")
+
+
+def short_addressing(run):
+    head = "FoamFile { version 2.0; format ascii; class labelList; object x; }\n"
+    (run / "processor1" / "constant" / "polyMesh" / "faceProcAddressing").write_text(head + "3(1 -2 3)")
+
+
+def cut_gzip(run):
+    path = run / TABLES / "0.02" / "hump.post"
+    path.with_name("hump.post.gz").write_bytes(gzip.compress(path.read_bytes())[:-3000])
+    path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (serial_first, "0.01.hump.post: is of a parallel run, but the rows before it are of a serial one"),
+        (drop_processors, "is of a parallel run.*processor[01]/constant/polyMesh/faceProcAddressing is needed"),
+        (
+            repeat_window,
+            "0.03.floor.post: begins at .* before .*0.02.floor.post ends at 0.02 s: a restart",
+        ),
+        (empty_table, "0.02.hump.post: is empty"),
+        (junk, "0.02.hump.post: is no table of text"),
+        (drop_header, "0.02.hump.post: has no header of OpenFOAM, a line that starts with '# Time'"),
+        (other_header, "0.02.hump.post: has other columns than .*0.01.floor.post"),
+        (short_row, "0.02.hump.post: row 12 has 38 fields, but the header names 39"),
+        (not_a_number, "0.02.hump.post: row 12: column `rho` must be a number, but is 'steel'"),
+        (nan, "0.02.hump.post: row 12: column `density` must be finite, but is nan"),
+        (full_table, r"holds \d+ rows of processor [01], which is the case's `maxStoredParcels`"),
+        (two_objects, "has tables of 2 function objects, .*impacts, .*more; give one"),
+        (no_tables, r"run: has no tables of impacts \(.post, .dat\), but 0.02/, constant/, processor0/"),
+        (twice, "hump.post.gz: is there twice"),
+        (foreign_mesh, "names face .* which is none of patch 'floor'"),
+        (short_addressing, "of processor 1, which has 3 faces"),
+        (cut_gzip, "hump.post.gz: cannot be read"),
+    ],
+)
+def test_a_run_with_something_wrong_is_refused(run, spoil, message):
+    spoil(run)
+    with pytest.raises(ImpactsError, match=message):
+        together(read_impacts(run))
+
+
+HEADER = "# Time currentProc (U0 U1 U2) facei d rho nParticle"
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (HEADER.replace(" facei", ""), "names neither the face"),
+        (HEADER.replace(" d ", " "), "has no column of the diameter"),
+        (HEADER.replace(" rho", ""), "has no column of the mass or the density.*give the density"),
+        (HEADER.replace("U0 U1 U2", ""), "has no columns of the velocity"),
+        (HEADER.replace("rho", "d"), "the header repeats d"),
+    ],
+)
+def test_columns_that_are_needed_are_named(tmp_path, header, message):
+    table = tmp_path / "wall.post"
+    table.write_text(f"{header}\n")
+    with pytest.raises(ImpactsError, match=message):
+        read_impacts(table)
+
+
+def test_a_table_without_weights_counts_particles_and_says_so(tmp_path):
+    table = tmp_path / "wall.post"
+    table.write_text(HEADER.replace(" nParticle", "") + "\n0.1 0 (1 2 3) 7 1e-4 2650\n")
+    impacts = read_impacts(table)
+    assert impacts.notes == (
+        "wall.post has no column of the number of particles that a row stands for, so each row counts as one particle.",
+    )
+    (block,) = impacts.blocks(10)
+    np.testing.assert_array_equal(block.count, [1])
+    np.testing.assert_array_equal(block.face, [7])
+
+
+def test_a_table_without_rows_has_none(tmp_path):
+    table = tmp_path / "wall.post"
+    table.write_text(f"{HEADER}\n")
+    assert list(read_impacts(table).blocks(10)) == []
+
+
+def test_the_density_may_be_given(tmp_path):
+    table = tmp_path / "wall.post"
+    table.write_text(HEADER.replace(" rho", "") + "\n0.1 0 (1 2 3) 7 1e-4 5\n")
+    (block,) = read_impacts(table, density="2.65 g/cm^3").blocks(10)
+    np.testing.assert_allclose(block.mass, [2650 * math.pi / 6 * 1e-12], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("patch", "message"),
+    [("hmup", "has no patch 'hmup', but has inlet, outlet, floor, hump, roof, sides"), (["hump", "x"], "no patch 'x'")],
+)
+def test_a_patch_that_is_not_there_is_refused_with_those_that_are(patch, message):
+    with pytest.raises(ImpactsError, match=message):
+        read_surface(RUNS / "serial", patch)
+
+
+def test_a_folder_without_a_mesh_is_no_case(tmp_path):
+    with pytest.raises(ImpactsError, match="is no OpenFOAM case, because it has no constant/polyMesh/boundary"):
+        read_surface(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["boundary", "faces", "points"])
+def test_a_mesh_that_cannot_be_read_is_refused_by_its_file(run, name):
+    (run / "constant" / "polyMesh" / name).write_bytes(b"\0\xff junk {")
+    with pytest.raises(ImpactsError, match=rf"{name}: (cannot be read as a file of OpenFOAM|is no list)"):
+        read_surface(run, "hump")

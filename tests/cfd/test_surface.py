@@ -1,0 +1,93 @@
+"""Polygons in space: centroids, areas, normals, the faces of a mesh, and the face nearest to a point."""
+
+import numpy as np
+import pytest
+
+from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.surface import Surface
+
+TRIANGLE = [(0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (0.0, 3.0, 0.0)]
+# In the plane x = 1, an L of three squares of side 1, its normal along +x.
+ELL = [(1.0, 0.0, 0.0), (1.0, 2.0, 0.0), (1.0, 2.0, 1.0), (1.0, 1.0, 1.0), (1.0, 1.0, 2.0), (1.0, 0.0, 2.0)]
+# In the plane y = 5, its normal along -y.
+TRAPEZIUM = [(0.0, 5.0, 0.0), (4.0, 5.0, 0.0), (3.0, 5.0, 1.0), (1.0, 5.0, 1.0)]
+
+
+def surface(*polygons, **fields):
+    points = np.array([point for polygon in polygons for point in polygon], float).reshape(-1, 3)
+    return Surface(
+        title="wall",
+        points=points,
+        corners=np.arange(len(points)),
+        ends=np.cumsum([len(polygon) for polygon in polygons], dtype=int),
+        patches=("wall",),
+        patch=np.zeros(len(polygons), int),
+        **fields,
+    )
+
+
+def test_centroids_areas_and_normals_of_plane_polygons():
+    wall = surface(TRIANGLE, ELL, TRAPEZIUM)
+    assert wall.faces == 3
+    np.testing.assert_allclose(wall.area, [4.5, 3, 3], rtol=1e-15)
+    np.testing.assert_allclose(wall.normal, [(0, 0, 1), (1, 0, 0), (0, -1, 0)], atol=1e-15)
+    # The L's three squares have their centres at (0.5, 0.5), (1.5, 0.5), (0.5, 1.5).
+    np.testing.assert_allclose(wall.centre, [(1, 1, 0), (1, 5 / 6, 5 / 6), (2, 5, 4 / 9)], rtol=1e-15)
+
+
+def test_the_centroid_of_a_face_with_a_deep_notch():
+    # A square of side 4 without the triangle (4, 0), (4, 4), (0.5, 2): area 16 - 7, centroid by the difference.
+    wall = surface([(0, 0, 0), (4, 0, 0), (0.5, 2, 0), (4, 4, 0), (0, 4, 0)])
+    np.testing.assert_allclose(wall.area, [9], rtol=1e-14)
+    np.testing.assert_allclose(wall.centre, [((16 * 2 - 7 * 8.5 / 3) / 9, 2, 0)], rtol=1e-14)
+
+
+def test_a_twisted_face_has_the_area_vector_of_its_edge():
+    twisted = surface([(0, 0, 0), (1, 0, 0.2), (1, 1, -0.1), (0, 1, 0.4)])
+    corners = twisted.points
+    edge = np.sum(np.cross(corners, np.roll(corners, -1, axis=0)), axis=0) / 2
+    np.testing.assert_allclose(twisted.area_vector, [edge], rtol=1e-14)
+
+
+def test_the_reversed_surface_has_the_opposite_normals_and_no_other_difference():
+    wall = surface(TRIANGLE, ELL, TRAPEZIUM)
+    mirrored = wall.reversed()
+    np.testing.assert_array_equal(mirrored.normal, -wall.normal)
+    np.testing.assert_allclose(mirrored.centre, wall.centre, rtol=1e-15)
+    np.testing.assert_array_equal(mirrored.reversed().corners, wall.corners)
+
+
+def test_faces_of_the_mesh_that_are_not_of_the_surface_are_none():
+    wall = surface(TRIANGLE, ELL, TRAPEZIUM, mesh_face=np.array([70, 12, 31]))
+    np.testing.assert_array_equal(wall.face_of_mesh(np.array([12, 31, 70, 0, 13, 99, -1])), [1, 2, 0, -1, -1, -1, -1])
+    with pytest.raises(ImpactsError, match="wall: does not say which faces of the mesh"):
+        surface(TRIANGLE).face_of_mesh(np.array([0]))
+
+
+def test_the_nearest_face_by_its_sides_not_by_its_centroid():
+    # A face of 100 m beside one of 1 cm: near the great one's end the small one's centroid is nearer.
+    great = [(0, 0, 0), (100, 0, 0), (100, 1, 0), (0, 1, 0)]
+    small = [(100, 0, 0), (100.01, 0, 0), (100.01, 0.01, 0), (100, 0.01, 0)]
+    wall = surface(great, small)
+    faces, distances = wall.nearest(np.array([(99.9, 0.005, 0.001), (100.005, 0.005, -0.002), (50, 4, 4), (-3, 0, 4)]))
+    np.testing.assert_array_equal(faces, [0, 1, 0, 0])
+    np.testing.assert_allclose(distances, [0.001, 0.002, 5, 5], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("polygons", "message"),
+    [
+        ([], "wall: has no faces"),
+        ([TRIANGLE, [(0, 0, 0), (1, 0, 0)]], "wall: face 1 has fewer than three corners"),
+        ([[(0, 0, 0), (1, 0, 0), (float("nan"), 1, 0)]], "wall: has points whose coordinates are not finite"),
+        ([TRIANGLE, [(0, 0, 0), (1, 1, 1), (2, 2, 2)]], "wall: 1 faces have no area, the first is face 1"),
+    ],
+)
+def test_a_surface_that_cannot_be_one_is_refused(polygons, message):
+    with pytest.raises(ImpactsError, match=message):
+        surface(*polygons)
+
+
+def test_corners_that_are_no_points_are_refused():
+    with pytest.raises(ImpactsError, match="corners that are none of its 3 points"):
+        Surface("wall", np.eye(3), np.array([0, 1, 3]), np.array([3]), ("wall",), np.zeros(1, int))

@@ -1,0 +1,123 @@
+"""`erosion export`: files for CFD codes."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import _status
+from tests.documents import result_of
+
+P = erosion.TABLE_1
+SI = P.to("si")
+
+
+def rows_of(path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_all_four_files_are_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = "export --model rotating --openfoam p.txt --fluent f.csv --table v.csv --restitution r.csv"
+    options = ["--angles", "20deg, 30deg", "--speeds", "4300 in/s : 4500 in/s : 3", "--diameters", "2.032 mm"]
+    assert _status([*words.split(), *options]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("rotating: for CFD codes\n")
+    for name in ("p.txt", "f.csv", "v.csv", "r.csv"):
+        assert name in said.out
+    assert said.err.startswith("warning: OpenFOAM knows Finnie's curve only: it is off by up to 7.1% of the maximum.")
+    assert re.search(r"K +3\.17", (tmp_path / "p.txt").read_text())
+    assert "angle [deg],f [-]" in (tmp_path / "f.csv").read_text()
+    volumes, rebounds = rows_of(tmp_path / "v.csv"), rows_of(tmp_path / "r.csv")
+    assert len(volumes) == len(rebounds) == 6
+    exact = erosion.impact("rotating", SI.replace(alpha=np.deg2rad(30.0), v0=4300 * 0.0254))
+    assert float(volumes[1]["volume [m^3]"]) == pytest.approx(float(exact.volume), rel=1e-8)
+    assert rebounds[1]["ended_by"] == exact.ended_by
+
+
+def test_the_document_has_the_coefficients(tmp_path, capsys):
+    path = tmp_path / "p.txt"
+    assert _status(["export", "--model", "finnie", "--openfoam", str(path), "--json"]) == 0
+    text = capsys.readouterr().out
+    assert json.loads(text)["result"]["openfoam"]["p"]["unit"] == "Pa"
+    printed = result_of(text)["openfoam"]
+    assert printed["file"] == str(path)
+    assert (printed["p"], printed["K"]) == pytest.approx((float(SI.sigma), 2.0), rel=1e-9)
+    assert printed["misfit"] < 1e-12
+
+
+def test_the_density_sets_the_diameter(tmp_path, capsys):
+    options = ["--table", str(tmp_path / "v.csv"), "--erodent-density", "2650 kg/m^3", "--diameters", "1 mm"]
+    assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
+    (row,) = rows_of(tmp_path / "v.csv")
+    # A sphere of quartz; finnie removes by mass.
+    mass = 2650 * np.pi / 6 * 1e-9
+    case = float(erosion.impact("finnie", SI.replace(alpha=np.deg2rad(30.0))).volume)
+    assert float(row["volume [m^3]"]) == pytest.approx(case * mass / float(SI.m), rel=1e-8)
+
+
+def test_own_parameters_are_set(tmp_path, capsys):
+    path = tmp_path / "f.csv"
+    words = ["export", "--model", "linearized-deformation", "--set", "energy_ratio=3", "--fluent", str(path)]
+    assert _status(words) == 0
+    assert "linearized-deformation (energy_ratio = 3, threshold = 0)" in path.read_text()
+    assert float(path.read_text().splitlines()[-1].split(",")[1]) == pytest.approx(
+        float(erosion.impact(erosion.load_model("linearized-deformation").replace(energy_ratio=3.0),
+                             P.replace(alpha=np.pi / 2)).volume)
+        / erosion.alpha_max(erosion.load_model("linearized-deformation").replace(energy_ratio=3.0), P).volume,
+        abs=1e-5)  # fmt: skip
+
+
+def test_rebounds_that_are_missing_are_said(tmp_path, capsys):
+    path = tmp_path / "r.csv"
+    assert _status(["export", "--restitution", str(path), "--angles", "45deg, 90deg"]) == 0
+    said = "7 of 14 impacts have no rebound (nan): nothing is cut, or they fail."
+    assert capsys.readouterr().err == f"warning: {said}\n"
+    assert _status(["export", "--restitution", str(path), "--angles", "90deg"]) == 1
+    assert "of 7 impacts none has a rebound" in capsys.readouterr().err
+
+
+def test_nothing_is_written_where_one_form_is_refused(tmp_path, capsys):
+    table, dictionary = tmp_path / "f.csv", tmp_path / "p.txt"
+    assert _status(["export", "--model", "dnv", "--fluent", str(table), "--openfoam", str(dictionary)]) == 2
+    assert "dnv is not of that shape" in capsys.readouterr().err
+    assert not table.exists()
+    assert not dictionary.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("export", "Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`."),
+        ("export --openfoam x --alpha 20deg", "Option `--alpha` has no meaning here"),
+        ("export --openfoam x --fluent x", "x: is named twice"),
+        ("export --openfoam nowhere/x", "nowhere/x: No such file or directory."),
+        ("export case.toml --table case.toml", "case.toml: must not be written, because case.toml is read."),
+        ("export --table x --angles 95deg", "Option `--angles` must be in (0, 90°], but has 95°."),
+        ("export --table x --speeds 0", "Option `--speeds` must be positive and finite, but has 0."),
+        ("export --table x --speeds 20kg", "Option `--speeds` must be a speed such as"),
+        ("export --table x --diameters 1:2", 'Option `--diameters` must be "first : last : count"'),
+        ("export --table x --erodent-density 2650", ""),
+        ("export --table x --erodent-density 1s", "Option `--erodent-density` must be a density such as"),
+        ("export --table x --erodent-density -1", "Option `--erodent-density` must"),
+        ("export --restitution x --model dnv", "dnv has no motion of a rigid body"),
+        ("export --openfoam x --model rotating --speeds 200m/s", "at 200 m/s and 2032 µm it is off by up to"),
+    ],
+)
+def test_bad_input_is_one_line(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "case.toml").write_text(erosion.dump_case(P))
+    status = _status(words.split())
+    said = capsys.readouterr().err
+    if not message:  # a bare number is in the units of the case
+        assert status == 0
+        return
+    assert status == 2
+    assert said.startswith("erosion: ")
+    assert said.count("\n") == 1
+    assert message in said
+    assert not (tmp_path / "x").exists()

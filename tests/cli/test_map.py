@@ -1,0 +1,142 @@
+"""`erosion map`, from files to files."""
+
+import csv
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.cli import _status
+from tests.cli.test_document import SCHEMA
+
+pyvista = pytest.importorskip("pyvista")
+pytest.importorskip("foamlib")
+
+RUNS = Path(__file__).parents[1] / "cfd" / "openfoam"
+CASE = """units = "si"
+k = 2.4
+psi = 2.0
+sigma = 1.5e9
+r = 0.000125
+b = 0.00025
+m = 2.168e-8
+inertia = 0.5
+v0 = 25.0
+alpha = 0.44
+"""
+OPTIONS = ["--surface", str(RUNS / "serial"), "--patch", "hump", "--case", "sand.toml"]
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sand.toml").write_text(CASE)
+    return tmp_path
+
+
+def wear(model: str = "rotating", **options: Any) -> xr.Dataset:
+    surface = erosion.read_surface(RUNS / "serial", patch="hump")
+    impacts = erosion.read_impacts(RUNS / "serial")
+    return erosion.erosion_map(model, erosion.load_case("sand.toml"), impacts, surface, **options)
+
+
+def test_the_command_is_the_function(capsys: pytest.CaptureFixture[str]) -> None:
+    # Both patches are in the case's table, and only one of them in the surface.
+    files = ["-o", "map.vtp", "--plot", "map.png"]
+    assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *files]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "faces hit" in out
+    assert out.endswith("map: map.vtp\nfigure: map.png\n")
+    depth = pyvista.read("map.vtp").cell_data["depth [mm]"]
+    np.testing.assert_allclose(depth, wear()["depth"] * 1e3, rtol=1e-14)
+    assert Path("map.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_options_are_those_of_the_function() -> None:
+    given = ["--target-density", "7.8 g/cm^3", "--diameter", "0.2 mm", "--spin", "normal(0, 1e5)", "--seed", "4"]
+    assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *given, "-o", "map.nc"]) == 0
+    law = erosion.distributions.Normal(0.0, 1e5)
+    expected = wear(target_density=7800.0, diameter=2e-4, spin=law, seed=4)
+    with xr.open_dataset("map.nc", engine="h5netcdf") as stored:
+        np.testing.assert_allclose(stored["mass"], expected["mass"], rtol=1e-12)
+        assert "impacts" not in stored.attrs
+        identity = json.loads(stored.attrs["identity"])
+    assert set(identity) == {"version", "case", "models", "table", "surface", "options"}
+
+
+def test_the_document_says_it_all(capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--model", "dnv:duplex", "--spin", "uniform(0, 1)", "--seed", "2", "--json"]
+    assert _status(["map", str(RUNS / "serial"), *OPTIONS, *given]) == 0
+    document = json.loads(capsys.readouterr().out)
+    jsonschema.Draft202012Validator(SCHEMA).validate(document)
+    assert document["seed"] == 2
+    assert document["case"]["varied"].keys() == {"alpha", "v0", "phidot0"}
+    expected = wear("dnv:duplex")
+    assert document["result"]["total_volume"] == {"value": float(expected["total_volume"]), "unit": "m^3"}
+    assert document["result"]["ends"]["no-cut"] == int(expected["total_impacts"])
+    assert document["result"]["patches"]["hump"]["impacts"] == int(expected["total_impacts"])
+
+
+def test_a_table_of_angles_has_totals_and_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [("diameter [um]", "density [kg/m^3]", "count", "speed [m/s]", "angle [deg]")]
+    rows += [(200, 2650, 10, 0 if i == 0 else 30, 5 + i) for i in range(20)]
+    with Path("rows.csv").open("w") as file:
+        csv.writer(file).writerows(rows)
+    given = ["--case", "sand.toml", "--duration", "60 s", "--target-density", "7800 kg/m^3", "-o", "totals.csv"]
+    assert _status(["map", "rows.csv", *given]) == 0
+    assert capsys.readouterr().err == (
+        "warning: 1 of 20 rows have no velocity, as parcels that stick to a wall, and are not counted.\n"
+    )
+    assert Path("totals.csv").read_text().startswith("patch,volume [mm^3],mass [kg],erosion")
+
+
+BAD = [
+    ("map", "Option `IMPACTS` must have a value, but has none."),
+    ("map nowhere", "nowhere: is not there."),
+    ("map {run} --patch hump", "Options `--patch` and `--reverse` need `--surface`"),
+    ("map {run} --surface {run} --patch hmp", "has no patch 'hmp', but has inlet, outlet, floor, hump, roof, sides."),
+    ("map {run} --surface {run} --reverse", "n·U is not positive: these look like velocities after the rebound"),
+    ("map {run} --surface {run} --restitution 0.8,0.1", "Option `--restitution` must be left out."),
+    ("map {run} --surface {run} --restitution 0.8", 'Option `--restitution` must be two numbers such as "0.8,0.1"'),
+    ("map {run} --surface {run} --restitution 0,0", "Option `--restitution` must be (e, μ) with e in (0, 1]"),
+    ("map {run}", "gives velocities, so the angle of attack needs the normals of a surface"),
+    ("map {run} --surface {run} --alpha 20deg", "Option `--alpha` has no meaning here"),
+    ("map {run} --surface {run} --v0 20", "Option `--v0` has no meaning here"),
+    ("map {run} --surface {run} --target-density '3 kg'", "Option `--target-density` must be a density such as"),
+    ("map {run} --surface {run} --limit 0", "Option `--limit` must be positive and finite, but is 0.0."),
+    ("map {run} --surface {run} --diameter '1 kg'", "Option `--diameter` must be a length such as"),
+    ("map {run} --surface {run} --duration soon", "Option `--duration` must be a time such as"),
+    ("map {run} --surface {run} --spin slow", "Option `--spin` must be column, case, none or a law"),
+    ("map {run} --surface {run} --spin 'normal(0)'", "Option `--spin` must be normal(mean, deviation)"),
+    ("map {run} --surface {run} --spin column", "Option `--spin` must be a law, case or none"),
+    ("map {run} --surface {run} --scaling big", "Option `--scaling` must be one of similar, none, but is 'big'."),
+    ("map {run} --surface {run} -o map.vtk", "map.vtk: the name of a map's file must end in .vtp, .csv, .nc."),
+    ("map {run} -o map.vtp", "map.vtp: a .vtp file holds a surface, but there is none"),
+    ("map {run} --plot map.png", "Option `--plot` needs `--surface`"),
+    ("map {run} --surface {run} --plot map.png --view top", "Option `--view` must be one of iso, +x, "),
+    ("map {run} --surface {run} --plot map.png --view 1,b", "Option `--view` must be such as iso, +x or"),
+    ("map {run} --surface {run} --patch hump --plot map.png --view +z", "Option `--view` must show the surface"),
+    ("map {run} --surface {run} --plot map.png --zoom 0", "Option `--zoom` must be positive and finite"),
+    ("map {run} --surface {run} --plot map.png --quantity dept", "Option `--quantity` must be one of volume, depth"),
+    ("map rows.csv -o rows.csv", "rows.csv: must not be written, because rows.csv is read."),
+    ("map {run} --surface {run} --set friction=1", "must name an own parameter of linearized, which has none."),
+    ("map {run} --surface {run} --workers 0", "Option `--workers` must be 1 or more, but is 0."),
+]
+
+
+@pytest.mark.parametrize(("line", "sentence"), BAD)
+def test_bad_input_is_one_line(line: str, sentence: str, capsys: pytest.CaptureFixture[str], in_folder: Path) -> None:
+    assert _status(shlex.split(line.format(run=RUNS / "serial"))) == 2
+    out, err = capsys.readouterr()
+    assert sentence in err
+    assert err.startswith("erosion: ")
+    assert err.count("\n") == 1
+    assert out == ""
+    assert [path.name for path in in_folder.iterdir()] == ["sand.toml"]

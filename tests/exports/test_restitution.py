@@ -1,0 +1,131 @@
+"""Velocities and spin after the impact: closed forms, momentum, energy, and an integration by scipy."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import erosion
+from erosion.exports.tables import to_csv
+
+P = erosion.TABLE_1
+ALPHA = np.deg2rad([5.0, 15.0, 25.0, 40.0, 55.0, 70.0, 85.0])
+SPEEDS = [2200.0, 4400.0]
+
+
+def rebounds(model, p=P):
+    table = erosion.restitution(model, p, alpha=ALPHA, v0=SPEEDS)
+    words = np.array(table.ended_by.attrs["flag_meanings"].split())[table.ended_by.values]
+    return table, words
+
+
+def test_a_body_that_does_not_turn_keeps_its_normal_speed():
+    table, words = rebounds("linearized", P.replace(phidot0=300.0))
+    # tan α ≤ k/2 = 1 rebounds: ẏ = -ẏ(0), and k (ẋ - ẋ(0)) = -2 ẏ(0).
+    assert np.array_equal(words == "rebound", np.broadcast_to(np.tan(ALPHA) <= 1, (2, 7)))
+    shallow = ALPHA[np.tan(ALPHA) <= 1]
+    assert table.e_n.values[:, : shallow.size] == pytest.approx(np.ones((2, shallow.size)), abs=1e-10)
+    assert table.e_t.values[:, : shallow.size] == pytest.approx(np.tile(1 - np.tan(shallow), (2, 1)), abs=1e-10)
+    assert table.spin.values == pytest.approx(300.0)
+
+
+def test_a_stop_ends_with_the_velocity_of_that_moment():
+    table, words = rebounds("linearized")
+    steep = ALPHA[np.tan(ALPHA) > 1]
+    stops = words == "stop"
+    assert stops.any()
+    # cos ωt = 1 - k cot α: the tip rises below 2 = k cot α, and sinks above.
+    cosine = np.tile(1 - 2 / np.tan(steep), (2, 1))
+    assert table.vy.values[stops] == pytest.approx(
+        (np.array(SPEEDS)[:, None] * np.sin(steep) * cosine).ravel(), rel=1e-9
+    )
+    assert table.e_n.values[stops] == pytest.approx(np.maximum(-cosine, 0).ravel(), abs=1e-10)
+    assert np.abs(table.e_t.values[stops]).max() < 1e-10
+
+
+@pytest.mark.parametrize("model", ["finnie", "rotating", "rotating-deformation"])
+def test_momentum_is_balanced(model):
+    table, _ = rebounds(model, P.replace(phidot0=2e3))
+    speed = np.array(SPEEDS)[:, None]
+    lost = table.vx.values - speed * np.cos(ALPHA)
+    # Constant K: ẏ - ẏ(0) = K (ẋ - ẋ(0)); torque r F_x: φ̇ - φ̇0 = (ẋ - ẋ(0))/(β r).
+    assert table.vy.values == pytest.approx(speed * np.sin(ALPHA) + 2.0 * lost, abs=1e-9 * 4400)
+    assert table.spin.values == pytest.approx(2e3 + lost / (0.5 * 0.04), rel=1e-9)
+
+
+@pytest.mark.parametrize("model", ["linearized", "rotating-full-torque"])
+def test_the_energy_that_is_lost_is_the_work_of_cutting(model):
+    table, words = rebounds(model)
+    speed = np.array(SPEEDS)[:, None]
+    before = float(P.m) * speed**2 / 2
+    after = float(P.m) * (table.vx.values**2 + table.vy.values**2) / 2
+    after = after + float(P.moment_of_inertia) * table.spin.values**2 / 2
+    assert (after <= before).all()
+    volume = erosion.impact(model, P.replace(alpha=ALPHA, v0=speed)).volume
+    lost = (before - after) / float(P.sigma * P.psi)
+    assert (words == "rebound").sum() >= 4
+    assert volume[words == "rebound"] == pytest.approx(lost[words == "rebound"], rel=1e-8)
+
+
+def integrated(alpha: float, v0: float, p) -> tuple[np.ndarray, str]:
+    """The end of `rotating-full-torque` by scipy: (ẋ, ẏ, φ̇), and which event."""
+    k, r, m = float(p.k), float(p.r), float(p.m)
+    c, inertia = float(p.sigma * p.b * p.psi), float(p.inertia) * m * r**2
+
+    def depth(t, s):
+        return s[1] - r * (1 - np.sin(s[2]))
+
+    def along(t, s):
+        return s[3] + r * np.sin(s[2]) * s[5]
+
+    def rate(t, s):
+        fx = -c * depth(t, s)
+        return [*s[3:], fx / m, k * fx / m, r * (np.sin(s[2]) * fx + np.cos(s[2]) * k * fx) / inertia]
+
+    for event in (depth, along):
+        event.__dict__.update(terminal=True, direction=-1)
+    start = [0.0, 0.0, np.pi / 2, v0 * np.cos(alpha), v0 * np.sin(alpha), float(p.phidot0)]
+    ended = solve_ivp(rate, (0, 1e-2), start, "DOP853", events=(depth, along), rtol=1e-12, atol=1e-14, max_step=1e-7)
+    which = int(ended.t_events[1].size > 0)
+    return ended.y_events[which][0][3:], ("rebound", "stop")[which]
+
+
+def test_an_independent_integration_ends_with_the_same_velocities():
+    p = P.replace(phidot0=-1500.0, inertia=0.4)
+    alpha = np.deg2rad([12.0, 50.0])
+    table = erosion.restitution("rotating-full-torque", p, alpha=alpha, v0=[4400.0])
+    names = table.ended_by.attrs["flag_meanings"].split()
+    ends = set()
+    for i, angle in enumerate(alpha):
+        (vx, vy, spin), end = integrated(angle, 4400.0, p)
+        row = table.isel(v0=0, alpha=i)
+        assert names[int(row.ended_by)] == end
+        assert float(row.vx) == pytest.approx(vx, rel=1e-8)
+        assert float(row.vy) == pytest.approx(vy, rel=1e-8)
+        assert float(row.spin) == pytest.approx(spin, rel=1e-8)
+        assert float(row.e_t) == pytest.approx(vx / (4400.0 * np.cos(angle)), rel=1e-8)
+        assert float(row.e_n) == pytest.approx(max(0.0, -vy / (4400.0 * np.sin(angle))), rel=1e-8)
+        ends.add(end)
+    assert ends == {"rebound", "stop"}
+
+
+def test_what_cuts_nothing_has_no_rebound():
+    table = erosion.restitution("linearized", P, alpha=[0.5, np.pi / 2])
+    assert table.e_n.isnull().values.tolist() == [[False, True]] * 7
+    assert "no-cut" in to_csv(table)
+    # A spinning tip cuts at 90°: there is a spin after it, but no tangential velocity before.
+    upright = erosion.restitution("rotating", P.replace(phidot0=2e4), alpha=[np.pi / 2])
+    assert upright.e_t.isnull().all()
+    assert upright.spin.notnull().all()
+    assert upright.vx.notnull().all()
+
+
+def test_units_are_those_of_the_case():
+    here, there = (erosion.restitution("rotating", p, alpha=ALPHA, v0=[p.v0]) for p in (P, P.to("si")))
+    assert there.e_n.values == pytest.approx(here.e_n.values, rel=1e-9)
+    assert there.vx.values == pytest.approx(here.vx.values * 0.0254, rel=1e-9)
+    assert (here.vx.attrs["units"], there.vx.attrs["units"]) == ("in/s", "m/s")
+
+
+def test_a_correlation_says_nothing_of_rebounds():
+    with pytest.raises(erosion.ExportError, match="dnv has no motion of a rigid body"):
+        erosion.restitution("dnv", P)

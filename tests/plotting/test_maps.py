@@ -1,0 +1,105 @@
+"""Pictures of maps: the right colours at the right places, and nothing on stderr."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import erosion
+from erosion.cfd.surface import Surface
+from erosion.maps.erosion_map import erosion_map
+from erosion.plotting.maps import plot_map, require_view
+from tests.maps.tables import Table, hump, sand
+
+pytest.importorskip("pyvista")
+
+P = erosion.TABLE_1.to("si")
+SURFACE = hump(2, 1)
+
+
+def two_faces(first: float, second: float) -> xr.Dataset:
+    """A map whose faces are at x < 0.1 and x > 0.1, with as many particles as given."""
+    table = Table(count=[first, second], mass=[1e-7, 1e-7], diameter=[4e-4, 4e-4], speed=[50.0, 50.0],
+                  alpha=[0.4, 0.4], face=[0, 1])  # fmt: skip
+    return erosion_map("linearized", P, table.only([count > 0 for count in (first, second)]), SURFACE)
+
+
+def colours(figure: Figure) -> tuple[np.ndarray, np.ndarray]:
+    """The colours in the middles of the left and the right half of the picture, of 255."""
+    picture = np.asarray(figure.axes[0].images[0].get_array())
+    height, width = picture.shape[:2]
+    return picture[height // 2, width // 4], picture[height // 2, 3 * width // 4]
+
+
+def is_yellow(colour: np.ndarray) -> bool:
+    return colour[0] > 150 and colour[1] > 130 and colour[2] < 110
+
+
+def is_grey(colour: np.ndarray) -> bool:
+    return int(np.ptp(colour.astype(int))) < 20 and int(colour.max()) > 120
+
+
+def test_the_deepest_face_is_yellow_and_one_without_impacts_grey(capfd: pytest.CaptureFixture[str]) -> None:
+    left, right = colours(plot_map(two_faces(1.0, 10.0), view="+z"))
+    assert is_yellow(right)
+    assert not is_yellow(left)
+    assert left[2] > left[1]
+    left, right = colours(plot_map(two_faces(1.0, 0.0), view="+z"))
+    assert is_yellow(left)
+    assert is_grey(right)
+    # Seen from below, x runs to the left where y runs upwards.
+    left, right = colours(plot_map(two_faces(1.0, 0.0), view="-z"))
+    assert is_grey(left)
+    assert is_yellow(right)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_labels_have_the_quantity_and_its_unit() -> None:
+    wear = erosion_map("rotating", P, sand(SURFACE, 50), SURFACE)
+    figure = plot_map(wear)
+    assert [axes.get_xlabel() for axes in figure.axes][1].startswith("h  depth of wear, volume over area [")
+    assert figure.axes[0].get_title("left").startswith("rotating: ")
+    figure = plot_map(wear, "depth_per_year", view=(1, 1, 1), log=True, zoom=1.5)
+    assert figure.axes[1].get_xlabel() == "ḣ  depth per year [mm/year]"
+    assert figure.axes[1].get_xscale() == "log"
+    assert plot_map(wear, "relative_error", view="+x").axes[1].get_xlabel().endswith("of the volume")
+
+
+def test_equal_numbers_and_zeros_can_be_drawn() -> None:
+    wear = two_faces(1.0, 1.0)
+    for quantity in ("alpha_mean", "depth", "impacts"):
+        assert plot_map(wear, quantity, log=quantity == "depth").axes
+    assert plot_map(wear.assign(depth=0 * wear["depth"]), log=True).axes
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"quantity": "total_volume"}, "Argument `quantity` must be one of volume, depth, "),
+        ({"view": "top"}, r"Argument `view` must be one of iso, \+x, "),
+        ({"view": (0, 0, 0)}, r"other than \(0, 0, 0\), but is \(0, 0, 0\)"),
+        ({"view": (1, 2)}, "Argument `view` must be a direction"),
+        ({"zoom": 0.0}, "Argument `zoom` must be positive"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        plot_map(two_faces(1.0, 1.0), **options)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_surface_that_is_seen_edge_on_is_told() -> None:
+    flat = Surface("flat", np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]]), np.arange(3), np.array([3]), ("flat",),
+                   np.zeros(1, np.int64))  # fmt: skip
+    table = Table(count=[1.0], mass=[1e-7], diameter=[4e-4], speed=[50.0], alpha=[0.4], face=[0])
+    wear = erosion_map("linearized", P, table, flat)
+    with pytest.raises(ValueError, match="Argument `view` must show the surface, but sees it edge on"):
+        require_view("+x", 1.0, flat.normal)
+    with pytest.raises(ValueError, match="Argument `view` must show the surface, but sees it edge on, or zooms"):
+        plot_map(wear, view="+x")
+    require_view("+z", 1.0, flat.normal)
+
+
+def test_totals_alone_cannot_be_drawn() -> None:
+    table = Table(count=[1.0], mass=[1e-7], diameter=[4e-4], speed=[50.0], alpha=[0.4])
+    with pytest.raises(ValueError, match="must be the map of a surface"):
+        plot_map(erosion_map("linearized", P, table))
