@@ -3,6 +3,8 @@
 from erosion import correlations as correlations
 from erosion import distributions as distributions
 from erosion import models as models
+from erosion.advice.advise import advise as advise
+from erosion.advice.result import Advice as Advice
 from erosion.calibration import Calibration as Calibration
 from erosion.calibration import CalibrationError as CalibrationError
 from erosion.calibration import MeasurementError as MeasurementError
@@ -47,9 +49,14 @@ from erosion.parameters.case_files import CaseError as CaseError
 from erosion.parameters.case_files import dump_case as dump_case
 from erosion.parameters.case_files import load_case as load_case
 from erosion.parameters.materials import MATERIALS as MATERIALS
+from erosion.parameters.materials import Particle as Particle
+from erosion.parameters.materials import Target as Target
+from erosion.parameters.materials import particle as particle
+from erosion.parameters.materials import target as target
 from erosion.parameters.parameters import TABLE_1 as TABLE_1
 from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import validate as validate
+from erosion.parameters.per_mass import PerMass as PerMass
 from erosion.storage.identity import StoreError as StoreError
 from erosion.streams.nozzle import NozzleAngle as NozzleAngle
 from erosion.streams.replicates import Estimate as Estimate

@@ -20,7 +20,8 @@ ROWS = [
     ("P.replace(k=np.array(['2020-01-01'], 'M8[D]'))", "TypeError", "Parameters must be real numbers"),
     ("P.replace(beta=1)", "TypeError", "Argument `beta` is not a parameter"),
     ("P.to(3)", "ValueError", "Argument `units` must be one of 'inch-pound', 'si', but is 3."),
-    ("P.with_material(['copper'])", "ValueError", "Argument `material` must be one of 'mild steel'"),
+    ("P.with_target(['copper'])", "ValueError", "Argument `target` must be text such as"),
+    ("P.with_particle(3)", "ValueError", "Argument `particle` must be text such as"),
     ("erosion.validate(None)", "TypeError", "Argument `p` must be Parameters, but is None."),
     ("erosion.dump_case({})", "TypeError", "Argument `p` must be Parameters, but is {}."),
     (

@@ -63,7 +63,7 @@ def test_models_lists_them_all(capsys):
 
 
 def test_a_material_replaces_the_flow_stress(capsys):
-    assert _status(["run", "--units", "si", "--material", "copper", "--json"]) == 0
+    assert _status(["run", "--units", "si", "--target", "copper", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["case"]["parameters"]["sigma"]["value"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
     assert printed["result"]["volume"]["value"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
@@ -193,6 +193,85 @@ def test_every_parameter_of_an_impact_is_an_option(capsys, monkeypatch):
     assert 'v₀, impact speed: "4400 in/s".' in printed
 
 
+def test_particle_and_target_are_named_and_single_parameters_overrule_them(capsys):
+    named = ["run", "--units", "si", "--particle", "garnet 0.3 mm", "--material", "aluminium 6061"]
+    assert _status([*named, "--psi", "1", "--json"]) == 0
+    parameters = json.loads(capsys.readouterr().out)["case"]["parameters"]
+    assert parameters["r"]["value"] == 1.5e-4
+    assert parameters["m"]["value"] == pytest.approx(4190 * np.pi / 6 * 3e-4**3)
+    assert parameters["sigma"]["value"] == pytest.approx(107 * 9.80665e6)
+    assert parameters["psi"]["value"] == 1.0
+
+
+def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(capsys):
+    assert _status(["run", "--r", "0.3 mm", "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err.startswith("warning: m does not fit r and b: ")
+    assert json.loads(said.out)["warnings"] == [said.err.removeprefix("warning: ").strip()]
+    assert _status(["run", "--particle", "garnet 0.3 mm"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_materials_lists_names_ranges_and_sources(capsys, tmp_path):
+    assert _status(["materials"]) == 0
+    out = capsys.readouterr().out
+    assert "4190 (4090 to 4310)" in out
+    assert "107 HV" in out
+    table = tmp_path / "mine.toml"
+    table.write_text('[targets."my alloy"]\nvickers = 200\n')
+    assert _status(["materials", str(table), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["result"]
+    assert result["particles"] == []
+    assert result["targets"][0]["flow_stress"] == {"value": pytest.approx(200 * 9.80665e6), "unit": "Pa"}
+    assert _status(["materials", str(tmp_path / "none.toml")]) == 2
+
+
+NAMED = ["--units", "si", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "verb", [["run"], ["optimum"], ["stream", "--alpha", "normal(20deg, 3deg)", "--n", "1024", "--no-best-angle"]]
+)
+def test_verbs_give_grams_per_kilogramme_and_the_fraction_scales_them(capsys, verb):
+    assert _status([*verb, *NAMED, "--json"]) == 0
+    said = capsys.readouterr()
+    whole = json.loads(said.out)
+    assert "is far from what tests on ductile metals find at 100 m/s" in whole["warnings"][0]
+    assert _status([*verb, *NAMED, "--cutting-fraction", "0.5", "--density", "5.4 g/cm^3", "--json"]) == 0
+    half = json.loads(capsys.readouterr().out)
+    for document in (whole, half):
+        assert document["result"]["erosion_ratio"]["unit"].count("/") == 1
+    assert half["result"]["erosion_ratio"]["value"] == pytest.approx(
+        whole["result"]["erosion_ratio"]["value"], rel=1e-9
+    )
+    assert _status([*verb, *NAMED, "--cutting-fraction", "0.1"]) == 0
+    said = capsys.readouterr()
+    assert "0.1 of the particles cut" in " ".join(said.out.split())
+    assert "g/kg" in said.out
+    assert said.err == ""
+
+
+@pytest.mark.slow
+def test_compare_and_sweep_write_tables_for_spreadsheets(capsys, tmp_path):
+    table = tmp_path / "curves.csv"
+    assert _status(["compare", *NAMED, "--model", "linearized,dnv:aluminium", "-o", str(table), "--json"]) == 0
+    first = json.loads(capsys.readouterr().out)["result"]["models"][0]
+    assert first["erosion_ratio_max"]["value"] > first["erosion_ratio"]["value"] > 1e-3
+    heading, *lines = table.read_text().splitlines()
+    assert heading.startswith("model,alpha [deg],volume [m^3]")
+    assert heading.endswith("specific_volume [mm^3/kg],erosion_ratio [g/kg]")
+    assert len(lines) == 2 * 360
+    table = tmp_path / "grid.csv"
+    assert _status(["sweep", *NAMED, "--alpha", "10deg,20deg", "-o", str(table), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["result"]
+    assert result["erosion_ratio_greatest"]["value"] == pytest.approx(3.38e-3, rel=1e-2)
+    assert len(table.read_text().splitlines()) == 3
+    assert _status(["sweep", *NAMED, "--alpha", "10deg,20deg", "-o", str(table), "--workers", "2"]) == 2
+    assert _status(["sweep", "--r", "0.2mm,0.4mm", "-o", str(table)]) == 0
+    assert "warning: m does not fit r and b" in capsys.readouterr().err
+
+
 def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -> None:
     named, bare, wrong = tmp_path / "a.toml", tmp_path / "sand.toml", tmp_path / "c.toml"
     named.write_text('title = "Quartz\\non aluminium"\n')
@@ -200,7 +279,7 @@ def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -
     wrong.write_text("title = 3\n")
     assert CaseOptions().title() == "Table 1"
     assert CaseOptions(case=named).title() == "Quartz on aluminium"
-    assert CaseOptions(case=bare, material="copper").title() == "sand, copper"
+    assert CaseOptions(case=bare, target="copper").title() == "sand, copper"
     parameters: dict[str, Any] = {"alpha": "40deg", "k": "3"}  # fields that are made from the table of quantities
     assert CaseOptions(**parameters).title() == "Table 1, k = 3, α = 40deg"
     with pytest.raises(InputError, match=r"c\.toml: field `title` must be text in quotes, but is 3\.$"):

@@ -161,7 +161,7 @@ def test_the_best_angle_knows_how_friction_moves_it(capsys):
     assert found.alpha == pytest.approx(np.arctan(ratio) / 2, abs=1e-9)
     assert list(found.sensitivities) == [*(name for name in quantities(MODEL) if name != "alpha")]
     assert found.sensitivities["friction"] == pytest.approx(-(ratio**2) / (1 + ratio**2) / 2, rel=1e-6)
-    _print("tip.py", found)
+    _print("tip.py", found, erosion.PerMass())
     _print_sensitivities(found)
     out = capsys.readouterr().out
     assert "tip.py (friction = 0.2): the angle of greatest volume" in out

@@ -1,5 +1,7 @@
 """Pictures of maps: the right colours at the right places, and nothing on stderr."""
 
+import sys
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -8,6 +10,7 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.cfd.surface import Surface
 from erosion.maps.erosion_map import erosion_map
+from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view
 from tests.maps.tables import Table, hump, sand
 
@@ -103,3 +106,13 @@ def test_totals_alone_cannot_be_drawn() -> None:
     table = Table(count=[1.0], mass=[1e-7], diameter=[4e-4], speed=[50.0], alpha=[0.4])
     with pytest.raises(ValueError, match="must be the map of a surface"):
         plot_map(erosion_map("linearized", P, table))
+
+
+def test_without_a_renderer_it_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(maps, "_RENDERERS", ("libnothing.so.1",))
+    with pytest.raises(RuntimeError, match=r"^A picture of a map needs a screen, or a library that draws without one"):
+        maps.require_renderer()
+    monkeypatch.setenv("DISPLAY", ":0")
+    maps.require_renderer()

@@ -15,12 +15,14 @@ from typing import Any
 
 import cyclopts
 
+from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
 from erosion.cli.exercise import exercise
 from erosion.cli.explore import explore
 from erosion.cli.export import export
 from erosion.cli.map import map_
+from erosion.cli.materials import materials
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
@@ -36,7 +38,11 @@ from erosion.interrupts import between_imports
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
-_PRESENT_NAMES = {"--models": "--model", "--out": "--output"}  # by the names of before, which stay accepted
+_PRESENT_NAMES = {
+    "--models": "--model",
+    "--out": "--output",
+    "--material": "--target",
+}  # by the names of before, which stay accepted
 
 app = cyclopts.App(
     name="erosion",
@@ -46,10 +52,10 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, export, report, exercise, explore):
+for verb in (run, optimum, compare, sweep, stream, calibrate, export, advise, report, exercise, explore):
     app.command(verb)
 app.command(map_, name="map")
-for verb in (models, verify, validate):  # which have no case
+for verb in (models, materials, verify, validate):  # which have no case
     app.command(verb, help_epilogue="")
 
 

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +21,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.per_mass import PerMass
 
 _COMPARISON = {"result": "a comparison of models"}
 
@@ -37,6 +40,7 @@ def compare(
     *,
     case: CaseOptions | None = None,
     model: Annotated[ModelsOption, Parameter(consume_multiple=True)] = None,
+    abrasive: PerMassOptions | None = None,
     plot: Annotated[Path | None, Parameter(help="Also draw V(α) of all into this file (.svg, .png, .pdf).")] = None,
     correlations: Annotated[
         list[str] | None,
@@ -48,34 +52,39 @@ def compare(
             "For their volumes name them in --model.",
         ),
     ] = None,
-    output: Annotated[Path | None, Parameter(name=("--output", "-o"), help="Also keep the curves (.nc).")] = None,
+    output: Annotated[Path | None, Parameter(name=("--output", "-o"), help="Also keep the curves (.nc, .csv).")] = None,
     json: JsonOption = False,
 ) -> None:
     """Compare models at the case's angle and at their best angles.
 
     Without --model it compares all models.
     """
-    if output is not None and output.suffix != ".nc":
-        raise InputError(f"Option `--output` must end in .nc, but is {output}.")
+    if output is not None and output.suffix not in (".nc", ".csv"):
+        raise InputError(f"Option `--output` must end in .nc or .csv, but is {output}.")
     options = with_file(case, file)
     with working("comparing"):
         p = options.parameters()
         require_outputs(output, plot=plot, inputs=(options.case, *(model or ())))
-        if output is not None and output.exists():
+        if output is not None and output.suffix == ".nc" and output.exists():
             _require_comparison(output)
         overlay = _correlations(correlations, plot)
         models = _models(model)
+        weights = {name: weighing(chosen, abrasive, options) for name, chosen in models.items()}
         start_engine()
         curves, outside = _curves(list(models), p)
-        lines = _at_the_case(curves, p)
+        lines = _at_the_case(curves, p, weights)
         lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
         _require_volumes(curves, lost)
-        _write(curves, overlay, plot, output)
+        _write(curves, overlay, plot)
+        _keep(curves, p, weights, output)
     said = Output("compare", p, options.case, json=json)
     for message in outside:
         said.warn(message)
     for name in lost:
         said.warn(f"{name}: its impact could not be computed.")
+    for name, weight in weights.items():
+        if message := weight.warning([line["volume_max"] for line in lines if line["model"] == name], p):
+            said.warn(f"{name}: {message}")
     statements = _spread(lines)
     if json:
         said.document({"models": lines, "statements": statements}, models, _units(p))
@@ -95,9 +104,11 @@ def _models(names: list[str] | None) -> "dict[str, CuttingModel]":
 
 
 def _units(p: "Parameters") -> dict[str, str]:
+    from erosion.parameters.per_mass import PER_MASS_UNITS
     from erosion.parameters.quantities import RESULTS
 
-    return {name: RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
+    units = {name: RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
+    return units | PER_MASS_UNITS | {f"{name}_max": unit for name, unit in PER_MASS_UNITS.items()}
 
 
 def _curves(names: list[str], p: "Parameters") -> "tuple[xr.Dataset, list[str]]":
@@ -114,7 +125,7 @@ def _curves(names: list[str], p: "Parameters") -> "tuple[xr.Dataset, list[str]]"
     return curves, [str(warning.message) for warning in caught if warning.category is OutOfRangeWarning]
 
 
-def _at_the_case(curves: "xr.Dataset", p: "Parameters") -> list[dict[str, Any]]:
+def _at_the_case(curves: "xr.Dataset", p: "Parameters", weights: "Mapping[str, PerMass]") -> list[dict[str, Any]]:
     """By model, the impact at the case's angle and the best angle."""
     from erosion.sweeps.grid import in_words
 
@@ -128,6 +139,8 @@ def _at_the_case(curves: "xr.Dataset", p: "Parameters") -> list[dict[str, Any]]:
             "volume_max": float(impact.volume_max),
             "kind": str(in_words(impact.alpha_max_kind)),
             "alpha_max_ended_by": str(in_words(impact.alpha_max_ended_by)),
+            **weights[name].to_dict(float(impact.volume), p),
+            **{f"{key}_max": ratio for key, ratio in weights[name].to_dict(float(impact.volume_max), p).items()},
         }
         for name, impact in ((str(name), at.sel(model=name)) for name in at.model.values)
     ]
@@ -142,13 +155,23 @@ def _require_volumes(curves: "xr.Dataset", lost: list[str]) -> None:
         raise SimulationError(f"{', '.join(lost)}: no impact could be computed.")
 
 
-def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None, output: Path | None) -> None:
-    """Write the curves and the figure that are asked for."""
+def _keep(curves: "xr.Dataset", p: "Parameters", weights: "Mapping[str, PerMass]", output: Path | None) -> None:
+    """Write the curves into the file that is asked for."""
+    from erosion.storage.csv_tables import write_csv
     from erosion.storage.netcdf import write_netcdf
 
+    if output is None:
+        return
     with user_errors():
-        if output is not None:
+        if output.suffix == ".csv":
+            write_csv(curves, output, p, weights)
+        else:
             write_netcdf(curves, output, _COMPARISON)
+
+
+def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None) -> None:
+    """Draw the figure that is asked for."""
+    with user_errors():
         if plot is not None:
             from erosion.plotting.correlations import plot_against_correlations
             from erosion.plotting.studies import plot_comparison
@@ -167,22 +190,35 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
     def volume(value: float) -> str:
         return f"{value / scale.size:.5g}"
 
+    key, size, unit = _weighed(lines)
     rows = [
         (
             line["model"],
             volume(line["volume"]),
+            f"{line[key] / size:.5g}",
             line["ended_by"],
             _angle(line["alpha_max"]),
             volume(line["volume_max"]),
+            f"{line[key + '_max'] / size:.5g}",
             line["kind"],
             line["alpha_max_ended_by"],
         )
         for line in lines
     ]
     models = f"{len(lines)} model{'s' * (len(lines) > 1)}"
-    title = f"{models}: impacts at α = {math.degrees(float(p.alpha)):.6g}° and best angles; volumes in {scale.unit}"
-    headings = ("model", "V", "ends by", "α_max", "V_max", "kind", "ends by")
-    print_table(title, rows, headings, (1, 3, 4), statements)
+    at = f"{math.degrees(float(p.alpha)):.6g}°"
+    title = f"{models}: impacts at α = {at} and best angles; volumes in {scale.unit}, E in {unit}"
+    headings = ("model", "V", "E", "ends by", "α_max", "V_max", "E_max", "kind", "ends by")
+    print_table(title, rows, headings, (1, 2, 4, 5, 6), statements)
+
+
+def _weighed(lines: list[dict[str, Any]]) -> tuple[str, float, str]:
+    """The erosion per mass of abrasive that every line has: its key, its unit's size, and the unit."""
+    from erosion.parameters.per_mass import MM3_PER_KG
+
+    if all("erosion_ratio" in line for line in lines):
+        return "erosion_ratio", 1e-3, "g/kg"
+    return "specific_volume", MM3_PER_KG, "mm³/kg"
 
 
 def _spread(lines: list[dict[str, Any]]) -> list[str]:

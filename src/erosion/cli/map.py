@@ -158,7 +158,7 @@ class _Picture:
         if self.plot is None:
             return
         from erosion.maps.result import FACES
-        from erosion.plotting.maps import require_view
+        from erosion.plotting.maps import require_renderer, require_view
 
         if not has_surface:
             raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
@@ -166,6 +166,7 @@ class _Picture:
             raise InputError(f"Option `--quantity` must be one of {', '.join(FACES)}, but is {self.quantity!r}.")
         with user_errors():
             require_view(self.direction, self.zoom)
+        require_renderer()
 
     def check_surface(self, surface: "Surface | None") -> None:
         """Know before computing that something can be seen."""

@@ -19,12 +19,14 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
 
 if TYPE_CHECKING:
     from erosion.optimum.alpha_max import Optimum
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.per_mass import PerMass
 
 
 _AT = ("angle", "", "value", "unit", "kind")
@@ -37,6 +39,7 @@ def optimum(
     case: AllAngles | None = None,
     model: ModelOption = "linearized",
     own: SetOption = None,
+    abrasive: PerMassOptions | None = None,
     alpha_range: Annotated[
         list[str] | None,
         Parameter(negative="", consume_multiple=True, help='Only angles between these two: "20deg : 60deg".'),
@@ -60,6 +63,7 @@ def optimum(
     with working("searching all angles"):
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)
+        per_mass = weighing(chosen, abrasive, options)
         between = None if alpha_range is None else _angles(alpha_range, p)
         require_outputs(plot=plot, inputs=(options.case, model))
         start_engine()
@@ -79,10 +83,11 @@ def optimum(
     output = Output("optimum", p, options.case, json=json)
     if not best.certified:
         output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
+    output.judge(per_mass, best.volume, p)
     if json:
-        _document(output, model, best, rates)
+        _document(output, model, best, rates, per_mass)
         return
-    _print(model, best)
+    _print(model, best, per_mass)
     if sensitivities:
         _print_sensitivities(best)
     if plot is not None:
@@ -102,20 +107,24 @@ def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
     return low, high
 
 
-def _document(output: Output, model: str, best: "Optimum", rates: Mapping[str, Any]) -> None:
+def _document(output: Output, model: str, best: "Optimum", rates: Mapping[str, Any], per_mass: "PerMass") -> None:
+    from erosion.parameters.per_mass import PER_MASS_UNITS
+
     described = ("model", "own_parameters", "parameters", "units")
     result = {name: value for name, value in best.to_dict().items() if name not in described}
+    result |= per_mass.to_dict(best.volume, best.p)
     if rates:
         result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
-    output.document(result, {model: best.model}, best.units())
+    output.document(result, {model: best.model}, best.units() | PER_MASS_UNITS)
 
 
-def _print(model: str, best: "Optimum") -> None:
+def _print(model: str, best: "Optimum", per_mass: "PerMass") -> None:
     from erosion.parameters.quantities import QUANTITIES, quantity_row
     from erosion.tables import Row
 
     title = f"{in_full(model, best.model)}: the angle of {'least' if best.least else 'greatest'} {best.objective}"
-    print_table(title, best.rows())
+    *rows, certificate = best.rows()
+    print_table(title, [*rows, *per_mass.rows(best.volume, best.p), certificate])
     value = best.value_row(best.value)
 
     def line(alpha: float, numbers: list[float], meaning: str) -> Row:

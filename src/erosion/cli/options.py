@@ -15,6 +15,7 @@ from erosion.parameters.units import example
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
+    from erosion.parameters.materials import Particle, Target
     from erosion.parameters.parameters import Parameters
 
 
@@ -49,8 +50,12 @@ class CaseOptions:
     units: Annotated[
         str | None, Parameter(help='Convert the case to "inch-pound" or "si"; bare numbers are then in these units.')
     ] = None
-    material: Annotated[
-        str | None, Parameter(help='Instead of --sigma, a metal of Table 2: "mild steel", brass, copper, …')
+    particle: Annotated[
+        str | None, Parameter(help='Instead of --r, --b and --m, material and diameter: "garnet 0.3 mm".')
+    ] = None
+    target: Annotated[
+        str | None,
+        Parameter(help='Instead of --sigma, a metal: "aluminium 6061", copper, … (`erosion materials` lists them).'),
     ] = None
 
     def given(self) -> dict[str, str]:
@@ -72,14 +77,12 @@ class CaseOptions:
             p = TABLE_1 if self.case is None else load_case(self.case)
             if self.units is not None:
                 p = p.to(self.units)
-        given = self.given()
-        if self.material is not None:
-            if "sigma" in given:
-                raise InputError("Options `--material` and `--sigma` both set the flow stress: give one of them.")
-            with user_errors():
-                p = p.with_material(self.material)
+            if self.particle is not None:
+                p = p.with_particle(self.particle)
+            if self.target is not None:
+                p = p.with_target(self.target)
         changes = {}
-        for name, text in given.items():
+        for name, text in self.given().items():
             try:
                 changes[name] = read_quantity(text, QUANTITIES[name].dimension, p.units)
             except ValueError as error:
@@ -89,14 +92,26 @@ class CaseOptions:
             validate(p)
         return p
 
+    def materials(self) -> "tuple[Particle | None, Target | None]":
+        """The particle and the target, where an option or the case file names them; options win."""
+        from erosion.parameters.case_files import load_materials
+        from erosion.parameters.materials import particle, target
+
+        with user_errors():
+            grit, metal = (None, None) if self.case is None else load_materials(self.case)
+            return (
+                grit if self.particle is None else particle(self.particle),
+                metal if self.target is None else target(self.target),
+            )
+
     def title(self) -> str:
         """What to call the case: its file's title or "Table 1", and what options change."""
         from erosion.parameters.case_files import case_title
 
         with user_errors():
             name = "Table 1" if self.case is None else case_title(self.case)
-        metal = [] if self.material is None else [self.material]
-        return ", ".join([name, *metal, *(f"{QUANTITIES[q].symbol} = {text}" for q, text in self.given().items())])
+        named = [text for text in (self.particle, self.target) if text is not None]
+        return ", ".join([name, *named, *(f"{QUANTITIES[q].symbol} = {text}" for q, text in self.given().items())])
 
     def refuse_angle(self, reason: str) -> None:
         """An `InputError` where --alpha is given to a verb that takes no angle."""
@@ -105,7 +120,7 @@ class CaseOptions:
 
     def without_changes(self) -> "CaseOptions":
         """The case file and what holds for all of it."""
-        return CaseOptions(case=self.case, units=self.units, material=self.material)
+        return CaseOptions(case=self.case, units=self.units, particle=self.particle, target=self.target)
 
     def section(self, verb: str, fields: Sequence[str]) -> dict[str, Any]:
         """The table of a verb in the case file: parameters, and `fields` of the verb's own.

@@ -12,6 +12,7 @@ from erosion.version import __version__
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.per_mass import PerMass
 
 
 class Output:
@@ -38,11 +39,18 @@ class Output:
     ) -> None:
         self.verb, self.p, self.case, self.json, self.seed = verb, p, case, json, seed
         self.warnings: list[str] = []
+        if p is not None and p.size_warning:
+            self.warn(p.size_warning)
 
     def warn(self, message: str) -> None:
         """A warning: on stderr at once, and in the document."""
         self.warnings.append(message)
         warn(message)
+
+    def judge(self, per_mass: "PerMass", volume: Any, p: "Parameters") -> None:
+        """A warning where the erosion ratio of these volumes is far from what tests find."""
+        if message := per_mass.warning(volume, p):
+            self.warn(message)
 
     def document(
         self,

@@ -9,10 +9,12 @@ from cyclopts import Parameter
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, require_outputs, user_errors, with_file
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
 
 if TYPE_CHECKING:
+    from erosion.parameters.per_mass import PerMass
     from erosion.tables import Row
     from erosion.trajectory.trajectory import Trajectory
 
@@ -24,6 +26,7 @@ def run(
     case: CaseOptions | None = None,
     model: ModelOption = "linearized",
     own: SetOption = None,
+    abrasive: PerMassOptions | None = None,
     plot: Annotated[Path | None, Parameter(help="Also draw the cut into this file (.svg, .png, .pdf).")] = None,
     json: JsonOption = False,
 ) -> None:
@@ -32,7 +35,9 @@ def run(
     with working("computing"):
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)
+        per_mass = weighing(chosen, abrasive, options)
         require_outputs(plot=plot, inputs=(options.case, model))
+        from erosion.parameters.per_mass import PER_MASS_UNITS
         from erosion.trajectory.path import path
 
         trajectory = path(chosen, p)
@@ -45,26 +50,29 @@ def run(
     output = Output("run", p, options.case, json=json)
     for message in trajectory.warnings:
         output.warn(message)
+    output.judge(per_mass, trajectory.volume, p)
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
         output.warn("dV/dα could not be computed")
     if json:
         content = trajectory.to_dict()
-        numbers = {name: content[name] for name in content["units"]}
-        output.document({"ended_by": trajectory.ended_by, **numbers}, {model: chosen}, content["units"])
+        numbers = {name: content[name] for name in content["units"]} | per_mass.to_dict(trajectory.volume, p)
+        units = content["units"] | PER_MASS_UNITS
+        output.document({"ended_by": trajectory.ended_by, **numbers}, {model: chosen}, units)
         return
-    print_table(f"{in_full(model, chosen)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory))
+    print_table(
+        f"{in_full(model, chosen)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory, per_mass)
+    )
     if plot is not None:
         print(f"figure: {plot}")
 
 
-def _rows(trajectory: "Trajectory") -> "list[Row]":
-    """The trajectory's rows, with the volume in SI below the volume."""
+def _rows(trajectory: "Trajectory", per_mass: "PerMass") -> "list[Row]":
+    """The trajectory's rows, with the volume in SI and per mass of abrasive below the volume."""
     from erosion.parameters.quantities import result_row
     from erosion.parameters.units import conversion_factor
 
     rows, units = trajectory.rows(), trajectory.p.units
-    if units == "si":
-        return rows
     in_si = result_row("volume", trajectory.volume * conversion_factor("volume", units, "si"), "si")
+    same = [] if units == "si" else [in_si._replace(name="", symbol="", meaning="the same in SI")]
     below = 1 + [row.name for row in rows].index("volume")
-    return [*rows[:below], in_si._replace(name="", symbol="", meaning="the same in SI"), *rows[below:]]
+    return [*rows[:below], *same, *per_mass.rows(trajectory.volume, trajectory.p), *rows[below:]]

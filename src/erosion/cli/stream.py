@@ -1,5 +1,6 @@
 """`erosion stream`: a jet of particles whose parameters vary."""
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +21,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
@@ -27,6 +29,7 @@ from erosion.parameters.quantities import QUANTITIES
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.per_mass import PerMass
     from erosion.parameters.units import Dimension, System
     from erosion.streams.result import Stream
     from erosion.streams.stream import StreamJob
@@ -39,6 +42,7 @@ def stream(
     case: CaseOptions | None = None,
     model: ModelOption | None = None,
     own: SetOption = None,
+    abrasive: PerMassOptions | None = None,
     n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
     seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None,
     points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None,
@@ -81,7 +85,9 @@ def stream(
             {**laws, **own_laws},
             StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output),
         )
-    result = _run(job, name, printed)
+    per_mass = weighing(chosen, abrasive, options)
+    result = _weighed(_run(job, name, printed, per_mass), per_mass)
+    printed.judge(per_mass, result.mean_volume.value, p.replace(m=result.mean_mass.value))
     if plot is not None:
         from erosion.plotting.streams import plot_stream
         from erosion.plotting.style import save_plot
@@ -91,7 +97,11 @@ def stream(
     _show(result, name, printed)
 
 
-def _run(job: "StreamJob", name: str, output: Output) -> "Stream":
+def _weighed(result: "Stream", per_mass: "PerMass") -> "Stream":
+    return dataclasses.replace(result, per_mass=per_mass)
+
+
+def _run(job: "StreamJob", name: str, output: Output, per_mass: "PerMass") -> "Stream":
     """Compute the stream; one that is interrupted shows the particles that it has computed."""
     from erosion.streams.stream import StreamInterrupted
 
@@ -100,7 +110,7 @@ def _run(job: "StreamJob", name: str, output: Output) -> "Stream":
             return job.run(progress)
     except StreamInterrupted as interrupted:
         if interrupted.partial is not None:
-            _show(interrupted.partial, name, output)
+            _show(_weighed(interrupted.partial, per_mass), name, output)
         raise
 
 

@@ -21,12 +21,14 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.per_mass import PerMass
     from erosion.sweeps.grid import Grid, Outputs
     from erosion.tables import Row
 
@@ -35,10 +37,13 @@ def sweep(
     file: CaseFile = None,
     /,
     *,
-    output: Annotated[Path, Parameter(name=("--output", "-o"), help="out.nc (netCDF), or out.zarr for any size.")],
+    output: Annotated[
+        Path, Parameter(name=("--output", "-o"), help="out.nc (netCDF), out.csv, or out.zarr for any size.")
+    ],
     case: CaseOptions | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
+    abrasive: PerMassOptions | None = None,
     paired: Annotated[list[str] | None, LISTED, Parameter(help='Axes that go together: "alpha,v0".')] = None,
     derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
     wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
@@ -55,7 +60,7 @@ def sweep(
 ) -> None:
     """Compute impacts over a grid into a labelled file.
 
-    After an interruption, the same command goes on where it stopped.
+    After an interruption, the same command goes on; out.csv starts anew.
 
     Any parameter of the case may be an axis: --alpha "1deg:90deg:90" (first,
     last, count), --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3".
@@ -67,7 +72,8 @@ def sweep(
     _require_store(output, clustered=not (workers is scheduler is chunks is None))
     p, axes = _case_and_axes(options, section)
     chosen = _chosen(model, options, section)
-    require_outputs(plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
+    table = output if output.suffix == ".csv" else None
+    require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
     values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
     from erosion.sweeps.grid import make_grid
@@ -79,24 +85,51 @@ def sweep(
         outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
         grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
-        lengths = _chunks(chunks)
     with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
-            job = prepare_sweep(grid, chunks=lengths, store=output)
+            job = prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
         dataset = job.run(progress)
-    if plot is not None:
-        from erosion.plotting.style import save_plot
-        from erosion.plotting.sweeps import plot_sweep
-
-        with user_errors():
-            save_plot(plot_sweep(dataset), plot)
-    _print(dataset, grid, output, Output("sweep", p, options.case, json=json))
+    weights = _weights(grid, abrasive, options)
+    with user_errors():
+        _write(dataset, p, weights, table, plot)
+    _print(dataset, grid, output, _output(grid, options, json=json), weights)
 
 
 def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str, Any]) -> str | list[str]:
     """The model, or the models if they are several; the option overrules the case file."""
     chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
     return chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
+
+
+def _write(
+    dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]", table: Path | None, plot: Path | None
+) -> None:
+    """Write the table and the figure that are asked for."""
+    if table is not None:
+        from erosion.storage.csv_tables import write_csv
+
+        write_csv(dataset, table, p, weights)
+    if plot is not None:
+        from erosion.plotting.style import save_plot
+        from erosion.plotting.sweeps import plot_sweep
+
+        save_plot(plot_sweep(dataset), plot)
+
+
+def _weights(grid: "Grid", abrasive: PerMassOptions | None, options: CaseOptions) -> "dict[str, PerMass]":
+    """By model, how a volume becomes erosion per mass of abrasive; of a single model by the key ""."""
+    return {name if grid.compared else "": weighing(model, abrasive, options) for name, model in grid.loaded().items()}
+
+
+def _output(grid: "Grid", options: CaseOptions, *, json: bool) -> Output:
+    """What the verb says; it warns where the sizes of the axes do not fit the mass."""
+    output = Output("sweep", grid.p, options.case, json=json)
+    sizes = {name: grid.axes[name] for name in ("r", "b") if name in grid.axes and grid.axes[name].ndim}
+    for name, values in sizes.items():
+        message = grid.p.replace(**{name: values}).size_warning
+        if message and "m" not in grid.axes and message not in output.warnings:
+            output.warn(message)
+    return output
 
 
 def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
@@ -109,8 +142,8 @@ def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: C
 
 
 def _require_store(output: Path, *, clustered: bool) -> None:
-    if output.suffix not in (".nc", ".zarr"):
-        raise InputError(f"Option `--output` must end in .nc or .zarr, but is {output}.")
+    if output.suffix not in (".nc", ".csv", ".zarr"):
+        raise InputError(f"Option `--output` must end in .nc, .csv or .zarr, but is {output}.")
     if output.suffix != ".zarr" and clustered:
         raise InputError(
             f"Options `--chunks`, `--workers` and `--scheduler` need `--output` to end in .zarr, not {output}."
@@ -165,22 +198,26 @@ def _chunks(items: list[str] | None) -> dict[str, int] | None:
     return {dim: int(length) for dim, _, length in parts}
 
 
-def _print(dataset: Any, grid: "Grid", store: Path, output: Output) -> None:
+def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Mapping[str, PerMass]") -> None:
     """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
     summary = _summary(dataset)
+    of_mass = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
     for message in grid.outside_of_range:
         output.warn(message)
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
     if output.json:
+        from erosion.parameters.per_mass import PER_MASS_UNITS
+
         dimensions = {str(dim): length for dim, length in dataset.sizes.items()}
         units: dict[str, str] = dict.fromkeys(("volume_least", "volume_greatest"), dataset.volume.attrs["units"])
         axes = {name: f"{values.size} values" for name, values in grid.axes.items()}
-        result = {"output": str(store), "dimensions": dimensions, **summary}
+        units |= {name: PER_MASS_UNITS[name.rpartition("_")[0]] for name in of_mass}
+        result = {"output": str(store), "dimensions": dimensions, **summary, **of_mass}
         output.document(result, dict(grid.loaded()), units, axes)
     else:
-        print_table(f"{store}: a sweep", _rows(dataset, summary))
+        print_table(f"{store}: a sweep", [*_rows(dataset, summary), *_per_mass_rows(of_mass)])
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
 
@@ -199,6 +236,36 @@ def _summary(dataset: Any) -> dict[str, Any]:
         "volume_least": float(dataset.volume.min()),
         "volume_greatest": float(dataset.volume.max()),
     }
+
+
+def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -> dict[str, float]:
+    """The least and the greatest erosion per mass of abrasive, of all models [SI]."""
+    masses = dataset["m"] if "m" in dataset else float(p.m)
+    ends: dict[str, list[float]] = {}
+    for model, weight in weights.items():
+        per_particle_mass = (dataset.volume.sel(model=model) if model else dataset.volume) / masses
+        for end in (float(per_particle_mass.min()), float(per_particle_mass.max())):
+            for name, value in weight.to_dict(end, p.replace(m=1.0)).items():
+                ends.setdefault(name, []).append(float(value))
+    # Where only some models have a density, their ratios are not those of all.
+    common = {name: values for name, values in ends.items() if len(values) == 2 * len(weights)}
+    return {f"{name}_{end}": of(values) for name, values in common.items()
+            for end, of in (("least", min), ("greatest", max))}  # fmt: skip
+
+
+def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":
+    from erosion.parameters.per_mass import MM3_PER_KG
+    from erosion.parameters.quantities import RESULTS
+    from erosion.tables import Row
+
+    units = {"specific_volume": ("mm³/kg", MM3_PER_KG), "erosion_ratio": ("g/kg", 1e-3)}
+    rows = []
+    for name, value in of_mass.items():
+        quantity, _, end = name.rpartition("_")
+        unit, size = units[quantity]
+        known = RESULTS[quantity]
+        rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}"))
+    return rows
 
 
 def _rows(dataset: Any, summary: dict[str, Any]) -> "list[Row]":

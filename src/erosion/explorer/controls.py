@@ -148,4 +148,4 @@ class Controls:
         self.change(lambda case: case.with_parameters(TABLE_1.to(case.units)))
 
     def _metal(self, material: str) -> None:
-        self.change(lambda case: case.with_parameters(case.parameters().with_material(material)))
+        self.change(lambda case: case.with_parameters(case.parameters().with_target(material)))

@@ -12,6 +12,7 @@ from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import own_parameter
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import conversion_factor
 
 
@@ -90,6 +91,11 @@ class CorrelatedBySize(Correlated):
     def _diameter(self, p: Parameters) -> Broadcast:
         volume = p.m * conversion_factor("mass", p.units, "si") / self.erodent_density
         return (6 * volume / math.pi) ** (1 / 3)
+
+
+def per_mass_of(model: CuttingModel, per_mass: PerMass) -> PerMass:
+    """How a model's volume becomes erosion per mass: a correlation has a density and all particles in it already."""
+    return PerMass(float(model.density)) if isinstance(model, Correlated) else per_mass
 
 
 def correlated(name: str, material: str | None = None) -> Correlated:

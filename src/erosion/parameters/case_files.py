@@ -5,7 +5,11 @@
     alpha = "20 deg"
     k = 2
 
-A file without `units` is in SI, and then every dimensional quantity must carry its unit.
+A file without `units` is in SI, and then every dimensional quantity must carry its unit. In place of r, b, m and σ it
+may name the particle and the target:
+
+    particle = "garnet 0.3 mm"
+    target = "aluminium 6061"
 """
 
 import tomllib
@@ -13,10 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from erosion.arguments import check_path
+from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
-from erosion.parameters.units import check_system, has_unit, shown, unit_name
+from erosion.parameters.per_mass import PerMass, read_density
+from erosion.parameters.units import System, check_system, has_unit, shown, unit_name
 
-TEXT_KEYS = ("title", "units")
+TEXT_KEYS = ("title", "units", "particle", "target")
+PER_MASS_KEYS = ("density", "cutting_fraction")
+"""What only erosion per mass of abrasive needs; see `load_per_mass`."""
 SECTIONS = ("sweep", "stream")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
@@ -29,8 +37,9 @@ def load_case(path: str | Path) -> Parameters:
     """Read the parameters in a TOML case file.
 
     Args:
-        path: the file; its keys are `units`, `title` and the fields of `Parameters`. Tables for
-            other verbs (`SECTIONS`) may stand below them.
+        path: the file; its keys are `units`, `title`, `particle`, `target` and the fields of `Parameters`, which
+            overrule particle and target; for `density` and `cutting_fraction` see `load_per_mass`. Tables for other
+            verbs (`SECTIONS`) may stand below them.
 
     Returns:
         Validated parameters, in the file's units (SI where it names none).
@@ -45,6 +54,51 @@ def load_case(path: str | Path) -> Parameters:
         return _parameters(table)
     except ValueError as error:
         raise CaseError(f"{path}: {_lower_first(str(error))}") from error
+
+
+def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:
+    """The particle and the target that a case file names.
+
+    Raises:
+        CaseError: for a file that cannot be read, or a name that is unknown.
+    """
+    table = _read(check_path("path", path))
+    try:
+        grit, metal = table.get("particle"), table.get("target")
+        return None if grit is None else particle(grit), None if metal is None else target(metal)
+    except ValueError as error:
+        raise CaseError(f"{path}: {_lower_first(str(error).replace('Argument', 'Field'))}") from error
+
+
+def load_per_mass(path: str | Path, usual_fraction: float = 1.0) -> PerMass:
+    """What a case file says of erosion per mass of abrasive: `cutting_fraction`, and `density` or that of `target`.
+
+    Args:
+        path: the file.
+        usual_fraction: the cutting fraction where the file gives none.
+
+    Raises:
+        CaseError: one sentence naming the file and the field.
+    """
+    path = check_path("path", path)
+    table = _read(path)
+    try:
+        density = target(table["target"]).density if isinstance(table.get("target"), str) else None
+        if "density" in table:
+            density = _density(table["density"])
+        fraction = table.get("cutting_fraction", usual_fraction)
+        if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
+            raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")
+        return PerMass(density, float(fraction))
+    except ValueError as error:
+        raise CaseError(f"{path}: {_lower_first(str(error).replace('Argument', 'Field'))}") from error
+
+
+def _density(value: Any) -> float:
+    try:
+        return read_density(value)
+    except ValueError as error:
+        raise ValueError(f"Field `density` {error}.") from error
 
 
 def case_title(path: str | Path) -> str:
@@ -71,7 +125,7 @@ def load_section(path: str | Path, name: str) -> dict[str, Any]:
     return section
 
 
-def _read(path: Path) -> dict[str, object]:
+def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -104,20 +158,22 @@ def dump_case(p: Parameters, title: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _parameters(table: dict[str, object]) -> Parameters:
+def _parameters(table: dict[str, Any]) -> Parameters:
     quantities: dict[str, int | float | str] = {}
     for name, value in table.items():
         if name in TEXT_KEYS:
             if not isinstance(value, str):
                 raise ValueError(f"Field `{name}` must be text in quotes, but is {shown(value)}.")
-        elif name in SECTIONS and isinstance(value, dict):
+        elif name in PER_MASS_KEYS or (name in SECTIONS and isinstance(value, dict)):
             continue
         elif name in QUANTITIES and isinstance(value, (int, float, str)):
             quantities[name] = value
         elif name in QUANTITIES:
             raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {shown(value)}.")
         else:
-            raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join((*TEXT_KEYS, *QUANTITIES))}.")
+            raise ValueError(
+                f"Field `{name}` is unknown; the fields are {', '.join((*TEXT_KEYS, *PER_MASS_KEYS, *QUANTITIES))}."
+            )
     units = table.get("units")
     if units is None:
         _require_units(quantities)
@@ -126,7 +182,17 @@ def _parameters(table: dict[str, object]) -> Parameters:
         system = check_system(str(units))
     except ValueError as error:
         raise ValueError(str(error).replace("Argument", "Field")) from error
-    return Parameters.from_quantities(system, quantities)
+    return Parameters.from_quantities(system, _named(table, system) | quantities)
+
+
+def _named(table: dict[str, Any], units: System) -> dict[str, float]:
+    """What the particle and the target that the file names set."""
+    try:
+        of_particle = particle(table["particle"]).parameters(units) if "particle" in table else {}
+        of_target = target(table["target"]).parameters(units) if "target" in table else {}
+    except ValueError as error:
+        raise ValueError(str(error).replace("Argument", "Field")) from error
+    return of_particle | of_target
 
 
 def _require_units(quantities: dict[str, int | float | str]) -> None:

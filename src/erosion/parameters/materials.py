@@ -1,9 +1,335 @@
-"""The metals of the scenario."""
+"""Particles and targets by name, from a table that a user extends by a file of the same form."""
 
+import difflib
+import functools
+import importlib.resources
+import math
+import re
+import tomllib
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from erosion.parameters.units import Dimension, System, conversion_factor, read_quantity, shown
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
     {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
 )
-"""Flow stress of the metals of Laverty, Table 2 [lbf/in²]; `p.with_material("copper")` converts it to those of `p`."""
+"""Flow stress of the metals of Laverty, Table 2 [lbf/in²]; they are targets, too: `p.with_target("copper")`."""
+# materials.toml has them as well, in Pa; a test compares.
+
+VICKERS = 9.80665e6
+"""A Vickers hardness of 1 kgf/mm² [Pa]."""
+
+CONTACT_RATIO = 2.0
+"""ψ of a target whose flow stress is its hardness [-].
+
+Finnie took ψ = 2, from cutting tests on metals: Wear 3 (1960) 87-103. OpenFOAM and COMSOL 6.2 have it as default.
+"""
+
+_SPHERE = 0.4  # β = I/(m r²)
+
+_SIZED = re.compile(r"(?P<name>.+)\s+(?P<size>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*[^\d\s.]\S*)\s*")
+_FILED = re.compile(r"(?P<file>.+\.toml)\s*:\s*(?P<name>.+)", re.IGNORECASE | re.DOTALL)
+_FIELDS: Mapping[str, Mapping[str, Dimension]] = types.MappingProxyType(
+    {
+        "particles": {"density": "density"},
+        "targets": {"density": "density", "vickers": "1", "flow_stress": "stress", "psi": "1"},
+    }
+)
+_TEXTS: Mapping[str, Sequence[str]] = types.MappingProxyType(
+    {"particles": ("hardness", "shape", "source"), "targets": ("source",)}
+)
+_LISTS: Mapping[str, Sequence[str]] = types.MappingProxyType(
+    {"particles": ("also",), "targets": ("also", "correlations")}
+)
+_RANGED = ("density", "vickers", "flow_stress")
+
+
+@dataclass(frozen=True)
+class Particle:
+    """An erodent of a material and a size, taken for a sphere of that diameter.
+
+    `p.with_particle(…)` sets m = ρ π d³/6, r = d/2, b = r as Table 1 has it, and β = 2/5.
+
+    Args:
+        name: of the material.
+        size: diameter d, for grains the width of the sieve's mesh [m].
+        density: ρ [kg/m³].
+        density_range: what the source spans [kg/m³].
+        hardness: in words.
+        shape: "angular", "round" or "".
+        source: of the numbers.
+    """
+
+    name: str
+    size: float
+    density: float
+    density_range: tuple[float, float]
+    hardness: str = ""
+    shape: str = ""
+    source: str = ""
+
+    @property
+    def radius(self) -> float:
+        """d/2 [m], the distance r from the centre of mass to the tip and the width b."""
+        return self.size / 2
+
+    @property
+    def mass(self) -> float:
+        """ρ π d³/6 [kg]."""
+        return self.density * math.pi * self.size**3 / 6
+
+    def parameters(self, units: System) -> dict[str, float]:
+        """r, b, m and β of this sphere, in the units of a case."""
+        radius, mass = self.radius / conversion_factor("length", units, "si"), self.mass
+        return {"r": radius, "b": radius, "m": mass / conversion_factor("mass", units, "si"), "inertia": _SPHERE}
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.size * 1e3:.6g} mm"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A metal.
+
+    `p.with_target(…)` sets σ, and ψ where it is known. Where a table gives the Vickers hardness alone, σ is that
+    hardness and ψ = 2 (`CONTACT_RATIO`).
+
+    Args:
+        name: of the metal.
+        flow_stress: σ [Pa].
+        flow_stress_range: what the source spans [Pa].
+        density: [kg/m³]; None where the table has none.
+        density_range: what the source spans [kg/m³].
+        vickers: hardness [kgf/mm²], where it is known.
+        psi: ψ; None leaves that of the case.
+        correlations: that are made for this target, as `load_model` knows them.
+        source: of the numbers.
+    """
+
+    name: str
+    flow_stress: float
+    flow_stress_range: tuple[float, float]
+    density: float | None = None
+    density_range: tuple[float, float] | None = None
+    vickers: float | None = None
+    psi: float | None = None
+    correlations: tuple[str, ...] = ()
+    source: str = ""
+
+    def parameters(self, units: System) -> dict[str, float]:
+        """σ, and ψ where it is known, in the units of a case."""
+        # To fifteen digits, so that no conversion makes 10000.000000000002 of a table's 10000.
+        sigma = float(f"{self.flow_stress / conversion_factor('stress', units, 'si'):.15g}")
+        return {"sigma": sigma} if self.psi is None else {"sigma": sigma, "psi": self.psi}
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def particle(text: "str | Particle") -> Particle:
+    """A particle by material and size.
+
+        erosion.particle("garnet 0.3 mm").mass  # 5.9e-8 kg
+
+    Args:
+        text: a name of the table and a diameter, "garnet 0.3 mm"; of a table of your own, "mine.toml: slag 0.5 mm".
+
+    Raises:
+        ValueError: for a material that the table lacks, a size that cannot be read, or a file that cannot be used.
+    """
+    if isinstance(text, Particle):
+        return text
+    file, name = _split_file("particle", text)
+    match = _SIZED.fullmatch(name)
+    if match is None:
+        raise ValueError(
+            f'Argument `particle` must be a material and a size such as "garnet 0.3 mm", but is {shown(text)}.'
+        )
+    entry = _entry("particle", match["name"], "particles", file)
+    try:
+        size = read_quantity(match["size"], "length", "si")
+    except ValueError as error:
+        raise ValueError(f"Argument `particle` {error}.") from error
+    if not 0 < size < math.inf:
+        raise ValueError(f"Argument `particle` must have a positive size, but is {shown(text)}.")
+    return Particle(size=size, **entry)
+
+
+def target(text: "str | Target") -> Target:
+    """A target by name.
+
+        erosion.target("aluminium 6061").density  # 2700 kg/m³
+
+    Args:
+        text: a name of the table; of a table of your own, "mine.toml: my alloy".
+
+    Raises:
+        ValueError: for a metal that the table lacks, or a file that cannot be used.
+    """
+    if isinstance(text, Target):
+        return text
+    file, name = _split_file("target", text)
+    entry = _entry("target", name, "targets", file)
+    vickers, ranged = entry["vickers"], entry.pop("vickers_range")
+    if entry["flow_stress"] is None:
+        entry |= {"flow_stress": vickers * VICKERS, "flow_stress_range": tuple(end * VICKERS for end in ranged)}
+        entry["psi"] = CONTACT_RATIO if entry["psi"] is None else entry["psi"]
+    return Target(**entry)
+
+
+def known_particles(file: Path | None = None) -> list[str]:
+    """The names of the materials of particles in the package's table, or in a file."""
+    return list(_table(file)["particles"])
+
+
+def known_targets(file: Path | None = None) -> list[str]:
+    """The names of the targets in the package's table, or in a file."""
+    return list(_table(file)["targets"])
+
+
+def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
+    """One sentence where no body of a plausible density has this mass and this size; arrays broadcast [SI]."""
+    import numpy as np
+
+    # No body that reaches no further than r from its centre is larger than this cylinder.
+    largest = np.pi * np.square(radius) * np.maximum(width, 2 * np.asarray(radius))
+    density = np.ravel(np.asarray(mass) / largest)
+    worst = float(density[np.argmax(np.abs(np.log(density / _WATER)))])
+    if _LIGHTEST <= worst <= _HEAVIEST:
+        return None
+    bound = (
+        f"more than osmium has ({_HEAVIEST:g})" if worst > _WATER else f"less than a hollow bead has ({_LIGHTEST:g})"
+    )
+    return (
+        f"m does not fit r and b: a body of this mass and size would have {worst:.2g} kg/m³, {bound}; "
+        'change m with r³, or name the particle ("garnet 0.3 mm").'
+    )
+
+
+_WATER = 1e3  # kg/m³
+_HEAVIEST = 22590.0  # kg/m³, osmium, the heaviest solid
+_LIGHTEST = 100.0  # kg/m³; the lightest hollow glass beads have a little more
+
+
+def _split_file(argument: str, text: Any) -> tuple[Path | None, str]:
+    """The table's file, if one is named, and the rest of the text."""
+    if not isinstance(text, str):
+        raise ValueError(f"Argument `{argument}` must be text such as {_SUCH_AS[argument]}, but is {text!r}.")
+    match = _FILED.fullmatch(text.strip())
+    return (None, text.strip()) if match is None else (Path(match["file"]), match["name"].strip())
+
+
+_SUCH_AS = types.MappingProxyType({"particle": '"garnet 0.3 mm"', "target": '"aluminium 6061"'})
+
+
+def _entry(argument: str, name: str, kind: str, file: Path | None) -> dict[str, Any]:
+    """The fields of the entry that has this name, whatever its capitals, hyphens and spaces."""
+    entries = _table(file)[kind]
+    names = {_folded(also): key for key, entry in entries.items() for also in (key, *entry["also"])}
+    if _folded(name) not in names:
+        where = "" if file is None else f" in {file}"
+        near = difflib.get_close_matches(_folded(name), names, 1)
+        hint = f"; did you mean {names[near[0]]!r}?" if near else "."
+        known = ", ".join(map(repr, entries)) or "none"
+        raise ValueError(f"Argument `{argument}` must name one of {known}{where}, but names {name!r}{hint}")
+    key = names[_folded(name)]
+    return {"name": key} | {field: value for field, value in entries[key].items() if field != "also"}
+
+
+def _folded(name: str) -> str:
+    return re.sub(r"[\s,_-]+", " ", name.casefold()).strip()
+
+
+def _table(file: Path | None) -> Mapping[str, Mapping[str, dict[str, Any]]]:
+    if file is None:
+        return _built_in()
+    try:
+        return _checked(tomllib.loads(file.read_text(encoding="utf-8-sig")))
+    except OSError as error:
+        raise ValueError(f"{file}: cannot be read ({error.strerror or error}).") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{file}: is not a text file in UTF-8.") from error
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{file}: {str(error).rstrip('.')}.") from error
+
+
+@functools.cache
+def _built_in() -> Mapping[str, Mapping[str, dict[str, Any]]]:
+    text = importlib.resources.files("erosion.parameters").joinpath("materials.toml").read_text("utf-8")
+    return _checked(tomllib.loads(text))
+
+
+def _checked(content: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Any]]]:
+    """The entries by kind and name, with every field."""
+    if not content or not content.keys() <= _FIELDS.keys():
+        raise ValueError("must have tables such as [particles.garnet] and [targets.brass], and no others")
+    table: dict[str, dict[str, dict[str, Any]]] = {kind: {} for kind in _FIELDS}
+    for kind, entries in content.items():
+        if not isinstance(entries, Mapping) or not all(isinstance(entry, Mapping) for entry in entries.values()):
+            raise ValueError(f"[{kind}] must have a table for each name, such as [{kind}.brass]")
+        for name, entry in entries.items():
+            try:
+                table[kind][name] = _read_entry(kind, entry)
+            except ValueError as error:
+                raise ValueError(f"[{kind}.{name}]: {error}") from error
+    return table
+
+
+def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    numbers, texts, lists = _FIELDS[kind], _TEXTS[kind], _LISTS[kind]
+    ranges = [f"{name}_range" for name in numbers if name in _RANGED]
+    known = (*numbers, *ranges, *texts, *lists)
+    for name in entry:
+        if name not in known:
+            raise ValueError(f"field `{name}` is unknown; they are {', '.join(known)}")
+    fields: dict[str, Any] = {name: _number(name, entry.get(name), numbers[name]) for name in numbers}
+    for name in numbers:
+        if name in _RANGED:
+            fields[f"{name}_range"] = _range(name, entry.get(f"{name}_range"), fields[name], numbers[name])
+    fields |= {name: _text(name, entry.get(name, "")) for name in texts}
+    fields |= {name: _texts(name, entry.get(name, [])) for name in lists}
+    if kind == "particles" and fields["density"] is None:
+        raise ValueError("field `density` is missing")
+    if kind == "targets" and fields["flow_stress"] is None and fields["vickers"] is None:
+        raise ValueError("field `vickers` or `flow_stress` is missing")
+    return fields
+
+
+def _number(name: str, value: Any, dimension: Dimension) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, str):
+        try:
+            value = read_quantity(value, dimension, "si")
+        except ValueError as error:
+            raise ValueError(f"field `{name}` {error}") from error
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise ValueError(f"field `{name}` must be a positive number, or a quantity in quotes, but is {shown(value)}")
+    return float(value)
+
+
+def _range(name: str, ends: Any, value: float | None, dimension: Dimension) -> tuple[float, float] | None:
+    if ends is None:
+        return None if value is None else (value, value)
+    if not isinstance(ends, list) or len(ends) != 2:
+        raise ValueError(f"field `{name}_range` must be two numbers, but is {shown(ends)}")
+    low, high = (_number(f"{name}_range", end, dimension) for end in ends)
+    if value is None or low is None or high is None or not low <= value <= high:
+        raise ValueError(f"field `{name}_range` must hold `{name}`, but is {shown(ends)}")
+    return low, high
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"field `{name}` must be text in quotes, but is {shown(value)}")
+    return value
+
+
+def _texts(name: str, values: Any) -> tuple[str, ...]:
+    if not isinstance(values, list):
+        raise ValueError(f"field `{name}` must be a list of texts, but is {shown(values)}")
+    return tuple(_text(name, value) for value in values)

@@ -18,7 +18,9 @@ from jaxtyping import Array, Float
 
 from erosion.arguments import check_scalars, check_unmasked
 from erosion.array_types import Broadcast
-from erosion.parameters.materials import MATERIALS
+from erosion.parameters.materials import Particle, Target, body_warning
+from erosion.parameters.materials import particle as read_particle
+from erosion.parameters.materials import target as read_target
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.units import System, check_system, conversion_factor, read_quantity
@@ -132,16 +134,34 @@ class Parameters(Result, eqx.Module):
             raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
         return dataclasses.replace(self, **changes)
 
-    def with_material(self, material: str) -> "Parameters":
-        """The same impact on a metal of Table 2: its flow stress, in this unit system.
+    def with_particle(self, particle: str | Particle) -> "Parameters":
+        """The same impact by another particle, in this unit system: r, b, m and β of a sphere.
+
+            p.with_particle("garnet 0.3 mm")
+
+        Args:
+            particle: see `erosion.particle`.
 
         Raises:
-            ValueError: for a metal that Table 2 lacks.
+            ValueError: for a material that the table lacks, or a size that cannot be read.
         """
-        if not isinstance(material, str) or material not in MATERIALS:
-            known = ", ".join(map(repr, MATERIALS))
-            raise ValueError(f"Argument `material` must be one of {known}, but is {material!r}.")
-        return self.replace(sigma=MATERIALS[material] * conversion_factor("stress", "inch-pound", self.units))
+        return self.replace(**read_particle(particle).parameters(self.units))
+
+    def with_target(self, target: str | Target) -> "Parameters":
+        """The same impact on another target, in this unit system: σ, and ψ where the table has it.
+
+            p.with_target("aluminium 6061")
+
+        Args:
+            target: see `erosion.target`.
+
+        Raises:
+            ValueError: for a metal that the table lacks.
+        """
+        return self.replace(**read_target(target).parameters(self.units))
+
+    with_material = with_target
+    """The name of `with_target` before there was a table of targets."""
 
     def to(self, units: str) -> "Parameters":
         """The same case in another unit system; `CuttingModel.to` converts a model's own parameters with it."""
@@ -151,6 +171,12 @@ class Parameters(Result, eqx.Module):
             for name, quantity in QUANTITIES.items()
         }
         return dataclasses.replace(self, **converted, units=system)
+
+    @property
+    def size_warning(self) -> str | None:
+        """One sentence where no body of a plausible density has this mass and this size, else None."""
+        p = self.to("si")
+        return body_warning(p.m, p.r, p.b)
 
     @property
     def stiffness(self) -> Broadcast:

@@ -1,6 +1,10 @@
 """Pictures of maps: the surface in three dimensions, each face coloured by its wear."""
 
+import contextlib
+import ctypes
 import math
+import os
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -35,6 +39,7 @@ _MARGIN = 1.04
 _FLATTEST, _TALLEST = 0.25, 1.2  # height over width of the picture
 _EDGE_ON = 1e-3  # cosine of the angle between a face's normal and the view
 _STRIP = 0.15  # height of the strip below the picture over the picture's width
+_RENDERERS = ("libEGL.so.1", "libOSMesa.so.8")  # which VTK looks for on Linux where there is no screen
 _EDGES = 4000  # faces: with more of them lines between faces would hide the colours
 
 
@@ -58,6 +63,7 @@ def plot_map(
 
     Raises:
         ValueError: for a map without a surface, an unknown variable or view, and a view that shows nothing.
+        RuntimeError: on a machine where nothing can be drawn.
         ImpactsError: where pyvista, of the extra `cfd`, is not installed.
     """
     require_view(view, zoom)
@@ -143,9 +149,27 @@ def _camera(points: np.ndarray, view: str | Sequence[float | int], zoom: float |
     return _Camera(middle, eye, right, up, float(width), float(height))
 
 
+def require_renderer() -> None:
+    """Find out whether VTK can draw here; on a machine where it cannot, it would end the process.
+
+    Raises:
+        RuntimeError: where there is neither a screen nor a library that draws in memory.
+    """
+    if sys.platform != "linux" or os.environ.get("DISPLAY"):
+        return
+    for name in _RENDERERS:
+        with contextlib.suppress(OSError):
+            ctypes.CDLL(name)
+            return
+    raise RuntimeError(
+        "A picture of a map needs a screen, or a library that draws without one: libegl1 in Debian, libEGL in Fedora."
+    )
+
+
 def _picture(wear: xr.Dataset, colours: np.ndarray, camera: _Camera) -> np.ndarray:
     """The surface as pixels."""
     pyvista = library("pyvista")
+    require_renderer()
     longer = max(camera.width, camera.height)
     size = [max(1, round(_PIXELS * length / longer)) for length in (camera.width, camera.height)]
     surface = to_polydata(wear)

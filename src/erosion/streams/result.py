@@ -13,9 +13,10 @@ from erosion.models.own_parameters import own_in_words, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.per_mass import MM3_PER_KG, PerMass
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
-from erosion.parameters.units import System
+from erosion.parameters.units import System, conversion_factor
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate, Points
@@ -39,6 +40,8 @@ class Stream(Result):
         sensitivities: by parameter, the shares of the volume's variance that the parameter causes
             alone (first order) and with its interactions (total), or None for a single
             distribution or where nothing is removed.
+        per_mass: the share of the particles that cut, and the density of the target, for `erosion` and
+            `erosion_ratio`; `dataclasses.replace(jet, per_mass=erosion.PerMass(2700, 0.5))`.
     """
 
     particles: Particles
@@ -46,6 +49,7 @@ class Stream(Result):
     ends: tuple[str, ...]
     nozzle: NozzleAngle | None = None
     sensitivities: Mapping[str, tuple[Estimate, Estimate]] | None = None
+    per_mass: PerMass = dataclasses.field(default_factory=PerMass)
 
     @property
     def model(self) -> CuttingModel:
@@ -80,8 +84,16 @@ class Stream(Result):
     @property
     def erosion(self) -> Estimate:
         """Removed volume per unit mass of abrasive [volume/mass]; particles that miss are abrasive too."""
-        removed = self.tally.counted * self.tally.mean
+        removed = self.per_mass.cutting_fraction * self.tally.counted * self.tally.mean
         return Estimate.of(removed / self.tally.mass, float(removed.sum() / self.tally.mass.sum()))
+
+    @property
+    def erosion_ratio(self) -> Estimate | None:
+        """Mass loss per mass of abrasive [kg/kg]; None where the density of the target is not known."""
+        if self.per_mass.density is None:
+            return None
+        factor = self.per_mass.density * conversion_factor("volume per mass", self.particles.p.units, "si")
+        return Estimate(*(factor * number for number in dataclasses.astuple(self.erosion)))
 
     @property
     def shares(self) -> dict[str, Estimate]:
@@ -107,7 +119,9 @@ class Stream(Result):
         units = self.particles.p.units
         rows = [
             Row("n", "", f"{self.n:,}", "", "particles"),
-            *(self._estimate_row(name) for name in ("mean_volume", "erosion", "mean_mass")),
+            self._estimate_row("mean_volume"),
+            *self._per_mass_rows(),
+            self._estimate_row("mean_mass"),
         ]
         rows += [result_row(name, getattr(self, name), units) for name in ("deviation", "total_volume")]
         for share, volume in self.quantiles.items():
@@ -130,6 +144,21 @@ class Stream(Result):
             alone = f"of a single, typical particle ({self.nozzle.single_kind})"
             rows.append(Row("", "", f"{self.nozzle.single_alpha * degree:.5g}", "°", alone))
         return rows
+
+    def _per_mass_rows(self) -> list[Row]:
+        """Erosion per mass of abrasive, in mm³/kg and, where the density is known, in g/kg."""
+        fraction, mm3 = (
+            self.per_mass.cutting_fraction,
+            conversion_factor("volume per mass", self.particles.p.units, "si"),
+        )
+        some = "" if fraction == 1 else f"; {fraction:g} of the particles cut"
+        numbers = [("erosion", self.erosion, mm3 / MM3_PER_KG, "mm³/kg")]
+        if self.erosion_ratio is not None:
+            numbers.append(("erosion_ratio", self.erosion_ratio, 1e3, "g/kg"))
+        return [
+            _with_error(Row(name, RESULTS[name].symbol, "", unit, RESULTS[name].meaning + some), estimate, factor)
+            for name, estimate, factor, unit in numbers
+        ]
 
     def _estimate_row(self, name: str) -> Row:
         """A mean with its standard error."""
@@ -173,8 +202,10 @@ class Stream(Result):
         units = self.particles.p.units
         dataset = self.tally.to_dataset()
         dataset["end"] = ("end", np.array(self.ends, dtype=object))
-        for name in ("mean_volume", "mean_mass", "erosion"):
-            estimate: Estimate = getattr(self, name)
+        for name in ("mean_volume", "mean_mass", "erosion", "erosion_ratio"):
+            estimate: Estimate | None = getattr(self, name)
+            if estimate is None:
+                continue
             attributes = RESULTS[name].attributes(units)
             dataset[name] = ((), estimate.value, attributes)
             dataset[f"{name}_error"] = ((), estimate.error, {**attributes, "long_name": f"standard error of {name}"})

@@ -1,0 +1,98 @@
+"""The curves of an advice, and the sheet of A4 that has them with the sentences and the table."""
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees
+from erosion.plotting.colors import DIM, FAINT, INK, STYLES
+from erosion.plotting.style import house_style, new_axes
+from erosion.version import __version__
+
+_DASHES: Sequence[Any] = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
+_A4 = (8.27, 11.69)  # in
+
+
+@house_style()
+def plot_advice(advice: Advice) -> Figure:
+    """Erosion over the nozzle's angle, each curve over its own maximum, and the advised angle."""
+    fig, ax = new_axes(6.6, 5.0)
+    _draw(advice, ax)
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5)
+    return fig
+
+
+@house_style()
+def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
+    """The whole advice on one sheet of A4.
+
+    Args:
+        advice: of `erosion.advise`.
+        notes: what it rests on: names with their texts.
+    """
+    fig = Figure(figsize=_A4)
+    left, y = 0.09, 0.945
+    fig.text(left, y, "Advice on a nozzle's angle", fontsize=10, color=DIM)
+    fig.text(left, y - 0.03, advice.title, fontsize=15, weight="bold")
+    y = _paragraphs(fig, advice.statements, y - 0.055, width=104, size=9.5)
+    ax = fig.add_axes((left + 0.02, y - 0.315, 0.8, 0.295))
+    _draw(advice, ax)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, fontsize=8)
+    y = _table(fig, advice, left, y - 0.45)
+    _paragraphs(fig, [f"{name}: {text}" for name, text in notes], y - 0.005, width=128, size=7.5)
+    fig.text(left, 0.03, f"erosion {__version__}", fontsize=7.5, color=DIM)
+    return fig
+
+
+def _draw(advice: Advice, ax: Axes) -> None:
+    nozzle = np.rad2deg(NOZZLE_ANGLES)
+    for curve in (*advice.group("k"), *advice.group("psi")):
+        ax.plot(nozzle, curve.shares, color=DIM, linewidth=0.5, alpha=0.45)
+    for i, curve in enumerate(advice.group("correlations")):
+        ax.plot(nozzle, curve.shares, color=DIM, linewidth=1.4, linestyle=_DASHES[i % len(_DASHES)],
+                label=f"{curve.name}: {degrees(curve.best)}")  # fmt: skip
+    for i, curve in enumerate(advice.group("models")):
+        color, line = STYLES[i % len(STYLES)]
+        ax.plot(nozzle, curve.shares, color=color, linestyle=line, linewidth=1.8,
+                label=f"{curve.name}: {degrees(curve.best)}")  # fmt: skip
+    best = float(np.rad2deg(advice.alpha))
+    ax.plot(nozzle, advice.worst_shares, color=INK, linewidth=2.6, label=f"the least of all: {degrees(advice.alpha)}")
+    ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    ax.plot(best, advice.worst_shares.max(), "*", color=INK, markersize=13)
+    ax.set_xlim(0, 90)
+    ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
+    ax.set_ylim(0, 1.03)
+    ax.set_xlabel("angle of the nozzle, from the surface")
+    ax.set_ylabel("erosion by the jet, over its own greatest")
+
+
+def _paragraphs(fig: Figure, texts: Sequence[str], y: float, *, width: int, size: float) -> float:
+    """Write paragraphs below each other from the height y; the height below them."""
+    line = 1.45 * size / 72 / _A4[1]
+    for text in texts:
+        for words in textwrap.wrap(text, width):
+            y -= line
+            fig.text(0.09, y, words, fontsize=size)
+        y -= 0.4 * line
+    return y
+
+
+def _table(fig: Figure, advice: Advice, left: float, y: float) -> float:
+    """Write the table from the height y; the height below it."""
+    columns = (left, 0.45, 0.63, 0.75)
+    for i, row in enumerate((advice.headings, *advice.rows())):
+        y -= 0.019
+        for x, cell in zip(columns, row, strict=True):
+            fig.text(x, y, cell, fontsize=8.5, weight="bold" if i == 0 else "normal")
+        fig.add_artist(_rule(left, y - 0.006))
+    return y - 0.012
+
+
+def _rule(left: float, y: float) -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([left, 0.93], [y, y], color=FAINT, linewidth=0.7)

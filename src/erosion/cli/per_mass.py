@@ -1,0 +1,58 @@
+"""`--density` and `--cutting-fraction`: erosion per mass of abrasive at the command line."""
+
+import dataclasses
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from erosion.cli.options import CaseOptions, InputError, user_errors
+
+if TYPE_CHECKING:
+    from erosion.models.base import CuttingModel
+    from erosion.parameters.per_mass import PerMass
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class PerMassOptions:
+    """What erosion per mass of abrasive needs beside the case."""
+
+    density: Annotated[
+        str | None,
+        Parameter(help='Of the target, for g/kg: "2.7 g/cm^3"; --target has one as well.'),
+    ] = None
+    cutting_fraction: Annotated[
+        float | None,
+        Parameter(help="Share of the particles that cut, for mm³/kg and g/kg; Finnie: about 0.5."),
+    ] = None
+
+    def per_mass(self, options: CaseOptions, usual_fraction: float = 1.0) -> "PerMass":
+        """With what --target or the case file give where these options give nothing.
+
+        Raises:
+            InputError: one sentence naming the option or the file.
+        """
+        from erosion.parameters.case_files import load_per_mass
+        from erosion.parameters.materials import target
+        from erosion.parameters.per_mass import PerMass, read_density
+
+        with user_errors():
+            of_case = PerMass(cutting_fraction=usual_fraction)
+            if options.case is not None:
+                of_case = load_per_mass(options.case, usual_fraction)
+            density = of_case.density if options.target is None else target(options.target).density
+        if self.density is not None:
+            try:
+                density = read_density(self.density)
+            except ValueError as error:
+                raise InputError(f"Option `--density` {error}.") from error
+        fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
+        with user_errors():
+            return PerMass(density, fraction)
+
+
+def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "PerMass":
+    """How a model's volume becomes erosion per mass of abrasive."""
+    from erosion.models.correlated import per_mass_of
+
+    return per_mass_of(model, (given or PerMassOptions()).per_mass(options))

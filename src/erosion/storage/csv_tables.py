@@ -1,0 +1,84 @@
+"""Labelled results as a table of comma-separated values, for spreadsheets."""
+
+import csv
+import io
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from erosion.files import write_whole
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.per_mass import PerMass
+
+
+def write_csv(dataset: xr.Dataset, path: Path, p: Parameters, weights: Mapping[str, PerMass]) -> None:
+    """Write a sweep or a comparison: a line for each point of the grid, its axes first, then its results.
+
+    Angles are in degrees, everything else in the units of the dataset, which stand in the headings: "v0 [m/s]".
+    Outcomes are words. Erosion per mass of abrasive comes last, in mm³/kg and g/kg.
+
+    Args:
+        dataset: with `volume`, and the parameters that vary as coordinates.
+        path: of the file, which is replaced.
+        p: the case, for the mass where it does not vary.
+        weights: by model, how a volume becomes erosion per mass; the key "" stands for all models.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    columns = dict(_columns(dataset, p, weights))
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    write_whole(path, text.getvalue().encode())
+
+
+def _columns(dataset: xr.Dataset, p: Parameters, weights: Mapping[str, PerMass]) -> Iterator[tuple[str, Any]]:
+    """Each column's heading and its cells, of the points in the order of the grid."""
+    dims = tuple(dataset.volume.dims)
+    for name in (*dataset.coords, *dataset.data_vars):
+        variable = dataset[name]
+        if name == "pair" or not set(variable.dims) <= set(dims):  # a pair's number says nothing
+            continue
+        yield _heading(str(name), variable), _cells(variable.broadcast_like(dataset.volume).transpose(*dims))
+    yield from _per_mass(dataset, p, weights)
+
+
+def _heading(name: str, variable: xr.DataArray) -> str:
+    unit = _degrees(variable.attrs.get("units", ""))
+    return f"{name} [{unit}]" if unit not in ("", "1") else name
+
+
+def _degrees(unit: str) -> str:
+    return "deg" if unit == "rad" else unit
+
+
+def _cells(values: xr.DataArray) -> list[Any]:
+    flat = values.values.ravel()
+    if "flag_meanings" in values.attrs:
+        return np.array(values.attrs["flag_meanings"].split())[flat].tolist()
+    return (np.rad2deg(flat) if values.attrs.get("units") == "rad" else flat).tolist()
+
+
+def _per_mass(dataset: xr.Dataset, p: Parameters, weights: Mapping[str, PerMass]) -> Iterator[tuple[str, list[Any]]]:
+    volume = dataset.volume
+    mass = (dataset["m"] if "m" in dataset else xr.DataArray(float(p.m))).broadcast_like(volume)
+    mass = mass.transpose(*volume.dims)
+
+    def weigh(model: str, values: xr.DataArray, masses: xr.DataArray) -> dict[str, np.ndarray]:
+        return weights[model].to_dict(values.values, p.replace(m=masses.values))
+
+    if "" in weights:
+        parts = {name: volume.copy(data=part) for name, part in weigh("", volume, mass).items()}
+    else:
+        each = {name: weigh(name, volume.sel(model=name), mass.sel(model=name)) for name in weights}
+        common = set.intersection(*(set(part) for part in each.values()))
+        parts = {name: volume.copy() for name in ("specific_volume", "erosion_ratio") if name in common}
+        for name, part in parts.items():
+            for model, numbers in each.items():
+                part.loc[{"model": model}] = numbers[name]
+    units = {"specific_volume": ("mm^3/kg", 1e9), "erosion_ratio": ("g/kg", 1e3)}
+    for name, part in parts.items():
+        unit, factor = units[name]
+        yield f"{name} [{unit}]", (part.values.ravel() * factor).tolist()

@@ -1,0 +1,160 @@
+import math
+import re
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.parameters.materials import known_particles, known_targets
+
+P = erosion.TABLE_1
+
+
+def test_a_particle_is_a_sphere_of_its_size():
+    garnet = erosion.particle("garnet 0.3 mm")
+    assert (garnet.name, garnet.size, garnet.density, garnet.shape) == ("garnet", 3e-4, 4190.0, "angular")
+    assert garnet.mass == pytest.approx(4190 * math.pi / 6 * 3e-4**3, rel=1e-15)
+    p = P.to("si").with_particle("garnet 0.3 mm")
+    assert (float(p.r), float(p.b), float(p.inertia)) == (1.5e-4, 1.5e-4, 0.4)
+    assert float(p.m) == garnet.mass
+    assert (float(p.v0), float(p.sigma)) == (float(P.to("si").v0), float(P.to("si").sigma))
+    inches = P.with_particle(garnet)
+    assert inches.units == "inch-pound"
+    assert float(inches.to("si").m) == pytest.approx(garnet.mass, rel=1e-14)
+
+
+def test_flow_stress_is_the_hardness_with_the_contact_ratio_of_finnie():
+    metal = erosion.target("aluminium 6061")
+    assert metal.flow_stress == pytest.approx(107 * 9.80665e6)  # kgf/mm² in Pa
+    assert (metal.density, metal.psi, metal.vickers) == (2700.0, 2.0, 107.0)
+    low, high = metal.flow_stress_range
+    assert low <= metal.flow_stress <= high
+    p = P.to("si").with_target(metal)
+    assert (float(p.sigma), float(p.psi), float(p.k)) == (metal.flow_stress, 2.0, 2.0)
+
+
+def test_metals_of_table_2_keep_the_contact_ratio_of_the_case():
+    assert set(erosion.MATERIALS) <= set(known_targets())
+    for metal, sigma in erosion.MATERIALS.items():
+        p = P.with_target(metal)
+        assert float(p.sigma) == sigma
+        assert float(p.psi) == float(P.psi)
+
+
+@pytest.mark.parametrize("name", known_particles())
+def test_every_particle_can_be_named_and_has_a_source(name):
+    particle = erosion.particle(f"{name} 100 um")
+    assert particle.size == pytest.approx(1e-4)
+    low, high = particle.density_range
+    assert 1000 < low <= particle.density <= high < 20000
+    assert particle.source
+    assert P.with_particle(particle).size_warning is None
+
+
+@pytest.mark.parametrize("name", known_targets())
+def test_every_target_can_be_named_and_has_a_source(name):
+    target = erosion.target(name)
+    assert target.source
+    assert 1e6 < target.flow_stress < 1e10
+    for correlation in target.correlations:
+        assert erosion.load_model(correlation)
+
+
+def test_names_may_be_written_in_several_ways():
+    for name in ("aluminum 6061", "Aluminium  6061-t6", "6061", "ALUMINIUM-6061"):
+        assert erosion.target(name).name == "aluminium 6061"
+    for text in ("garnet 0.3mm", "Garnet 300 µm", " garnet  3e-4 m ", "almandine .3 mm"):
+        assert erosion.particle(text).size == pytest.approx(3e-4)
+    assert erosion.particle("garnet 0.012 in").size == pytest.approx(0.012 * 0.0254)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("garnet", "must be a material and a size such as \"garnet 0.3 mm\", but is 'garnet'"),
+        ("garnet 0.3", "must be a material and a size"),
+        ("0.3 mm", "must be a material and a size"),
+        ("granet 0.3 mm", "names 'granet'; did you mean 'garnet'?"),
+        ("garnet 0.3 kg", "must be a length such as"),
+        ("garnet 0 mm", "must have a positive size"),
+    ],
+)
+def test_a_particle_that_cannot_be_read_is_one_sentence(text, message):
+    with pytest.raises(ValueError, match=r"Argument `particle` .*" + re.escape(message)):
+        P.with_particle(text)
+
+
+def test_a_target_that_is_unknown_is_one_sentence():
+    with pytest.raises(ValueError, match=r"Argument `target` must name one of 'aluminium 6061', .*, but names 'gold'"):
+        P.with_target("gold")
+
+
+OWN = """
+[particles.slag]
+density = "2.8 g/cm^3"
+[targets."my alloy"]
+flow_stress = "1.2 GPa"
+psi = 1.5
+source = "own tests"
+"""
+
+
+def test_a_table_of_ones_own_has_the_same_form(tmp_path):
+    table = tmp_path / "mine.toml"
+    table.write_text(OWN)
+    p = P.to("si").with_particle(f"{table}: slag 0.5 mm").with_target(f"{table}:my alloy")
+    assert float(p.m) == pytest.approx(2800 * math.pi / 6 * 5e-4**3)
+    assert (float(p.sigma), float(p.psi)) == (1.2e9, 1.5)
+    assert erosion.target(f"{table}: my alloy").density is None
+    with pytest.raises(ValueError, match=r"must name one of 'slag' in .*mine\.toml, but names 'garnet'"):
+        erosion.particle(f"{table}: garnet 1 mm")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[metals.brass]", "must have tables such as"),
+        ("targets = 1", "must have a table for each name"),
+        ("[targets.x]\nvickers = -1", r"\[targets.x\]: field `vickers` must be a positive number"),
+        ("[targets.x]\nsource = 'a'", "field `vickers` or `flow_stress` is missing"),
+        ("[particles.x]\nhardness = 'a'", "field `density` is missing"),
+        ("[particles.x]\ndensity = '3 m'", "field `density` must be a density"),
+        ("[particles.x]\ndensity = 3\ncolour = 'red'", "field `colour` is unknown"),
+        ("[particles.x]\ndensity = 3\ndensity_range = [4, 5]", "field `density_range` must hold `density`"),
+        ("[particles.x]\ndensity = 3\nalso = 'y'", "field `also` must be a list of texts"),
+        ("[particles", "mine.toml"),
+    ],
+)
+def test_a_table_that_cannot_be_used_names_file_entry_and_field(tmp_path, content, message):
+    table = tmp_path / "mine.toml"
+    table.write_text(content)
+    with pytest.raises(ValueError, match=message) as caught:
+        erosion.target(f"{table}: x")
+    assert str(caught.value).startswith(str(table))
+
+
+def test_a_file_that_is_missing_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.toml: cannot be read"):
+        erosion.target(f"{tmp_path / 'none.toml'}: x")
+
+
+def test_a_mass_that_fits_no_body_is_one_sentence():
+    assert P.size_warning is None
+    for changed in (P.replace(r=0.3 / 25.4), P.replace(r=0.4), P.replace(r=np.array([0.04, 0.01])), P.replace(m=1e-4)):
+        assert re.fullmatch(r"m does not fit r and b: .* kg/m³, .*\.", changed.size_warning or "")
+
+
+def test_case_files_name_particles_and_targets(tmp_path):
+    case = tmp_path / "case.toml"
+    text = 'particle = "garnet 0.3 mm"\ntarget = "aluminium 6061"\nk = 2\nv0 = "100 m/s"\nalpha = "20 deg"\n'
+    case.write_text(text)
+    p = erosion.load_case(case)
+    assert (float(p.r), float(p.psi), float(p.inertia)) == (1.5e-4, 2.0, 0.4)
+    case.write_text(text + 'm = "1 mg"\npsi = 1\n')
+    assert (float(erosion.load_case(case).m), float(erosion.load_case(case).psi)) == (pytest.approx(1e-6), 1.0)
+    case.write_text(text.replace("garnet", "granite"))
+    with pytest.raises(erosion.CaseError, match=r"case\.toml: field `particle` must name one of"):
+        erosion.load_case(case)
+    case.write_text(text.replace('"aluminium 6061"', "6061"))
+    with pytest.raises(erosion.CaseError, match="field `target` must be text"):
+        erosion.load_case(case)

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+import erosion
+
+P = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
+
+
+def test_the_linearized_cut_per_mass_of_abrasive():
+    # V = V*/k [sin 2α - (2/k) sin²α] with V* = m v²/(σψ): the mass of the particle cancels.
+    alpha, sigma = np.deg2rad(20), 107 * 9.80665e6
+    expected = 1e4 / (sigma * 2) / 2 * (np.sin(2 * alpha) - np.sin(alpha) ** 2)
+    p = P.replace(alpha=alpha)
+    volume = erosion.impact("linearized", p).volume
+    assert erosion.PerMass().specific_volume(volume, p) == pytest.approx(expected, rel=1e-9)
+    per_mass = erosion.PerMass.on("aluminium 6061", cutting_fraction=0.5)
+    assert per_mass == erosion.PerMass(2700.0, 0.5)
+    assert per_mass.erosion_ratio(volume, p) == pytest.approx(0.5 * 2700 * expected, rel=1e-9)
+    inches = p.to("inch-pound")
+    cubic_inches = erosion.impact("linearized", inches).volume
+    assert per_mass.erosion_ratio(cubic_inches, inches) == pytest.approx(0.5 * 2700 * expected, rel=1e-9)
+
+
+def test_arrays_broadcast_with_the_mass():
+    p = P.replace(m=np.array([1e-8, 2e-8]))
+    ratios = erosion.PerMass(1000.0).erosion_ratio(np.array([[1e-15], [3e-15]]), p)
+    np.testing.assert_allclose(ratios, [[1e-4, 5e-5], [3e-4, 1.5e-4]])
+
+
+@pytest.mark.parametrize(
+    ("ratio", "speed", "is_far"),
+    [(3e-4, 100.0, False), (2.9e-3, 100.0, False), (3.1e-3, 100.0, True), (3.2e-5, 100.0, True), (0.0, 100.0, False),
+     (3e-4, 10.0, True), (2e-6, 10.0, False)],
+)  # fmt: skip
+def test_far_from_tests_is_one_sentence_with_its_source(ratio, speed, is_far):
+    p = P.replace(v0=speed, m=1.0)
+    message = erosion.PerMass(1000.0).warning(ratio / 1000.0, p)
+    assert (message is not None) == is_far
+    if message:
+        assert f"{ratio * 1e3:.2g} g/kg is far from what tests" in message
+        assert "DNVGL-RP-O501, 2015, table 3-1" in message
+
+
+def test_the_range_of_tests_holds_the_fits_that_it_rests_on():
+    for material in ("aluminium", "carbon-steel"):
+        for speed in (30.0, 100.0, 200.0):
+            p = P.replace(v0=speed, m=1.0)
+            greatest = float(erosion.CORRELATIONS["dnv"].erosion(0.6, speed, material))
+            assert erosion.PerMass(1000.0).warning(greatest / 1000.0, p) is None
+
+
+@pytest.mark.parametrize("bad", [{"density": 0.0}, {"density": -1.0}, {"cutting_fraction": 0.0},
+                                 {"cutting_fraction": 1.1}])  # fmt: skip
+def test_numbers_out_of_range_are_refused(bad):
+    with pytest.raises(ValueError, match=f"Argument `{next(iter(bad))}` must be"):
+        erosion.PerMass(**bad)
+
+
+def test_without_a_density_there_is_no_mass_loss():
+    with pytest.raises(ValueError, match="`density` must be given"):
+        erosion.PerMass().erosion_ratio(1.0, P)
+    assert [row.name for row in erosion.PerMass().rows(1e-12, P)] == ["specific_volume"]
+    rows = erosion.PerMass(2700.0, 0.5).rows(P.m * 1e-6, P)
+    assert [(row.value, row.unit) for row in rows] == [("500", "mm³/kg"), ("1.35", "g/kg")]
+
+
+def test_case_files_give_density_and_cutting_fraction(tmp_path):
+    from erosion.parameters.case_files import load_per_mass
+
+    case = tmp_path / "case.toml"
+    case.write_text('target = "aluminium 6061"\ncutting_fraction = 0.4\n')
+    assert load_per_mass(case) == erosion.PerMass(2700.0, 0.4)
+    case.write_text('target = "aluminium 6061"\ndensity = "2.71 g/cm^3"\n')
+    assert load_per_mass(case).density == pytest.approx(2710.0)
+    for line, message in (
+        ("density = 2700", r"field `density` must be a density with its unit"),
+        ('density = "3 m"', "field `density` must be a density"),
+        ("cutting_fraction = 2", "field `cutting_fraction` must be above 0"),
+        ('cutting_fraction = "1"', "field `cutting_fraction` must be a number"),
+    ):
+        case.write_text(line)
+        with pytest.raises(erosion.CaseError, match=message):
+            load_per_mass(case)
+
+
+def test_a_correlation_has_all_particles_and_its_own_density_in_it():
+    from erosion.models.correlated import per_mass_of
+
+    model = erosion.load_model("dnv:aluminium")
+    p = P.replace(alpha=0.6)
+    ratio = per_mass_of(model, erosion.PerMass(8000.0, 0.1)).erosion_ratio(erosion.impact(model, p).volume, p)
+    assert ratio == pytest.approx(float(erosion.correlations.dnv(0.6, 100.0, "aluminium")), rel=1e-9)
+    cutting = erosion.PerMass(8000.0, 0.1)
+    assert per_mass_of(erosion.load_model("rotating"), cutting) is cutting

@@ -1,0 +1,45 @@
+import csv
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.storage.csv_tables import write_csv
+
+P = erosion.TABLE_1.to("si")
+
+
+def lines(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_line_for_each_point_with_axes_outcomes_and_erosion_per_mass(tmp_path):
+    masses = np.array([4e-5, 5e-5])
+    grid = erosion.sweep("rotating", P, alpha=np.deg2rad([10.0, 20.0, 30.0]), m=masses)
+    write_csv(grid, tmp_path / "grid.csv", P, {"": erosion.PerMass(2700.0, 0.5)})
+    table = lines(tmp_path / "grid.csv")
+    assert len(table) == 6
+    first, *_, last = table
+    assert float(first["alpha [deg]"]) == pytest.approx(10.0)
+    assert (float(last["alpha [deg]"]), float(last["m [kg]"])) == (pytest.approx(30.0), 5e-5)
+    corner = grid.isel(alpha=-1, m=-1)
+    assert float(last["volume [m^3]"]) == float(corner.volume)
+    assert float(last["specific_volume [mm^3/kg]"]) == pytest.approx(0.5 * float(corner.volume) / 5e-5 * 1e9)
+    assert float(last["erosion_ratio [g/kg]"]) == pytest.approx(1350 * float(corner.volume) / 5e-5 * 1e3)
+    assert last["ended_by"] in ("rebound", "stop")
+
+
+def test_paired_axes_and_several_models(tmp_path):
+    grid = erosion.sweep(["finnie", "dnv"], P, r=[1e-3, 2e-3], m=[5e-5, 4e-4], paired=("r", "m"), optimum=True)
+    weights = {"finnie": erosion.PerMass(2700.0), "dnv": erosion.PerMass(7800.0)}
+    write_csv(grid, tmp_path / "grid.csv", P, weights)
+    table = lines(tmp_path / "grid.csv")
+    assert [(line["model"], float(line["r [m]"])) for line in table] == [
+        ("finnie", 1e-3), ("finnie", 2e-3), ("dnv", 1e-3), ("dnv", 2e-3),
+    ]  # fmt: skip
+    ratio = float(erosion.correlations.dnv(float(P.alpha), float(P.v0)))
+    assert float(table[3]["erosion_ratio [g/kg]"]) == pytest.approx(1e3 * ratio, rel=1e-9)
+    assert table[0]["alpha_max_kind"] == "interior"
+    write_csv(grid, tmp_path / "grid.csv", P, {**weights, "finnie": erosion.PerMass()})
+    assert "erosion_ratio [g/kg]" not in lines(tmp_path / "grid.csv")[0]
