@@ -2,7 +2,10 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -19,7 +22,7 @@ def test_a_file_comes_when_it_is_whole(tmp_path: Path) -> None:
     with written_whole(path) as draft:
         draft.write_bytes(b"half")
         assert not path.exists()
-        assert draft.parent == tmp_path
+        assert draft.parent.parent == tmp_path
         draft.write_bytes(b"whole")
     assert contents(tmp_path) == {"out.txt": b"whole"}
     write_whole(path, memoryview(b"newer"))
@@ -187,3 +190,39 @@ def test_signals_do_not_come_to_other_threads() -> None:
     thread.start()
     thread.join()
     assert reached == [signal.default_int_handler]
+
+
+HALF_WRITTEN = """
+import sys, time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from erosion.files import written_whole
+with written_whole(Path(sys.argv[1])) as draft:
+    draft.write_bytes(b"half")
+    print("half", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("write", [require_writable, lambda path: write_whole(path, b"new")])
+def test_the_next_writer_clears_what_a_killed_one_left(tmp_path: Path, write) -> None:
+    path = tmp_path / "out.txt"
+    with subprocess.Popen([sys.executable, "-c", HALF_WRITTEN, path], stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        (draft,) = tmp_path.iterdir()
+        write(path)
+        assert draft.is_dir(), "its writer lives"
+        writer.kill()
+    assert draft.is_dir()
+    write(tmp_path / "another.txt")
+    assert draft.is_dir(), "of another file"
+    write(path)
+    assert not draft.exists()
+
+
+def test_writers_of_one_file_do_not_clear_each_other(tmp_path: Path) -> None:
+    path = tmp_path / "out.txt"
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda i: write_whole(path, b"%d" % i), range(400)))
+    assert [each.name for each in tmp_path.iterdir()] == ["out.txt"]

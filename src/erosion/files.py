@@ -11,6 +11,8 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+_DRAFT = ".part"  # ends the name of a folder in which a file is written
+
 
 def write_whole(path: Path, content: bytes | memoryview) -> None:
     """Write a file completely or not at all."""
@@ -75,6 +77,33 @@ def uninterrupted() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
+@contextlib.contextmanager
+def claimed(folder: Path, *, alone: bool = False) -> Iterator[bool]:
+    """Hold a folder as its user, one of several or `alone`; gives whether that was possible.
+
+    The system ends the claim when the process ends, also when it is killed. Where the system knows no claims,
+    nobody has one, and nobody is alone.
+
+    Raises:
+        OSError: where the folder is not there.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield False
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH)
+            held = True
+        except OSError:  # held by another, or a file system without locks
+            held = False
+        yield held
+    finally:
+        os.close(handle)
+
+
 Trace = tuple[int, int, int] | None
 """What tells a file from one that comes in its place; None where there is none."""
 
@@ -117,17 +146,47 @@ def _target(path: Path) -> Path:
 
 @contextlib.contextmanager
 def _draft(path: Path) -> Iterator[Path]:
-    """A path beside the file, cleared afterwards, of its own for each writer; errors name `path`."""
+    """A path in a hidden folder beside the file, of its own for each writer, cleared afterwards; errors name `path`."""
     target = _target(path)
-    draft = target.with_name(f".{target.name[:40]}.{secrets.token_hex(8)}.part")
     try:
-        yield draft
+        _clear_drafts(target)
+        with _own_folder(target) as folder:
+            yield folder / target.name
     except OSError as error:
         # Libraries put long texts of their own into `strerror`.
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise type(error)(error.errno, reason, str(path)) from error
-    finally:
-        if draft.is_dir():
-            shutil.rmtree(draft, ignore_errors=True)
-        with contextlib.suppress(OSError):
-            draft.unlink()
+
+
+@contextlib.contextmanager
+def _own_folder(target: Path) -> Iterator[Path]:
+    """A new folder for a draft, claimed as long as its writer lives."""
+    while True:
+        folder = target.with_name(f"{_start_of_drafts(target)}{secrets.token_hex(8)}{_DRAFT}")
+        folder.mkdir()
+        with contextlib.ExitStack() as claim:
+            try:
+                claim.enter_context(claimed(folder))
+                folder.lstat()
+            except FileNotFoundError:
+                continue  # another writer took it for a dead one's before it was claimed
+            try:
+                yield folder
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
+            return
+
+
+def _clear_drafts(target: Path) -> None:
+    """Remove what writers of the same file left that were killed."""
+    with contextlib.suppress(OSError), os.scandir(target.parent) as entries:
+        start = _start_of_drafts(target)
+        drafts = [entry.path for entry in entries if entry.name.startswith(start) and entry.name.endswith(_DRAFT)]
+        for draft in drafts:
+            with contextlib.suppress(OSError), claimed(Path(draft), alone=True) as is_alone:
+                if is_alone:
+                    shutil.rmtree(draft, ignore_errors=True)
+
+
+def _start_of_drafts(target: Path) -> str:
+    return f".{target.name[:40]}."

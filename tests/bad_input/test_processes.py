@@ -124,6 +124,16 @@ def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path)
     assert ended == [(1, sentence), (1, sentence), (0, "")]
 
 
+@pytest.mark.slow
+def test_a_home_that_cannot_be_written_is_no_warning(tmp_path: Path) -> None:
+    nowhere = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), "/dev/null")
+    ended, _ = commands(
+        ["run", "--plot", str(tmp_path / "cut.svg")], ["report", "--only", "q1", "-o", str(tmp_path / "page")],
+        MPLCONFIGDIR="", **nowhere,
+    )  # fmt: skip
+    assert ended == [(0, ""), (0, "")]
+
+
 ASCII = {
     "PYTHONIOENCODING": {"PYTHONIOENCODING": "ascii"},
     "LANG": {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},

@@ -3,6 +3,8 @@
 import itertools
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +19,7 @@ import erosion
 import erosion.streams.stream
 from erosion.cli import _status
 from erosion.distributions import Normal
+from erosion.files import claimed
 from erosion.storage.identity import StoreError
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.sweeps.grid import make_grid
@@ -410,6 +413,80 @@ def test_the_command_line_says_what_is_damaged(tmp_path: Path, capsys: pytest.Ca
     said = capsys.readouterr().err
     assert said.startswith(f"erosion: {tmp_path}/out.nc: ")
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("theirs", ["linearized", "finnie"])
+def test_a_zarr_store_that_another_process_makes_at_the_same_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, theirs: str
+) -> None:
+    path = tmp_path / "out.zarr"
+
+    def checked(_: Path) -> None:
+        monkeypatch.undo()
+        monkeypatch.setattr("erosion.sweeps.sweep._LEAST_BLOCK", 6)
+        ZarrStore(make_grid(theirs, P, AXES), (3, 2), path)
+
+    monkeypatch.setattr("erosion.sweeps.stores.require_writable", checked)
+    if theirs == "linearized":
+        assert_same_bits(zarr(path).compute(), WHOLE)
+    else:
+        with pytest.raises(StoreError, match="holds another result"):
+            zarr(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["out.zarr"]
+
+
+# The program ends where a file is to get its name, for the third time in a folder of that kind.
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import erosion
+from erosion.sweeps import sweep
+from tests.bad_input.test_stores import KEPT
+sweep._MEMORY_BLOCK = sweep._LEAST_BLOCK = 6
+usual, kind, count = Path.replace, sys.argv[2], 0
+def replace(draft, target):
+    global count
+    count += kind in str(draft)
+    if count == (3 if kind == "/c/" else 1):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return usual(draft, target)
+Path.replace = replace
+KEPT[sys.argv[3]](Path(sys.argv[1]))
+"""
+KEPT: dict[str, Callable[[Path], xr.Dataset]] = {
+    "zarr": zarr,
+    "nc": lambda path: sweep("linearized", P, store=path, **AXES),
+    "stream": lambda path: erosion.stream(
+        "linearized", P, n=256, best_angle=False, store=path, alpha=Normal(0.3, 0.1)
+    ).to_dataset(),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "kind", "draft"),
+    [
+        ("zarr", ".part/out.zarr", ".out.zarr.*.part"),  # the new store, complete but without its name
+        ("zarr", "/c/", "out.zarr/*/c/*/*.partial"),
+        ("nc", ".part/out.nc", ".out.nc.*.part"),
+        ("stream", ".part/out.nc", ".out.nc.*.part"),
+    ],
+)
+def test_a_killed_program_leaves_nothing_that_the_next_one_keeps(
+    tmp_path: Path, name: str, kind: str, draft: str
+) -> None:
+    path = tmp_path / ("out.zarr" if name == "zarr" else "out.nc")
+    whole = KEPT[name](tmp_path / f"whole{path.suffix}").compute()
+    killed = subprocess.run([sys.executable, "-c", KILLED, path, kind, name], timeout=120, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    (left,) = tmp_path.glob(draft)
+    if left.is_file():
+        with claimed(path):  # as while another process writes
+            KEPT[name](path)
+        assert left.is_file()
+    xr.testing.assert_equal(KEPT[name](path).compute(), whole)
+    assert not left.exists()
+    assert sorted(file.name for file in tmp_path.iterdir()) == [path.name, f"whole{path.suffix}"]
 
 
 def test_two_threads_never_tear_a_file(tmp_path: Path) -> None:

@@ -62,8 +62,9 @@ def test_a_block_that_could_not_be_written_is_computed_again(tmp_path):
     store = ZarrStore(grid, grid.shape, tmp_path / "out.zarr")
     codes = np.ones(len(CONTENT), np.int8)
     (region,) = store.missing()
-    with full_disk(), pytest.raises(OSError, match="File too large"):
+    with full_disk(), pytest.raises(OSError, match="File too large") as caught:
         store.write(region, {"volume": CONTENT, "t_c": CONTENT, "ended_by": codes})
+    assert caught.value.filename == str(tmp_path / "out.zarr")
     assert store.missing() == [region]
     store.write(region, {"volume": CONTENT, "t_c": CONTENT, "ended_by": codes})
     assert store.missing() == []

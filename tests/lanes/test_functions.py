@@ -1,10 +1,12 @@
 """Elementary functions against 80-bit references, and at the special values against NumPy.
 
-Each is evaluated twice: by NumPy, which rounds every product, and by XLA, which may round a product
-and its sum once (fma). XLA replaces subnormal numbers by zero, so they are left to NumPy.
+Each is evaluated by NumPy, which rounds every product, by XLA, which may round a product and its sum once (fma), and
+by lanes, which does so where the processor can. XLA replaces subnormal numbers by zero, so they are left to the others.
 """
 
+import functools
 import math
+import platform
 
 import jax
 import numpy as np
@@ -12,6 +14,8 @@ import pytest
 from jax.extend.core import Var
 
 from erosion.lanes.functions import FUNCTIONS
+from erosion.lanes.lanewise import Lanewise, number
+from erosion.lanes.machine import Target
 
 _RANDOM = np.random.default_rng(754)
 _COUNT = 10_000
@@ -68,7 +72,16 @@ def _by_xla(name, *points):
     return np.asarray(jax.jit(FUNCTIONS[name])(*points))
 
 
-_ENGINES = {"numpy": _by_numpy, "xla": _by_xla}
+def _by_lanes(name, *points, target=None):
+    return Lanewise(FUNCTIONS[name], (number,) * len(points), target=target)(*points)
+
+
+_ENGINES = {"numpy": _by_numpy, "xla": _by_xla, "lanes": _by_lanes}
+_OLDER = {
+    f"lanes for {cpu}": functools.partial(_by_lanes, target=Target(cpu, ""))
+    for cpu in ("x86-64", "x86-64-v3")
+    if "x86" in platform.machine()
+}
 
 
 def _uniform(low, high):
@@ -182,7 +195,7 @@ def _reference(name):
 
 @pytest.mark.slow
 @pytest.mark.skipif(np.finfo(np.longdouble).nmant < 63, reason="no 80-bit reference")
-@pytest.mark.parametrize("engine", _ENGINES)
+@pytest.mark.parametrize("engine", [*_ENGINES, *_OLDER])
 @pytest.mark.parametrize("name", _CASES)
 def test_error_in_ulp(name, engine):
     bound, cases = _CASES[name]
@@ -190,7 +203,7 @@ def test_error_in_ulp(name, engine):
     with np.errstate(under="ignore"):
         exact = _reference(name)(*(x.astype(np.longdouble) for x in points))
     ulp = np.ldexp(np.longdouble(1), np.maximum(np.frexp(exact)[1] - 53, -1074))
-    error = np.abs(_ENGINES[engine](name, *points) - exact) / ulp
+    error = np.abs((_ENGINES | _OLDER)[engine](name, *points) - exact) / ulp
     if engine == "xla":
         error[np.any([np.abs(x) < _SMALLEST_NORMAL for x in (*points, exact)], axis=0)] = 0
     assert set(_CASES) == set(FUNCTIONS)

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,11 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.calibration import Measurements, rank_models
 from erosion.cli import _status
+from erosion.distributions import Normal
+from erosion.explorer.answers import Answers
+from erosion.explorer.state import Case
 from erosion.storage.fingerprint import fingerprint
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import compute_block, prepare_sweep
@@ -111,6 +116,58 @@ def test_an_edit_while_a_sweep_runs_changes_nothing_of_it(tmp_path: Path, suffix
     np.testing.assert_array_equal(stored.volume, whole.volume)
     with pytest.raises(ValueError, match="another models"):
         erosion.sweep(path, P, store=path_of_store, **chunks, **axes)
+
+
+# Its own text changes as soon as it is traced.
+EDITED = text(first="from pathlib import Path; Path(__file__).write_text(TWICE)") + f"TWICE = {text('2.0')!r}"
+ANGLES = np.deg2rad([15.0, 20.0, 30.0, 50.0])
+MEASURED = Measurements(ANGLES, np.array([1.4, 1.8, 2.1, 1.4]) * 1e-4, "volume", None, None, None, "inch-pound", "x")
+
+
+def answers(path: Path) -> list[Any]:
+    """What the explorer computes of a model that it offers."""
+    of = Answers({"mine": erosion.load_model(path)})
+    case = Case.of(P)
+    over_angles = case.at_any_angle()
+    return [of.point("mine", case).volume, of.curve("mine", over_angles).volume, of.best("mine", over_angles).volume]
+
+
+def fitted(path: Path) -> list[Any]:
+    """ψ of both models that are fitted, the older text's being the better one."""
+    return [fit.p.psi for fit in rank_models(P, MEASURED, ["psi"], models=["finnie", path], starts=2).fits]
+
+
+VERBS: dict[str, Callable[[Path], list[Any]]] = {
+    "alpha_max": lambda path: [(best := erosion.alpha_max(path, P)).volume, best.sensitivities["k"]],
+    "simulate": lambda path: [erosion.simulate(path, P).volume],
+    "stream": lambda path: [erosion.stream(path, P, n=1024, alpha=Normal(0.35, 0.05)).mean_volume.value],
+    "rank_models": fitted,
+    "explorer": answers,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", VERBS)
+def test_an_edit_while_a_verb_runs_changes_nothing_of_it(tmp_path: Path, verb: str) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(text("1.0"))
+    usual = VERBS[verb](path)
+    path.write_text(EDITED)
+    for value, as_usual in zip(VERBS[verb](path), usual, strict=True):
+        np.testing.assert_array_equal(value, as_usual)
+    assert path.read_text() == text("2.0")
+
+
+def test_a_stream_of_a_model_that_was_edited_meanwhile_is_known_by_the_older_text(tmp_path: Path) -> None:
+    path, store = tmp_path / "mine.py", tmp_path / "out.nc"
+    path.write_text(EDITED)
+    laws: dict[str, Any] = {"alpha": Normal(0.35, 0.05), "n": 1024, "best_angle": False, "store": store}
+    erosion.stream(path, P, **laws)
+    assert path.read_text() == text("2.0")
+    with pytest.raises(ValueError, match="another"):
+        erosion.stream(path, P, **laws)
+    path.write_text(EDITED)
+    erosion.stream(path, P, **laws)
 
 
 def test_a_worker_that_finds_another_text_stops_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

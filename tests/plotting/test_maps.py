@@ -112,7 +112,7 @@ def test_without_a_renderer_it_is_a_sentence(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(maps, "_RENDERERS", ("libnothing.so.1",))
-    with pytest.raises(RuntimeError, match="^A picture of a map needs a screen or a library that draws without one"):
+    with pytest.raises(RuntimeError, match=r"^A picture of a map needs a screen, or a library that draws without one"):
         maps.require_renderer()
     monkeypatch.setenv("DISPLAY", ":0")
     maps.require_renderer()

@@ -204,6 +204,7 @@ def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Seq
 
     with user_errors():
         if plot is not None:
+            _silence_matplotlib()
             from erosion.plotting.style import require_plot_path
 
             require_plot_path(plot)
@@ -276,7 +277,15 @@ def start_engine() -> None:
     """Make ready to compute: what XLA compiles is kept for the next start."""
     from erosion.cli.kept_programs import keep_programs
 
+    _silence_matplotlib()
     keep_programs()
+
+
+def _silence_matplotlib() -> None:
+    """Where it has no place for its settings matplotlib says so in two lines, but needs none; before it is imported."""
+    import logging
+
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -24,6 +24,7 @@ from erosion.explorer.computed import all_ready
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab
+from erosion.explorer.threads import share_memory
 from erosion.explorer.wording import sentence
 from erosion.models import available_models, load_model
 from erosion.parameters.parameters import Parameters
@@ -50,11 +51,7 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
     Raises:
         ValueError: if another program took the port meanwhile.
     """
-    # A thread that returns from compiled code waits this long for the thread that holds the interpreter.
-    # Python's default is 5 ms.
-    sys.setswitchinterval(_SWITCH)
-    # The page itself shows this warning.
-    warnings.simplefilter("ignore", TurnWarning)
+    _prepare_process()
 
     @ui.page("/", title="erosion explorer", dark=None)
     async def page(request: Request) -> None:
@@ -75,11 +72,6 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
 
     app.add_middleware(OnlyOwnPage, address=address)
     app.on_startup(lambda: background_tasks.create(announce()))
-    # If a model still computes at the end, NiceGUI and Python would warn about the dropped work. And numbers beyond
-    # all floats are on the page, not on the terminal.
-    warnings.simplefilter("ignore", RuntimeWarning)
-    logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
-    logging.getLogger("uvicorn.error").addFilter(lambda record: not isinstance(record.msg, OSError))
     try:
         ui.run(
             host=address.host,
@@ -99,6 +91,20 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
     # When the interpreter ends, a thread that is still inside XLA would abort the process.
     atexit.register(os._exit, _INTERRUPTED)
     raise KeyboardInterrupt
+
+
+def _prepare_process() -> None:
+    """Settings for all threads, and no warnings on the terminal about what the page says."""
+    share_memory()
+    # A thread that returns from compiled code waits this long for the thread that holds the interpreter.
+    # Python's default is 5 ms.
+    sys.setswitchinterval(_SWITCH)
+    # If a model still computes at the end, NiceGUI and Python would warn about the dropped work. And numbers beyond
+    # all floats are on the page, not on the terminal.
+    for shown in (TurnWarning, RuntimeWarning):
+        warnings.simplefilter("ignore", shown)
+    logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
+    logging.getLogger("uvicorn.error").addFilter(lambda record: not isinstance(record.msg, OSError))
 
 
 def _announce(address: Address) -> None:

@@ -162,7 +162,7 @@ def require_renderer() -> None:
             ctypes.CDLL(name)
             return
     raise RuntimeError(
-        "A picture of a map needs a screen or a library that draws without one: install libegl1 (Debian) or mesa-libEGL."
+        "A picture of a map needs a screen, or a library that draws without one: libegl1 in Debian, libEGL in Fedora."
     )
 
 

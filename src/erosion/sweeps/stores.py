@@ -5,6 +5,7 @@ is written last, and a file gets its name when it is whole: a block counts only 
 complete, and while each of its chunks is as it was written.
 """
 
+import contextlib
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.files import require_writable, trace, written_whole
+from erosion.files import claimed, require_writable, trace, written_whole
 from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.sweeps.chunks import Region, regions
@@ -101,11 +102,12 @@ class ZarrStore(Store):
         _require_zarr()
         self._grid, self._block, self._path = grid, block, path
         identity = grid.identity() | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
-        if path.exists():
-            require_same(path, _zarr_identity(path), identity)
-            self._require_frame()
-        else:
+        if not path.exists():
             self._create(identity)
+        # Another process may have made it at the same moment.
+        require_same(path, _zarr_identity(path), identity)
+        self._require_frame()
+        self._clear_drafts()
 
     def missing(self) -> list[Region]:
         arrays = _arrays(self._path, self._grid.variables())
@@ -153,6 +155,14 @@ class ZarrStore(Store):
             if stored is None or not np.array_equal(stored, values):
                 raise StoreError(f"{self._path}: its array `{name}` is damaged; the store is left as it is.")
 
+    def _clear_drafts(self) -> None:
+        """Remove the chunks that a killed process left half-written, unless another one is writing."""
+        with claimed(self._path, alone=True) as is_alone:
+            drafts = self._path.rglob("*.partial") if is_alone else ()  # zarr's own name for them
+            for draft in drafts:
+                with contextlib.suppress(OSError):
+                    draft.unlink()
+
     def _create(self, identity: Mapping[str, str]) -> None:
         import dask.array
         from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -169,17 +179,21 @@ class ZarrStore(Store):
         encoding = {str(name): {**encoding.get(str(name), {}), **summed} for name in template.variables}
         template.attrs[IDENTITY] = json.dumps(identity)
         require_writable(self._path)  # zarr would make folders
-        with written_whole(self._path) as draft:
-            # Coordinates and metadata alone: no block is computed.
-            template.to_zarr(
-                draft,
-                mode="w-",
-                compute=False,
-                encoding=encoding,
-                consolidated=False,
-                zarr_format=3,
-                write_empty_chunks=True,  # of coordinates: zeros are there too
-            )
+        try:
+            with written_whole(self._path) as draft:
+                # Coordinates and metadata alone: no block is computed.
+                template.to_zarr(
+                    draft,
+                    mode="w-",
+                    compute=False,
+                    encoding=encoding,
+                    consolidated=False,
+                    zarr_format=3,
+                    write_empty_chunks=True,  # of coordinates: zeros are there too
+                )
+        except OSError:
+            if not self._path.exists():
+                raise
 
 
 def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
@@ -189,15 +203,22 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
         path: of the store.
         along: the slice of the block along each dimension.
         values: its arrays by name, `ended_by` last.
+
+    Raises:
+        OSError: naming a file or the store, where the block cannot be written.
     """
     import zarr
 
     # A chunk of NaN is a result too: it must be there.
-    with zarr.config.set({"array.write_empty_chunks": True}):
+    with claimed(path), zarr.config.set({"array.write_empty_chunks": True}):
         arrays = _arrays(path, values)
         for name, block in values.items():
             array = arrays[name]
-            array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
+            try:
+                array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
+            except OSError as error:
+                error.filename = error.filename or str(path)  # of a full disk zarr names no file
+                raise
 
 
 def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:
