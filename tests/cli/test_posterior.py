@@ -23,7 +23,8 @@ def table(tmp_path_factory):
     return path
 
 
-def test_the_table_and_the_files(table, tmp_path, capsys):
+def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "400")  # so that no cell takes two lines
     names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
     options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "--write-draws")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
