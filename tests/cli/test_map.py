@@ -133,7 +133,7 @@ BAD = [
 
 @pytest.mark.parametrize(("line", "sentence"), BAD)
 def test_bad_input_is_one_line(line: str, sentence: str, capsys: pytest.CaptureFixture[str], in_folder: Path) -> None:
-    assert _status(shlex.split(line.format(run=RUNS / "serial"))) == 2
+    assert _status(shlex.split(line.format(run=shlex.quote(str(RUNS / "serial"))))) == 2
     out, err = capsys.readouterr()
     assert sentence in err
     assert err.startswith("erosion: ")

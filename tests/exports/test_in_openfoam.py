@@ -32,7 +32,8 @@ def run(tmp_path_factory) -> Path:
     text, entries = re.subn(r"    erosion\s*\{.*?\}\n", lambda _: entry, cloud.read_text(), flags=re.S)
     assert entries == 1
     cloud.write_text(text)
-    environment = {"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ}
+    # OpenFOAM believes PWD, and stops where that path has spaces.
+    environment = {"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ, "PWD": str(folder)}
     for command in ("blockMesh", SOLVER):
         subprocess.run([command], cwd=folder, env=environment, check=True, capture_output=True, timeout=120)
     return folder
