@@ -57,7 +57,10 @@ autodoc_typehints = "signature"
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", r"(collections|diffrax|distributed|jax|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray)\..*|ndarray"),
-    ("py:class", r"erosion\.(calibration\.least_squares|parameters\.quantities|streams\.(particles|tally)|tables)\..*"),
+    (
+        "py:class",
+        r"erosion\.(calibration\.least_squares|parameters\.quantities|posteriors\.(likelihood|priors|tempering)|streams\.(particles|tally)|tables)\..*",
+    ),
 ]
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False

@@ -1,6 +1,6 @@
 """How several parameters vary together: laws with a correlation, and rows of a table.
 
-A joint law is a mapping of parameters to laws, which is given to a stream as such:
+A joint law is a mapping of parameters to laws, which is given to a stream as such::
 
     erosion.stream("rotating", p, **Rows({"alpha": angles, "v0": speeds}))
     laws = {"v0": LogNormal(4400, 0.1), "r": Normal(0.04, 0.004)}

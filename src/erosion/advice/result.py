@@ -86,7 +86,7 @@ class Advice(Result):
 
     @functools.cached_property
     def alpha(self) -> float:
-        """The advised angle of the nozzle [rad]: where the curve that loses most loses least."""
+        """The advised angle of the nozzle [rad], where the curve that loses most loses least."""
         return float(NOZZLE_ANGLES[int(np.argmax(self.worst_shares))])
 
     @property
@@ -128,7 +128,7 @@ class Advice(Result):
 
     @property
     def unit(self) -> str:
-        """Of erosion in the table: "g/kg", or "mm³/kg" where the density is not known."""
+        """Of erosion in the table, "g/kg", or "mm³/kg" where the density is not known."""
         return "mm³/kg" if self.per_mass.density is None else "g/kg"
 
     def rows(self) -> list[tuple[str, ...]]:

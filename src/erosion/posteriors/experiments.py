@@ -47,7 +47,7 @@ class NextExperiment(Result):
 
     @property
     def total(self) -> np.ndarray:
-        """Both together [bit]: by it the candidates are ordered."""
+        """Both together [bit]; candidates are ordered by it."""
         return self.information + self.discrimination
 
     @functools.cached_property

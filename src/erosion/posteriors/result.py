@@ -139,7 +139,7 @@ class Posterior(Result):
 
     @functools.cached_property
     def rhat(self) -> dict[str, float]:
-        """R̂ of each parameter: near 1 where the populations agree."""
+        """R̂ of each parameter; near 1 where the populations agree."""
         return dict(zip(self.names, rhats(self.run.points).tolist(), strict=True))
 
     @functools.cached_property
@@ -149,7 +149,7 @@ class Posterior(Result):
 
     @property
     def converged(self) -> bool:
-        """Whether the draws are good: R̂ ≤ 1.01, 100 effective draws of each population, one evidence."""
+        """Whether the draws are good, by R̂ ≤ 1.01, 100 effective draws of each population, and one evidence."""
         return not self.not_converged
 
     @property
@@ -198,7 +198,7 @@ class Posterior(Result):
             noise: also draw the error of a measurement: of the typical uncertainty, or of the sampled noise.
 
         Returns:
-            In the data's dimension, shape (count, *alpha.shape).
+            In the data's dimension, draws first and then the shape of `alpha`.
         """
         angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
         others = {name: np.full(angles.shape, value) for name, value in (at or {}).items()}
