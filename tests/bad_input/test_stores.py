@@ -27,6 +27,8 @@ from erosion.sweeps.stores import ZarrStore
 from erosion.sweeps.sweep import SweepInterrupted, prepare_sweep, sweep
 from tests.sweeps.test_sweep import assert_same_bits
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 AXES: dict[str, Any] = {"alpha": np.linspace(0.1, 1.0, 6), "phidot0": [0.0, 100.0]}
 CHUNKS = {"alpha": 3}

@@ -14,6 +14,8 @@ from erosion.cli.output import print_table
 from erosion.parameters.quantities import QUANTITIES
 from tests.documents import result_of
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 

@@ -11,6 +11,8 @@ import pytest
 import erosion
 from erosion.cli import _status
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads(importlib.resources.files("erosion.cli").joinpath("document.schema.json").read_text())
 CASE = str(ROOT / "cases/table-1-si.toml")

@@ -11,6 +11,8 @@ import erosion
 from erosion.cli import _status
 from tests.documents import result_of
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 SI = P.to("si")
 

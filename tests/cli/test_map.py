@@ -15,6 +15,8 @@ import erosion
 from erosion.cli import _status
 from tests.cli.test_document import SCHEMA
 
+pytestmark = pytest.mark.slow
+
 pyvista = pytest.importorskip("pyvista")
 pytest.importorskip("foamlib")
 

@@ -22,6 +22,8 @@ from erosion.correlations import (
 from erosion.correlations.mclaury import CARBON_STEEL
 from erosion.models.closed_forms import FinnieCut
 
+pytestmark = pytest.mark.slow
+
 RIGHT = np.pi / 2
 
 

@@ -12,6 +12,8 @@ from erosion import correlations
 from erosion.correlations import CORRELATIONS, OutOfRangeWarning
 from erosion.correlations.oka import oka_speed_exponent
 
+pytestmark = pytest.mark.slow
+
 STEEP = math.pi / 2
 FUNCTIONS = {name: correlation.erosion for name, correlation in CORRELATIONS.items()}
 

@@ -16,6 +16,8 @@ import erosion
 from erosion.cli import _status
 from erosion.exercises.notebook import cells_of, notebook
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 CASES = {
     "Table 1": P,

@@ -9,6 +9,8 @@ import pytest
 import erosion
 from erosion.exports.particle import particle_of
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 SI = P.to("si")
 ANGLES = np.deg2rad(np.linspace(1.0, 89.0, 177))

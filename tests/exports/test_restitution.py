@@ -7,6 +7,8 @@ from scipy.integrate import solve_ivp
 import erosion
 from erosion.exports.tables import to_csv
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 ALPHA = np.deg2rad([5.0, 15.0, 25.0, 40.0, 55.0, 70.0, 85.0])
 SPEEDS = [2200.0, 4400.0]

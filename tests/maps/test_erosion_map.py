@@ -16,6 +16,8 @@ from erosion.maps.erosion_map import erosion_map
 from erosion.maps.result import MapSummary
 from tests.maps.tables import Table, hump, sand
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1.to("si")
 SURFACE = hump()
 

@@ -12,6 +12,8 @@ from erosion.plotting.studies import plot_comparison
 from erosion.plotting.style import new_figure, render
 from erosion.plotting.sweeps import plot_sweep
 
+pytestmark = pytest.mark.slow
+
 P = erosion.TABLE_1
 ANGLES = np.deg2rad(np.linspace(5, 85, 9))
 FIGURES = {

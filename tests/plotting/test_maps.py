@@ -14,6 +14,8 @@ from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view
 from tests.maps.tables import Table, hump, sand
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("pyvista")
 
 P = erosion.TABLE_1.to("si")

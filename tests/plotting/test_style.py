@@ -8,6 +8,8 @@ from erosion.plotting.motion import plot_path, plot_trajectory
 from erosion.plotting.style import new_axes, new_figure, save_figure, save_plot
 from erosion.trajectory.trajectory import Trajectory
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
 def test_files_are_the_same_each_time_and_undated(cut: Trajectory, tmp_path, suffix: str) -> None:

@@ -10,6 +10,8 @@ from erosion.parameters.parameters import TABLE_1
 from erosion.posteriors import next_experiment, posterior, rank_posteriors
 from erosion.posteriors.experiments import _gains
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_information_of_a_normal_prediction_is_shannons():
     rng = np.random.default_rng(0)

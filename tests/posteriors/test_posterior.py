@@ -13,6 +13,8 @@ from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.posteriors import ConvergenceWarning, Posterior, SamplingError, posterior, tempering
 
+pytestmark = pytest.mark.slow
+
 
 def volumes(degrees: np.ndarray) -> np.ndarray:
     return np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))

@@ -11,6 +11,8 @@ from erosion.validation import Comparison, Fact, Validation, published_facts
 from erosion.validation.computed import COMPUTATIONS
 from erosion.validation.facts import KINDS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def validation():
