@@ -20,7 +20,7 @@ from erosion.cli.options import (
     user_errors,
     with_file,
 )
-from erosion.cli.output import Output, print_table
+from erosion.cli.output import Output, print_paths, print_table
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 
@@ -90,9 +90,7 @@ def compare(
         said.document({"models": lines, "statements": statements}, models, _units(p))
         return
     _print(lines, p, statements)
-    for path, content in ((plot, "figure"), (output, "curves")):
-        if path is not None:
-            print(f"{content}: {path}")
+    print_paths(figure=plot, curves=output)
 
 
 def _models(names: list[str] | None) -> "dict[str, CuttingModel]":

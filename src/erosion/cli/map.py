@@ -14,11 +14,13 @@ from erosion.cli.options import (
     JsonOption,
     WholeOption,
     load,
+    read_option,
+    reading,
     require_outputs,
     start_engine,
     user_errors,
 )
-from erosion.cli.output import Output, print_table
+from erosion.cli.output import Output, print_paths, print_table
 from erosion.cli.progress import progress_bar, working
 from erosion.cli.set_option import SetOption, read_settings, settings
 
@@ -94,21 +96,13 @@ class _Rows:
 
     def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
         """The number of an option, in the units of the case."""
-        from erosion.parameters.units import read_quantity
-
-        text = getattr(self, name)
-        try:
-            return None if text is None else read_quantity(text, dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--{name.replace('_', '-')}` {error}.") from error
+        return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
 
     def _spin(self, p: "Parameters") -> Any:
         from erosion.distributions import read_distribution
 
-        try:
+        with reading("Option `--spin`"):
             law = None if self.spin is None else read_distribution(self.spin, "phidot0", "angular speed", p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--spin` {error}.") from error
         return self.spin if law is None else law
 
     def law_in_words(self, job: "MapJob") -> str | None:
@@ -238,9 +232,7 @@ def map_(
     printed = Output("map", p, options.case, json=json, seed=None if law is None else job.task.options.bodies.seed)
     _show(dataset, job, printed, model, {} if law is None else {"phidot0": law})
     if not json:
-        for name, path in (("map", output), ("figure", picture.plot)):
-            if path is not None:
-                print(f"{name}: {path}")
+        print_paths(map=output, figure=picture.plot)
 
 
 def _refuse_replaced(options: EachRow) -> None:

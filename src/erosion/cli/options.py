@@ -6,7 +6,7 @@ import functools
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, overload
 
 from cyclopts import Parameter
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.materials import Particle, Target
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.units import Dimension, System
 
 
 _Options = TypeVar("_Options")
@@ -71,7 +72,6 @@ class CaseOptions:
         """
         from erosion.parameters.case_files import load_case
         from erosion.parameters.parameters import TABLE_1, validate
-        from erosion.parameters.units import read_quantity
 
         with user_errors():
             p = TABLE_1 if self.case is None else load_case(self.case)
@@ -81,12 +81,8 @@ class CaseOptions:
                 p = p.with_particle(self.particle)
             if self.target is not None:
                 p = p.with_target(self.target)
-        changes = {}
-        for name, text in self.given().items():
-            try:
-                changes[name] = read_quantity(text, QUANTITIES[name].dimension, p.units)
-            except ValueError as error:
-                raise InputError(f"Option `--{name}` {error}.") from error
+        changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units)
+                   for name, text in self.given().items()}  # fmt: skip
         with user_errors():
             p = p.replace(**changes)
             validate(p)
@@ -253,6 +249,27 @@ def user_errors(*also: type[Exception]) -> Iterator[None]:
         raise InputError(re.sub(r"\bArgument `(\w+)`", _as_option, sentence(error))) from error
 
 
+@contextlib.contextmanager
+def reading(source: str) -> Iterator[None]:
+    """What a reader says of a text, "must be …", becomes an `InputError` about an option or a field of a file."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"{source} {error}.") from error
+
+
+@overload
+def read_option(name: str, text: str, dimension: "Dimension", units: "System") -> float: ...
+@overload
+def read_option(name: str, text: str | None, dimension: "Dimension", units: "System") -> float | None: ...
+def read_option(name: str, text: str | None, dimension: "Dimension", units: "System") -> float | None:
+    """The number of an option in a unit system; None where it is not given."""
+    from erosion.parameters.units import read_quantity
+
+    with reading(f"Option `--{name}`"):
+        return None if text is None else read_quantity(text, dimension, units)
+
+
 def sentence(error: Exception) -> str:
     """What an error says, without Python's "[Errno 2]"."""
     if isinstance(error, OSError) and error.strerror:
@@ -286,10 +303,3 @@ def _silence_matplotlib() -> None:
     import logging
 
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
-
-
-def print_json(content: Mapping[str, Any]) -> None:
-    """JSON on stdout; NaN, which JSON lacks, as null."""
-    from erosion.tables import to_json
-
-    print(to_json(content))

@@ -150,6 +150,13 @@ def print_table(
     print(captured.get(), end="")
 
 
+def print_paths(**paths: Path | None) -> None:
+    """Where the files are that a verb has written, those that there are."""
+    for content, path in paths.items():
+        if path is not None:
+            print(f"{content}: {path}")
+
+
 def warn(message: str) -> None:
     """A warning on stderr, where there is one."""
     if sys.stderr is not None:

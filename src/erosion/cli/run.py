@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, require_outputs, user_errors, with_file
-from erosion.cli.output import Output, print_table
+from erosion.cli.output import Output, print_paths, print_table
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
@@ -62,8 +62,7 @@ def run(
     print_table(
         f"{in_full(model, chosen)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory, per_mass)
     )
-    if plot is not None:
-        print(f"figure: {plot}")
+    print_paths(figure=plot)
 
 
 def _rows(trajectory: "Trajectory", per_mass: "PerMass") -> "list[Row]":

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import InputError, load
+from erosion.cli.options import InputError, load, reading
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -76,10 +76,8 @@ def read_settings(
         if key not in own:
             has = f"has {', '.join(own)}" if own else "has none"
             raise InputError(f"{source} must name an own parameter of {name}, which {has}.")
-        try:
+        with reading(source):
             values[key] = read(key, text, own[key].quantity.dimension, units)
-        except ValueError as error:
-            raise InputError(f"{source} {error}.") from error
         if isinstance(values[key], (float, np.ndarray)) and not np.all(np.isfinite(values[key])):
             raise InputError(f"{source} must be finite, but is {text}.")
         if isinstance(values[key], (float, np.ndarray)) and np.any(values[key] < own[key].least):
@@ -102,11 +100,3 @@ def in_full(name: str, model: "CuttingModel") -> str:
 
     own = own_in_words(model)
     return f"{name} ({own})" if own else name
-
-
-def model_as_json(name: str, model: "CuttingModel") -> dict[str, Any]:
-    """A model's name, and its own parameters as plain numbers."""
-    from erosion.models.own_parameters import own_parameters
-
-    own = {key: float(parameter.value) for key, parameter in own_parameters(model).items()}
-    return {"model": name, "own_parameters": own}

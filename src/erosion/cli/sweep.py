@@ -15,6 +15,7 @@ from erosion.cli.options import (
     JsonOption,
     WholeOption,
     load,
+    reading,
     require_outputs,
     start_engine,
     user_errors,
@@ -135,10 +136,8 @@ def _output(grid: "Grid", options: CaseOptions, *, json: bool) -> Output:
 def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
     """A list of the case file, which may be a text as at the command line."""
     value = section.get(name)
-    try:
+    with reading(f"{options.case}: field `{name}` of [sweep]"):
         return read(value) if isinstance(value, str) else value
-    except ValueError as error:
-        raise InputError(f"{options.case}: field `{name}` of [sweep] {error}.") from error
 
 
 def _require_store(output: Path, *, clustered: bool) -> None:
@@ -158,10 +157,8 @@ def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
     p = options.without_changes().parameters()
     values: dict[str, Any] = {}
     for name, (source, value) in given.items():
-        try:
+        with reading(source):
             values[name] = read_axis(value, QUANTITIES[name].dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"{source} {error}.") from error
     p = p.replace(**{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}
 

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from erosion.cli.options import JsonOption, require_outputs, start_engine, user_errors
-from erosion.cli.output import Output, print_table
+from erosion.cli.output import Output, print_paths, print_table
 from erosion.cli.progress import working
 
 
@@ -39,5 +39,4 @@ def validate(
         Output("validate", json=True).document(validation.to_dict())
         return
     print_table(validation.title, validation.rows(), validation.headings, (1, 2, 4), validation.statements)
-    if plot is not None:
-        print(f"figure: {plot}")
+    print_paths(figure=plot)
