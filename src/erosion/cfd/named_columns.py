@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from erosion.cfd.extra import library
 from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
 from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, block, require_columns
 from erosion.cfd.text import open_table
+from erosion.extras import library
 from erosion.parameters.units import Dimension, UnitError, header_parts, read_quantity
 
 SUFFIXES = (".csv", ".parquet")
@@ -168,7 +168,7 @@ def _csv_head(path: Path) -> list[str]:
 
 
 def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
-    arrow, reader = library("pyarrow"), library("pyarrow.csv")
+    arrow, reader = library("pyarrow", "cfd"), library("pyarrow.csv", "cfd")
     heads = _csv_head(path)
     wrong: list[Any] = []
 
@@ -214,7 +214,7 @@ def _wrong_number(path: Path, heads: Sequence[str], wanted: Sequence[str]) -> st
 
 def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
     """Columns, units from the columns' metadata, and the number of rows."""
-    arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+    arrow, parquet = library("pyarrow", "cfd"), library("pyarrow.parquet", "cfd")
     try:
         with parquet.ParquetFile(path) as file:
             schema, rows = file.schema_arrow, file.metadata.num_rows
@@ -229,7 +229,7 @@ def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
 
 
 def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
-    arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+    arrow, parquet = library("pyarrow", "cfd"), library("pyarrow.parquet", "cfd")
     try:
         # By default pyarrow keeps all that it has read until the end.
         with parquet.ParquetFile(path, pre_buffer=False) as file:

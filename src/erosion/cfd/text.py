@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from erosion.cfd.extra import library
 from erosion.cfd.impacts import ImpactsError
+from erosion.extras import library
 
 _CHUNK = 1 << 22  # bytes that are read and parsed at once
 _HEAD = 1 << 16  # bytes in which a header must end
@@ -64,7 +64,7 @@ def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str
     Raises:
         ImpactsError: naming the first row that has another number of fields, or a field that is no number.
     """
-    csv, arrow = library("pyarrow.csv"), library("pyarrow")
+    csv, arrow = library("pyarrow.csv", "cfd"), library("pyarrow", "cfd")
     with open_table(path) as file:
         for _ in range(skipped):
             file.readline()

@@ -34,6 +34,7 @@ from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
 from erosion.cli.validate import validate
 from erosion.cli.verify import verify
+from erosion.extras import MissingExtraError
 from erosion.interrupts import between_imports
 from erosion.version import __version__
 
@@ -83,7 +84,7 @@ def _status(arguments: Sequence[str]) -> int:
             sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         return _say(2, explain(error))
-    except InputError as error:
+    except (InputError, MissingExtraError) as error:
         return _say(2, str(error))
     except BrokenPipeError:
         # The reader has gone (`erosion models | head -1`): say nothing, and let Python close in peace.

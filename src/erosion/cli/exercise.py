@@ -46,10 +46,7 @@ def exercise(
     name = options.title()
     with user_errors(), working("solving the tasks"):
         key = AnswerKey(p)
-        try:
-            texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
-        except ModuleNotFoundError as error:
-            raise InputError(f"A notebook needs {error.name}: pip install 'erosion[classroom]'.") from error
+        texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
         for path, text in texts.items():
             write_whole(path, text.encode())
     print(f"{output.resolve()}: {len(key.tasks)} tasks about {name}")

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_path
-from erosion.cfd.extra import library
+from erosion.extras import library
 from erosion.files import write_whole, written_whole
 from erosion.parameters.units import Dimension, conversion_factor
 from erosion.storage.identity import code_version
@@ -87,13 +87,13 @@ def to_polydata(dataset: xr.Dataset) -> Any:
     """The surface of a map as pyvista's `PolyData`, with names and units in the names of the arrays.
 
     Raises:
-        ImpactsError: where pyvista is not installed.
+        MissingExtraError: where pyvista is not installed.
     """
     points, corners, ends = (dataset[name].values for name in ("point", "corner", "corner_end"))
     sizes = np.diff(ends, prepend=0)
     # VTK's list of faces has the number of corners before each face's corners.
     cells = np.insert(corners, ends - sizes, sizes)
-    surface = library("pyvista").PolyData(points, faces=cells)
+    surface = library("pyvista", "cfd").PolyData(points, faces=cells)
     for name, values in _columns(dataset, "").items():
         surface.cell_data[name] = values
     surface.cell_data["patch"] = dataset["face_patch"].values
@@ -120,7 +120,7 @@ def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
 
 def _write_vtp(dataset: xr.Dataset, path: Path) -> None:
     surface = to_polydata(dataset)
-    writer = library("vtkmodules.vtkIOXML").vtkXMLPolyDataWriter()
+    writer = library("vtkmodules.vtkIOXML", "cfd").vtkXMLPolyDataWriter()
     with written_whole(path) as draft:
         writer.SetFileName(str(draft))
         writer.SetInputData(surface)

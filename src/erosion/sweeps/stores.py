@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from erosion.extras import library
 from erosion.files import claimed, require_writable, trace, written_whole
 from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
@@ -285,8 +286,5 @@ def _zarr_identity(path: Path) -> str | None:
 
 
 def _require_zarr() -> None:
-    try:
-        import dask.array  # noqa: F401
-        import zarr  # noqa: F401
-    except ImportError as error:
-        raise StoreError('Zarr stores need the extra `dask`: pip install "erosion[dask]".') from error
+    for module in ("dask.array", "zarr"):
+        library(module, "dask")
