@@ -1,9 +1,7 @@
 """Maps in files: VTP for ParaView, CSV, netCDF."""
 
-import csv
-import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +14,7 @@ from erosion.files import write_whole, written_whole
 from erosion.parameters.units import Dimension, conversion_factor
 from erosion.storage.identity import code_version
 from erosion.storage.netcdf import write_netcdf
+from erosion.tables import to_csv
 
 SUFFIXES = (".vtp", ".csv", ".nc")
 
@@ -131,20 +130,12 @@ def _write_vtp(dataset: xr.Dataset, path: Path) -> None:
 def _as_csv(dataset: xr.Dataset) -> str:
     """A line for each face, or for each patch if there are no faces."""
     patches = dataset["patch"].values
-    columns: dict[str, Sequence[Any]] = {}
-    if "face" in dataset.dims:
+    columns: dict[str, Any] = {}
+    prefix = "" if "face" in dataset.dims else "patch_"
+    if not prefix:
         columns["face"] = range(dataset.sizes["face"])
         columns["patch"] = [patches[i] for i in dataset["face_patch"].values]
         columns |= {f"{axis} [m]": dataset["centre"].values[:, i].tolist() for i, axis in enumerate("xyz")}
     else:
         columns["patch"] = list(patches)
-    columns |= {name: values.tolist() for name, values in _columns(dataset, _prefix(dataset)).items()}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return text.getvalue()
-
-
-def _prefix(dataset: xr.Dataset) -> str:
-    return "" if "face" in dataset.dims else "patch_"
+    return to_csv(columns | {name: values.tolist() for name, values in _columns(dataset, prefix).items()})

@@ -134,6 +134,10 @@ class Parameters(Result, eqx.Module):
             raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
         return dataclasses.replace(self, **changes)
 
+    def similar(self, growth: Broadcast) -> "Parameters":
+        """The same impact by similar bodies, `growth` times as large: r and b grow with it, m with its third power."""
+        return self.replace(r=self.r * growth, b=self.b * growth, m=self.m * growth**3)
+
     def with_particle(self, particle: str | Particle) -> "Parameters":
         """The same impact by another particle, in this unit system: r, b, m and β of a sphere.
 

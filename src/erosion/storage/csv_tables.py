@@ -1,7 +1,5 @@
 """Labelled results as a table of comma-separated values, for spreadsheets."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ import xarray as xr
 from erosion.files import write_whole
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
+from erosion.tables import to_csv
 
 
 def write_csv(dataset: xr.Dataset, path: Path, p: Parameters, weights: Mapping[str, PerMass]) -> None:
@@ -26,12 +25,7 @@ def write_csv(dataset: xr.Dataset, path: Path, p: Parameters, weights: Mapping[s
         p: the case, for the mass where it does not vary.
         weights: by model, how a volume becomes erosion per mass; the key "" stands for all models.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    columns = dict(_columns(dataset, p, weights))
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    write_whole(path, text.getvalue().encode())
+    write_whole(path, to_csv(dict(_columns(dataset, p, weights))).encode())
 
 
 def _columns(dataset: xr.Dataset, p: Parameters, weights: Mapping[str, PerMass]) -> Iterator[tuple[str, Any]]:

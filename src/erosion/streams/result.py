@@ -9,20 +9,19 @@ import xarray as xr
 
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words, quantities
+from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
-from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import MM3_PER_KG, PerMass
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
+from erosion.storage.identity import model_in_words, provenance
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate, Points
 from erosion.streams.tally import Tally
 from erosion.tables import Record, Result, Row, largest_of, to_plain, with_error
-from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _OF_RANGE = 2**12  # particles by which the share outside of a range is known well enough
@@ -226,18 +225,9 @@ class Stream(Result):
                 dataset[f"{name}_error"] = ("law", [estimate.error for estimate in estimates], {"units": "1"})
         if self.nozzle is not None:
             _add_nozzle(dataset, self.nozzle, units)
-        own = own_in_words(self.model, but=self.particles.laws)
-        dataset.attrs |= {
-            "Conventions": "CF-1.11",
-            "title": "Solid particle erosion: a stream",
-            "source": f"erosion {__version__}",
-            "model": model_name(self.model),
-            **({"own_parameters": own} if own else {}),
-            "distributions": self._laws("; "),
-            "particles": self.n,
-            "unit_system": units,
-            "case": dump_case(self.particles.p),
-        }
+        model = model_in_words(self.model, but=self.particles.laws)
+        laws = self._laws("; ")
+        dataset.attrs |= provenance("a stream", self.particles.p, **model, distributions=laws, particles=self.n)
         return dataset
 
     def _laws(self, separator: str) -> str:
