@@ -22,7 +22,7 @@ from erosion.arguments import check_unmasked
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import Dimension, System, check_system
+from erosion.parameters.units import Dimension, System, ascii_unit, check_system, unit_name
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
@@ -70,6 +70,11 @@ class Measurements:
     def quantity(self) -> Quantity:
         """Symbol and meaning of `erosion`, for labels."""
         return RESULTS[_QUANTITY_OF[self.dimension]]
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of `erosion`, as programs read it."""
+        return ascii_unit(unit_name(self.dimension, self.units))
 
     @property
     def free_scale(self) -> bool:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,8 @@ import xarray as xr
 from erosion.arguments import check_path
 from erosion.extras import library
 from erosion.files import write_whole, written_whole
-from erosion.parameters.units import Dimension, conversion_factor
+from erosion.maps.result import FACES
+from erosion.parameters.units import conversion_factor
 from erosion.storage.identity import code_version
 from erosion.storage.netcdf import write_netcdf
 from erosion.tables import to_csv
@@ -19,33 +20,25 @@ from erosion.tables import to_csv
 SUFFIXES = (".vtp", ".csv", ".nc")
 
 
-class _Column(NamedTuple):
-    """A column of a file: its name with the unit, the variable, its dimension, and the SI unit over the file's."""
-
-    name: str
-    variable: str
-    dimension: Dimension
-    size: float
-
-
-# Units that fit to the surface, which is in metres, whatever the units of the case. ASCII, as ParaView's filters are.
-_COLUMNS = (
-    _Column("depth [mm]", "depth", "length", 1e3),
-    _Column("volume [mm^3]", "volume", "volume", 1e9),
-    _Column("mass [kg]", "mass", "mass", 1.0),
-    _Column("depth rate [m/s]", "depth_rate", "speed", 1.0),
-    _Column("depth rate [mm/year]", "depth_per_year", "1", 1.0),
-    _Column("mass flux [kg/(m^2 s)]", "mass_flux", "mass flux", 1.0),
-    _Column("erosion [mm^3/kg]", "erosion", "volume per mass", 1e9),
-    _Column("erosion ratio [kg/kg]", "erosion_ratio", "mass per mass", 1.0),
-    _Column("erodent [kg]", "erodent", "mass", 1.0),
-    _Column("impacts", "impacts", "1", 1.0),
-    _Column("particles", "particles", "1", 1.0),
-    _Column("mean angle [deg]", "alpha_mean", "angle", 180 / math.pi),
-    _Column("mean speed [m/s]", "v0_mean", "speed", 1.0),
-    _Column("relative standard error", "relative_error", "1", 1.0),
-    _Column("area [mm^2]", "area", "area", 1e6),
-)
+# By variable its heading, and the SI unit over the file's. The units fit to the surface, which is in metres, whatever
+# those of the case are. ASCII, as ParaView's filters are.
+_COLUMNS: Mapping[str, tuple[str, float]] = {
+    "depth": ("depth [mm]", 1e3),
+    "volume": ("volume [mm^3]", 1e9),
+    "mass": ("mass [kg]", 1.0),
+    "depth_rate": ("depth rate [m/s]", 1.0),
+    "depth_per_year": ("depth rate [mm/year]", 1.0),
+    "mass_flux": ("mass flux [kg/(m^2 s)]", 1.0),
+    "erosion": ("erosion [mm^3/kg]", 1e9),
+    "erosion_ratio": ("erosion ratio [kg/kg]", 1.0),
+    "erodent": ("erodent [kg]", 1.0),
+    "impacts": ("impacts", 1.0),
+    "particles": ("particles", 1.0),
+    "alpha_mean": ("mean angle [deg]", 180 / math.pi),
+    "v0_mean": ("mean speed [m/s]", 1.0),
+    "relative_error": ("relative standard error", 1.0),
+    "area": ("area [mm^2]", 1e6),
+}
 
 
 def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str] | None = None) -> Path:
@@ -108,12 +101,11 @@ def to_polydata(dataset: xr.Dataset) -> Any:
 def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
     """The columns of the variables that the map has."""
     units, columns = dataset.attrs["unit_system"], {}
-    for column in _COLUMNS:
-        name = prefix + column.variable
-        if name in dataset:
-            factor = conversion_factor(column.dimension, units, "si") * column.size
-            values = dataset[name].values
-            columns[column.name] = values if factor == 1 else values * factor
+    for name, (heading, size) in _COLUMNS.items():
+        if prefix + name in dataset:
+            factor = conversion_factor(FACES[name].dimension, units, "si") * size
+            values = dataset[prefix + name].values
+            columns[heading] = values if factor == 1 else values * factor
     return columns
 
 

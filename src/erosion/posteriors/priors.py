@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from erosion.calibration.forward import FRACTION, SCALE, Forward
+from erosion.calibration.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.calibration.least_squares import default_width
 from erosion.distributions import Distribution, LogUniform, Uniform
 from erosion.models.own_parameters import own_parameters, quantities
@@ -19,12 +19,6 @@ from erosion.parameters.quantities import Quantity
 
 NOISE = "noise"
 """The standard deviation of a row, a parameter where the data give no uncertainties."""
-
-FACTORS: Mapping[str, Quantity] = {
-    FRACTION: Quantity("c", "share of the particles that cut", "1"),
-    SCALE: Quantity("s", "measured over computed volume", "1"),
-}
-"""Symbols of the free parameters that no impact has."""
 
 _SIGNED = "alpha", "phidot0"
 _NOISES = 1e-4, 10.0  # of the typical erosion: from the digits of a balance to a model that explains nothing
