@@ -13,7 +13,7 @@ from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
 from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, blocks, require_columns
 from erosion.cfd.text import beginning, open_table
 from erosion.extras import library
-from erosion.parameters.units import Dimension, UnitError, header_parts, read_quantity
+from erosion.parameters.units import Dimension, about, header_parts, read_quantity
 
 SUFFIXES = (".csv", ".parquet")
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
@@ -140,10 +140,8 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
         raise ImpactsError(
             f"{path}: column {head!r} must carry its unit in brackets, as `{head.strip()} [{_EXAMPLES[dimension]}]`."
         )
-    try:
+    with about(f"{path}: the unit of column {head!r}", ImpactsError):
         return read_quantity(unit if unit[0].isdigit() else f"1 {unit}", dimension, "si")
-    except UnitError as error:
-        raise ImpactsError(f"{path}: the unit of column {head!r} {error}.") from error
 
 
 def _csv_head(path: Path) -> list[str]:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
+    from erosion.parameters.scales import Scale
 
 _COMPARISON = {"result": "a comparison of models"}
 
@@ -188,7 +189,7 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
     def volume(value: float) -> str:
         return f"{value / scale.size:.5g}"
 
-    key, size, unit = _weighed(lines)
+    key, (size, unit) = _weighed(lines)
     rows = [
         (
             line["model"],
@@ -210,13 +211,12 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
     print_table(title, rows, headings, (1, 2, 4, 5, 6), statements)
 
 
-def _weighed(lines: list[dict[str, Any]]) -> tuple[str, float, str]:
-    """The erosion per mass of abrasive that every line has: its key, its unit's size, and the unit."""
-    from erosion.parameters.per_mass import MM3_PER_KG
+def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, Scale]":
+    """The erosion per mass of abrasive that every line has: its key, and its unit."""
+    from erosion.parameters.per_mass import PER_MASS_SCALES
 
-    if all("erosion_ratio" in line for line in lines):
-        return "erosion_ratio", 1e-3, "g/kg"
-    return "specific_volume", MM3_PER_KG, "mm³/kg"
+    key = "erosion_ratio" if all("erosion_ratio" in line for line in lines) else "specific_volume"
+    return key, PER_MASS_SCALES[key]
 
 
 def _spread(lines: list[dict[str, Any]]) -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, overload
 from cyclopts import Parameter
 
 from erosion.parameters.quantities import QUANTITIES
-from erosion.parameters.units import example
+from erosion.parameters.units import about, example
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -249,13 +249,9 @@ def user_errors(*also: type[Exception]) -> Iterator[None]:
         raise InputError(re.sub(r"\bArgument `(\w+)`", _as_option, sentence(error))) from error
 
 
-@contextlib.contextmanager
-def reading(source: str) -> Iterator[None]:
+def reading(source: str) -> contextlib.AbstractContextManager[None]:
     """What a reader says of a text, "must be …", becomes an `InputError` about an option or a field of a file."""
-    try:
-        yield
-    except ValueError as error:
-        raise InputError(f"{source} {error}.") from error
+    return about(source, InputError)
 
 
 @overload

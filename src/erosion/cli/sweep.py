@@ -251,16 +251,14 @@ def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -
 
 
 def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":
-    from erosion.parameters.per_mass import MM3_PER_KG
+    from erosion.parameters.per_mass import PER_MASS_SCALES
     from erosion.parameters.quantities import RESULTS
     from erosion.tables import Row
 
-    units = {"specific_volume": ("mm³/kg", MM3_PER_KG), "erosion_ratio": ("g/kg", 1e-3)}
     rows = []
     for name, value in of_mass.items():
         quantity, _, end = name.rpartition("_")
-        unit, size = units[quantity]
-        known = RESULTS[quantity]
+        (size, unit), known = PER_MASS_SCALES[quantity], RESULTS[quantity]
         rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}"))
     return rows
 

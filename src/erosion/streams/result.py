@@ -12,7 +12,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.per_mass import MM3_PER_KG, PerMass
+from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
@@ -146,16 +146,13 @@ class Stream(Result):
 
     def _per_mass_rows(self) -> list[Row]:
         """Erosion per mass of abrasive, in mm³/kg and, where the density is known, in g/kg."""
-        fraction, mm3 = (
-            self.per_mass.cutting_fraction,
-            conversion_factor("volume per mass", self.particles.p.units, "si"),
-        )
-        some = "" if fraction == 1 else f"; {fraction:g} of the particles cut"
-        numbers = [("erosion", self.erosion, mm3 / MM3_PER_KG, "mm³/kg")]
+        mm3, grams = PER_MASS_SCALES.values()
+        to_si = conversion_factor("volume per mass", self.particles.p.units, "si")
+        numbers = [("erosion", self.erosion, to_si / mm3.size, mm3.unit)]
         if self.erosion_ratio is not None:
-            numbers.append(("erosion_ratio", self.erosion_ratio, 1e3, "g/kg"))
+            numbers.append(("erosion_ratio", self.erosion_ratio, 1 / grams.size, grams.unit))
         return [
-            _with_error(Row(name, RESULTS[name].symbol, "", unit, RESULTS[name].meaning + some), estimate, factor)
+            _with_error(Row(name, RESULTS[name].symbol, "", unit, self.per_mass.meaning_of(name)), estimate, factor)
             for name, estimate, factor, unit in numbers
         ]
 
