@@ -14,6 +14,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.precision import require_float64
 from erosion.storage.fingerprint import fingerprint, package_digest
 from erosion.version import __version__
 
@@ -58,6 +59,17 @@ def model_in_words(model: CuttingModel, but: Collection[str] = ()) -> dict[str, 
 def code_version() -> str:
     """The versions that the numbers depend on, and the digest of this package's code, which may be edited."""
     return f"erosion {__version__} ({package_digest()}), jaxlib {importlib.metadata.version('jaxlib')}"
+
+
+def require_code(code: str, begun: str) -> None:
+    """Refuse to go on in a process that computes with other code than the work, such as "sweep", was begun with.
+
+    Raises:
+        RuntimeError, PrecisionError: where it does, or not in float64.
+    """
+    require_float64()
+    if code_version() != code:
+        raise RuntimeError(f"A worker has {code_version()}, but the {begun} was begun with {code}.")
 
 
 def require_same(path: Path, stored: Any, wanted: Mapping[str, str]) -> None:
