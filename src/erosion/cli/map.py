@@ -209,7 +209,7 @@ def map_(
     target, options, rows, picture = target or _Surface(), case or EachRow(), rows or _Rows(), picture or _Picture()
     _refuse_replaced(options)
     p = options.parameters()
-    chosen = read_settings(model, load(model), settings(own), p.units, _read)
+    chosen = read_settings(model, load(model), settings(own), p.units)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
         from erosion.maps.export import require_map_path
@@ -240,12 +240,6 @@ def _refuse_replaced(options: EachRow) -> None:
     options.refuse_angle("each row of the table has its own")
     if "v0" in options.given():
         raise InputError("Option `--v0` has no meaning here: each row of the table has its own.")
-
-
-def _read(name: str, text: Any, dimension: "Dimension", units: Any) -> float:
-    from erosion.parameters.units import read_quantity
-
-    return read_quantity(str(text), dimension, units)
 
 
 def _job(

@@ -52,7 +52,7 @@ def read_settings(
     model: "CuttingModel",
     given: Settings,
     units: "System",
-    read: "Callable[[str, Any, Dimension, System], Any]",
+    read: "Callable[[str, Any, Dimension, System], Any] | None" = None,
 ) -> dict[str, Any]:
     """The values of settings.
 
@@ -62,7 +62,7 @@ def read_settings(
         given: see `settings`.
         units: of bare numbers and of the result.
         read: takes an own parameter's name, its text, its dimension and the units; gives its value, or
-            several, or its law.
+            several, or its law; without it a number.
 
     Raises:
         InputError: one sentence naming the option or the field.
@@ -70,6 +70,7 @@ def read_settings(
     import numpy as np
 
     from erosion.models.own_parameters import own_parameters
+    from erosion.parameters.units import read_quantity
 
     own, values = own_parameters(model), {}
     for key, (source, text) in given.items():
@@ -77,7 +78,8 @@ def read_settings(
             has = f"has {', '.join(own)}" if own else "has none"
             raise InputError(f"{source} must name an own parameter of {name}, which {has}.")
         with reading(source):
-            values[key] = read(key, text, own[key].quantity.dimension, units)
+            of = own[key].quantity.dimension, units
+            values[key] = read_quantity(str(text), *of) if read is None else read(key, text, *of)
         if isinstance(values[key], (float, np.ndarray)) and not np.all(np.isfinite(values[key])):
             raise InputError(f"{source} must be finite, but is {text}.")
         if isinstance(values[key], (float, np.ndarray)) and np.any(values[key] < own[key].least):
@@ -87,11 +89,8 @@ def read_settings(
 
 def load_set(name: str, given: Settings, units: "System") -> "CuttingModel":
     """The model by name or path, with the own parameters that are set."""
-    from erosion.parameters.units import read_quantity
-
     model = load(name)
-    changes = read_settings(name, model, given, units, lambda _, text, *of: read_quantity(str(text), *of))
-    return model.replace(**changes)
+    return model.replace(**read_settings(name, model, given, units))
 
 
 def in_full(name: str, model: "CuttingModel") -> str:

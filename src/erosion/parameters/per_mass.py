@@ -12,7 +12,7 @@ from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import DIGITS, RESULTS
 from erosion.parameters.scales import Scale
-from erosion.parameters.units import System, conversion_factor, has_unit, read_quantity, shown
+from erosion.parameters.units import conversion_factor, has_unit, read_quantity, shown
 from erosion.tables import Row, format_number, largest_of
 
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
@@ -68,7 +68,8 @@ class PerMass:
 
     def specific_volume(self, volume: Any, p: Parameters) -> PerImpact:
         """Removed volume per mass of abrasive [m³/kg], of volumes in the units of `p`; they broadcast with p.m."""
-        return self._per_mass(np.asarray(volume) / np.asarray(p.m), p.units)
+        ratio = np.asarray(volume) / np.asarray(p.m)
+        return self.cutting_fraction * ratio * conversion_factor("volume per mass", p.units, "si")
 
     def erosion_ratio(self, volume: Any, p: Parameters) -> PerImpact:
         """Mass loss per mass of abrasive [kg/kg], of volumes in the units of `p`; they broadcast with p.m.
@@ -114,9 +115,6 @@ class PerMass:
             f"{low * 1e3:.2g} to {high * 1e3:.2g} g/kg (fits to tests: DNVGL-RP-O501, 2015, table 3-1); "
             "only some particles cut, and the product of σ and ψ is known to a factor of two at best."
         )
-
-    def _per_mass(self, ratio: Any, units: System) -> PerImpact:
-        return self.cutting_fraction * ratio * conversion_factor("volume per mass", units, "si")
 
 
 PER_MASS_UNITS = {name: RESULTS[name].unit("si") for name in ("specific_volume", "erosion_ratio")}

@@ -84,7 +84,10 @@ def make_priors(forward: Forward, given: Mapping[str, Any]) -> Priors:
         if name not in names:
             raise ValueError(f"Argument `priors` must name free parameters ({', '.join(names)}), but has {name!r}.")
     laws = {name: given[name] if name in given else _default(forward, name) for name in names}
-    ranges = {name: _checked(name, law, _least(forward, name), _greatest(name)) for name, law in laws.items()}
+    ranges = {
+        name: _checked(name, law, _least(forward, name), 1.0 if name == FRACTION else np.inf)
+        for name, law in laws.items()
+    }
     return Priors(laws, tuple(name for name in names if name in given), ranges)
 
 
@@ -120,10 +123,6 @@ def _scale_of(forward: Forward) -> float:
 def _least(forward: Forward, name: str) -> float:
     own = own_parameters(forward.model)
     return own[name].least if name in own else -np.inf if name in _SIGNED else 0.0
-
-
-def _greatest(name: str) -> float:
-    return 1.0 if name == FRACTION else np.inf
 
 
 def _checked(name: str, law: Any, least: float, greatest: float) -> tuple[float, float]:

@@ -40,12 +40,8 @@ def _columns(dataset: xr.Dataset, p: Parameters, weights: Mapping[str, PerMass])
 
 
 def _heading(name: str, variable: xr.DataArray) -> str:
-    unit = _degrees(variable.attrs.get("units", ""))
-    return f"{name} [{unit}]" if unit not in ("", "1") else name
-
-
-def _degrees(unit: str) -> str:
-    return "deg" if unit == "rad" else unit
+    unit = variable.attrs.get("units", "")
+    return f"{name} [{'deg' if unit == 'rad' else unit}]" if unit not in ("", "1") else name
 
 
 def _cells(values: xr.DataArray) -> list[Any]:

@@ -100,7 +100,8 @@ class ZarrStore(Store):
     """
 
     def __init__(self, grid: Grid, block: Sequence[int], path: Path) -> None:
-        _require_zarr()
+        for module in ("dask.array", "zarr"):
+            library(module, "dask")
         self._grid, self._block, self._path = grid, block, path
         identity = grid.identity() | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
         if not path.exists():
@@ -283,8 +284,3 @@ def _zarr_identity(path: Path) -> str | None:
         return str(zarr.open_group(path, mode="r").attrs.get(IDENTITY))
     except _UNREADABLE as error:
         raise StoreError(f"{path}: is there already and is no Zarr group; it is left as it is.") from error
-
-
-def _require_zarr() -> None:
-    for module in ("dask.array", "zarr"):
-        library(module, "dask")
