@@ -18,6 +18,7 @@ import cyclopts
 from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
+from erosion.cli.errors import InputError, sentence
 from erosion.cli.exercise import exercise
 from erosion.cli.explore import explore
 from erosion.cli.export import export
@@ -26,7 +27,6 @@ from erosion.cli.materials import materials
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
-from erosion.cli.options import InputError, sentence
 from erosion.cli.report import report
 from erosion.cli.run import run
 from erosion.cli.spelling import spell_out

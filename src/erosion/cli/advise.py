@@ -6,19 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import (
-    AllAngles,
-    CaseFile,
-    JsonOption,
-    load,
-    read_option,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_paths, print_table
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, load, read_option, with_file
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import progress_bar
 

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.draw_options import DrawOptions
+from erosion.cli.errors import InputError, user_errors
 from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, InputError, JsonOption, start_engine, user_errors, with_file
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, load_set, settings

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 
-from erosion.cli.options import InputError
+from erosion.cli.errors import InputError
 from erosion.extras import extra
 
 

@@ -8,19 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    JsonOption,
-    load,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_paths, print_table
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, load, with_file
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 

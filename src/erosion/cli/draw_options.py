@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.fit_options import FitOptions, dimension_of
-from erosion.cli.options import InputError, WholeOption, reading, require_outputs, user_errors
+from erosion.cli.options import WholeOption
+from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
     from erosion.arguments import Progress

@@ -5,15 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.options import CaseFile, CaseOptions, with_file
+from erosion.cli.output import require_outputs
 from erosion.cli.progress import working
 
 

@@ -4,8 +4,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption
-from erosion.cli.options import CaseFile, CaseOptions, InputError, start_engine, user_errors, with_file
+from erosion.cli.options import CaseFile, CaseOptions, with_file
 from erosion.extras import extra
 
 _PORT = 8080

@@ -7,20 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import (
-    AllAngles,
-    CaseFile,
-    InputError,
-    JsonOption,
-    read_option,
-    reading,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, read_option, with_file
+from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
 from erosion.parameters.quantities import QUANTITIES, RESULTS

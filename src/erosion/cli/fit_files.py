@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import require_outputs, user_errors
+from erosion.cli.errors import user_errors
+from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
     from erosion.calibration import Ranking

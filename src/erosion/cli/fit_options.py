@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading
 from erosion.cli.lists import LISTED
-from erosion.cli.options import InputError, WholeOption, reading
+from erosion.cli.options import WholeOption
 from erosion.cli.set_option import load_set
 
 if TYPE_CHECKING:

@@ -7,20 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.clusters import dask_cluster
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelOption
-from erosion.cli.options import (
-    EachRow,
-    InputError,
-    JsonOption,
-    WholeOption,
-    load,
-    read_option,
-    reading,
-    require_outputs,
-    start_engine,
-    user_errors,
-)
-from erosion.cli.output import Output, print_paths, print_table
+from erosion.cli.options import EachRow, JsonOption, WholeOption, load, read_option
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.progress import progress_bar, working
 from erosion.cli.set_option import SetOption, read_settings, settings
 

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import CaseOptions, reading, user_errors
+from erosion.cli.errors import reading, user_errors
+from erosion.cli.options import CaseOptions
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import InputError, load, reading
+from erosion.cli.errors import InputError, reading
+from erosion.cli.options import load
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel

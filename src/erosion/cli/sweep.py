@@ -7,21 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.clusters import dask_cluster
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    JsonOption,
-    WholeOption,
-    load,
-    reading,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, load, with_file
+from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings

@@ -5,8 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import JsonOption, require_outputs, start_engine, user_errors
-from erosion.cli.output import Output, print_paths, print_table
+from erosion.cli.errors import user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.options import JsonOption
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.progress import working
 
 
