@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.draw_options import DrawOptions
+from erosion.cli.errors import InputError, user_errors
 from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, InputError, JsonOption, start_engine, user_errors, with_file
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, load_set, settings
@@ -47,7 +49,10 @@ def calibrate(
     options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p = options.parameters()
-    _require_level(level)
+    from erosion.arguments import check_level
+
+    with user_errors():
+        check_level(level)
     names = ["linearized"] if model is None else chosen_models(model)
     _require_one_model(own, names)
     files.require_writable(inputs=(data, options.case, *names))
@@ -95,11 +100,6 @@ def _of_draws(posteriors: "PosteriorRanking | None") -> list[str]:
 def _require_one_model(own: list[str] | None, names: list[str]) -> None:
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
-
-
-def _require_level(level: float) -> None:
-    if not 0 < level < 1:
-        raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
 
 
 def _tables(
@@ -156,7 +156,7 @@ def _document(
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
              for name, quantity in quantities(fit.model).items()}  # fmt: skip
-    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
+    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.data.erosion_unit)
     output.document(content, {name: fit.model for name, fit in fits.items()}, units)
 
 

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.fit_options import FitOptions, dimension_of
-from erosion.cli.options import InputError, WholeOption, require_outputs, user_errors
+from erosion.cli.options import WholeOption
+from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
     from erosion.arguments import Progress
@@ -137,10 +139,8 @@ def _read_priors(
         if name in laws:
             raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
         dimension = measured.dimension if name == NOISE else dimension_of(name, models, measured.units)
-        try:
+        with reading(f"Option `--prior`, {name},"):
             read = read_distribution(law, name, dimension, measured.units)
-        except ValueError as error:
-            raise InputError(f"Option `--prior`, {name}, {error}.") from error
         if read is None:
             listed = ", ".join((*LAWS, "samples"))
             raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {law!r}.")

@@ -7,18 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.clusters import dask_cluster
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelOption
-from erosion.cli.options import (
-    EachRow,
-    InputError,
-    JsonOption,
-    WholeOption,
-    load,
-    require_outputs,
-    start_engine,
-    user_errors,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import EachRow, JsonOption, WholeOption, load, read_option
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.progress import progress_bar, working
 from erosion.cli.set_option import SetOption, read_settings, settings
 
@@ -94,21 +87,13 @@ class _Rows:
 
     def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
         """The number of an option, in the units of the case."""
-        from erosion.parameters.units import read_quantity
-
-        text = getattr(self, name)
-        try:
-            return None if text is None else read_quantity(text, dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--{name.replace('_', '-')}` {error}.") from error
+        return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
 
     def _spin(self, p: "Parameters") -> Any:
         from erosion.distributions import read_distribution
 
-        try:
+        with reading("Option `--spin`"):
             law = None if self.spin is None else read_distribution(self.spin, "phidot0", "angular speed", p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--spin` {error}.") from error
         return self.spin if law is None else law
 
     def law_in_words(self, job: "MapJob") -> str | None:
@@ -215,7 +200,7 @@ def map_(
     target, options, rows, picture = target or _Surface(), case or EachRow(), rows or _Rows(), picture or _Picture()
     _refuse_replaced(options)
     p = options.parameters()
-    chosen = read_settings(model, load(model), settings(own), p.units, _read)
+    chosen = read_settings(model, load(model), settings(own), p.units)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
         from erosion.maps.export import require_map_path
@@ -238,9 +223,7 @@ def map_(
     printed = Output("map", p, options.case, json=json, seed=None if law is None else job.task.options.bodies.seed)
     _show(dataset, job, printed, model, {} if law is None else {"phidot0": law})
     if not json:
-        for name, path in (("map", output), ("figure", picture.plot)):
-            if path is not None:
-                print(f"{name}: {path}")
+        print_paths(map=output, figure=picture.plot)
 
 
 def _refuse_replaced(options: EachRow) -> None:
@@ -248,12 +231,6 @@ def _refuse_replaced(options: EachRow) -> None:
     options.refuse_angle("each row of the table has its own")
     if "v0" in options.given():
         raise InputError("Option `--v0` has no meaning here: each row of the table has its own.")
-
-
-def _read(name: str, text: Any, dimension: "Dimension", units: Any) -> float:
-    from erosion.parameters.units import read_quantity
-
-    return read_quantity(str(text), dimension, units)
 
 
 def _job(

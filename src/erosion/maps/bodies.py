@@ -7,6 +7,7 @@ import numpy as np
 
 from erosion.cfd.impacts import ImpactsError
 from erosion.correlations import CORRELATIONS
+from erosion.correlations.ranges import masks_outside
 from erosion.distributions import Distribution
 from erosion.maps.incidence import Hits
 from erosion.models.base import CuttingModel
@@ -55,10 +56,7 @@ class Bodies:
         """Model and case of rows that hit, and of their spins [rad/s]."""
         units = self.p.units
         mass = hits.mass * conversion_factor("mass", "si", units)
-        growth = self._growth(mass, hits.diameter)
-        p = self.p.replace(
-            r=self.p.r * growth,
-            b=self.p.b * growth,
+        p = self.p.similar(self._growth(mass, hits.diameter)).replace(
             m=mass,
             v0=hits.speed * conversion_factor("speed", "si", units),
             alpha=hits.alpha,
@@ -96,10 +94,7 @@ class Bodies:
 
 def outside_range(model: CuttingModel, hits: Hits) -> np.ndarray:
     """Whether rows are outside the range of a correlation; False for other models."""
-    outside = np.zeros(hits.rows, bool)
-    if isinstance(model, Correlated):
-        columns = {"alpha": hits.alpha, "v0": hits.speed, "diameter": hits.diameter}
-        for name, span in CORRELATIONS[model.name].ranges.items():
-            if name in columns:
-                outside |= span.excludes(columns[name])
-    return outside
+    if not isinstance(model, Correlated):
+        return np.zeros(hits.rows, bool)
+    columns = {"alpha": hits.alpha, "v0": hits.speed, "diameter": hits.diameter}
+    return np.any([*masks_outside(CORRELATIONS[model.name].ranges, columns).values()], axis=0)
