@@ -67,6 +67,16 @@ def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
                **Correlated(laws, {("v0", "m"): -0.4}), store=tmp_path / "jet.nc")  # fmt: skip
 
 
+def test_a_store_knows_which_values_stand_in_one_row(tmp_path):
+    angle, speed = np.linspace(0.2, 0.6, 8), np.linspace(4000.0, 5000.0, 8)
+    first = stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed}), store=tmp_path / "jet.nc")
+    with pytest.raises(ValueError, match="another distributions"):
+        stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed[::-1]}),
+               store=tmp_path / "jet.nc")  # fmt: skip
+    again = stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed}), store=tmp_path / "jet.nc")
+    assert again.mean_volume == first.mean_volume
+
+
 def test_sobols_indices_are_those_of_ishigami():
     # sin x + 7 sin² y + 0.1 z⁴ sin x on (-π, π)³: Saltelli et al., Sensitivity analysis in practice (2004).
     def ishigami(points: np.ndarray) -> np.ndarray:
