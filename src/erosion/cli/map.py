@@ -113,10 +113,9 @@ class _Rows:
 
     def law_in_words(self, job: "MapJob") -> str | None:
         """The law of the spin, if it has one."""
-        from erosion.distributions import Distribution
-
         bodies = job.task.options.bodies
-        return bodies.spin.in_words("angular speed", bodies.p.units) if isinstance(bodies.spin, Distribution) else None
+        law = bodies.laws.get("phidot0")
+        return None if law is None else law.in_words("angular speed", bodies.p.units)
 
     def _restitution(self) -> tuple[float, float] | None:
         if self.restitution is None:

@@ -45,6 +45,8 @@ _COLUMNS = (
     _Column("mean angle [deg]", "alpha_mean", "angle", 180 / math.pi),
     _Column("mean speed [m/s]", "v0_mean", "speed", 1.0),
     _Column("relative standard error", "relative_error", "1", 1.0),
+    _Column("relative error by sampling", "sampling_error", "1", 1.0),
+    _Column("relative error by parameters", "parameter_error", "1", 1.0),
     _Column("area [mm^2]", "area", "area", 1e6),
 )
 

@@ -190,7 +190,8 @@ class Stream(Result):
             return []
         known = quantities(self.model)
         names = ", ".join(known[name].symbol for name in self.particles.uncertain)
-        error, mm3 = self.parameter_errors["erosion"], conversion_factor("volume per mass", self.particles.p.units, "si")
+        error = self.parameter_errors["erosion"]
+        mm3 = conversion_factor("volume per mass", self.particles.p.units, "si")
         low, high = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
         ends = (with_error(end, error, MM3_PER_KG / mm3).partition(" ")[0] for end in (low, high))
         relative = 100 * error / self.erosion.value if self.erosion.value else math.nan
