@@ -57,8 +57,8 @@ def test_more_impacts_know_the_mean_better_but_not_the_metal() -> None:
     assert float(many["total_sampling_error"]) == pytest.approx(float(few["total_sampling_error"]) / 8, rel=0.2)
     assert float(many["total_parameter_error"]) == pytest.approx(float(few["total_parameter_error"]), rel=1e-6)
     summary = str(MapSummary(many))
-    assert "of volume and erosion, its part by uncertain parameters" in summary
-    assert "of volume and erosion, its part by the sample of impacts" in summary
+    assert "of V and E: relative standard error by uncertain parameters" in summary
+    assert "of V and E: relative standard error by the sample of impacts" in summary
 
 
 def test_what_varies_from_impact_to_impact_averages_out() -> None:

@@ -100,6 +100,11 @@ class Bodies:
         with_values(model, self.p, {name: value for name, value in (varied | common).items() if name != FRACTION})
 
     @property
+    def seed_used(self) -> int | None:
+        """The seed, where numbers are drawn."""
+        return self.seed if self.laws or self.uncertain else None
+
+    @property
     def realisations(self) -> int:
         """How many times the map is computed: once for each draw of uncertain parameters, 1 without these."""
         return self.draws if self.uncertain else 1

@@ -22,6 +22,7 @@ from erosion.maps.result import MapSource, to_dataset
 from erosion.maps.tally import Portion, Tally, portion_of
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import quantities
 from erosion.models.registry import PLUG_IN
 from erosion.parameters.precision import require_float64
 from erosion.parameters.units import conversion_factor
@@ -116,6 +117,16 @@ class MapJob:
         laws = "".join(f" {fingerprint(law, name)}" for name, law in {**bodies.laws, **bodies.uncertain}.items())
         options = f"{self._in_words()}; rtol = {self.task.options.rtol}{laws}"
         return identity({"map": self.task.model}, bodies.p, table=table, surface=surface, options=options)
+
+    def laws_in_words(self) -> dict[str, str]:
+        """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
+        bodies, known = self.task.options.bodies, quantities(self.task.model)
+        words = {}
+        for name, law in {**bodies.laws, **bodies.uncertain}.items():
+            dimension = known[name].dimension if name in known else "1"
+            kind = "uncertain " if name in bodies.uncertain else ""
+            words[name] = kind + law.in_words(dimension, bodies.p.units)
+        return words
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Read and compute the table; progress and errors as of `erosion_map`."""
@@ -233,7 +244,7 @@ class MapJob:
             **bodies.laws,
             **{f"uncertain {name}": law for name, law in bodies.uncertain.items()},
             "draws": bodies.draws if bodies.uncertain else None,
-            "seed": bodies.seed if bodies.laws or bodies.uncertain else None,
+            "seed": bodies.seed_used,
             "cutting_fraction": None if bodies.cutting_fraction == 1 else bodies.cutting_fraction,
             **{name: getattr(options, name) for name in ("restitution", "target_density", "limit")},
         }

@@ -42,8 +42,8 @@ FACES: Mapping[str, Quantity] = {
     "alpha_mean": Quantity("ᾱ", "mean angle of attack of the particles", "angle"),
     "v0_mean": Quantity("v̄₀", "mean impact speed of the particles", "speed"),
     "relative_error": Quantity("s", "relative standard error of the volume", "1"),
-    "sampling_error": Quantity("s", "its part by the sample of impacts", "1"),
-    "parameter_error": Quantity("s", "its part by uncertain parameters", "1"),
+    "sampling_error": Quantity("s", "relative standard error by the sample of impacts", "1"),
+    "parameter_error": Quantity("s", "relative standard error by uncertain parameters", "1"),
     "area": Quantity("A", "area", "area"),
 }
 """The variables over faces. `depth_per_year` is in mm/year in all unit systems."""
@@ -261,7 +261,7 @@ class MapSummary(Result):
         for name in ("sampling_error", "parameter_error"):
             if f"total_{name}" in data:
                 share = f"{100 * float(data[f'total_{name}']):.3g}"
-                rows.append(Row(name, "", share, "%", f"of volume and erosion, {FACES[name].meaning}"))
+                rows.append(Row(name, "", share, "%", f"of V and E: {FACES[name].meaning}"))
         if data.sizes["patch"] > 1:
             for i, patch in enumerate(data["patch"].values):
                 rows += self._totals("patch", f" {patch}", (i,))[:1]

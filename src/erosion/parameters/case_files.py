@@ -25,7 +25,7 @@ from erosion.parameters.units import System, check_system, has_unit, shown, unit
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
 """What only erosion per mass of abrasive needs; see `load_per_mass`."""
-SECTIONS = ("sweep", "stream")
+SECTIONS = ("sweep", "stream", "map")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
 
@@ -54,6 +54,15 @@ def load_case(path: str | Path) -> Parameters:
         return _parameters(table)
     except ValueError as error:
         raise CaseError(f"{path}: {_lower_first(str(error))}") from error
+
+
+def parse_case(text: str) -> Parameters:
+    """The parameters of the text of a case file, as `dump_case` writes it.
+
+    Raises:
+        ValueError: for another text.
+    """
+    return _parameters(tomllib.loads(text))
 
 
 def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:

@@ -50,6 +50,11 @@ class Particles:
                 f"Argument `uncertain` must name parameters without another law, but {both[0]} has one from particle "
                 "to particle."
             )
+        if "cutting_fraction" in self.all_laws:
+            raise ValueError(
+                "Argument `uncertain` must leave out `cutting_fraction`: volumes of a stream are those of particles "
+                "that cut, whose share is a number."
+            )
         # So that an own parameter that cannot be an array is refused before anything is computed.
         self.impacts(self._middle)
 
