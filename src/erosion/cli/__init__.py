@@ -43,6 +43,7 @@ _PRESENT_NAMES = {
     "--models": "--model",
     "--out": "--output",
     "--material": "--target",
+    "--write-draws": "--output",
 }  # by the names of before, which stay accepted
 
 app = cyclopts.App(

@@ -3,7 +3,7 @@
 import os
 import re
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,6 +96,12 @@ class Output:
         """A warning: on stderr at once, and in the document."""
         self.warnings.append(message)
         warn(message)
+
+    def warn_all(self, groups: Iterable[Sequence[str]]) -> None:
+        """Warnings, in groups."""
+        for group in groups:
+            for message in group:
+                self.warn(message)
 
     def judge(self, per_mass: "PerMass", volume: Any, p: "Parameters") -> None:
         """A warning where the erosion ratio of these volumes is far from what tests find."""

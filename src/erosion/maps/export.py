@@ -37,6 +37,8 @@ _COLUMNS: Mapping[str, tuple[str, float]] = {
     "alpha_mean": ("mean angle [deg]", 180 / math.pi),
     "v0_mean": ("mean speed [m/s]", 1.0),
     "relative_error": ("relative standard error", 1.0),
+    "sampling_error": ("relative error by sampling", 1.0),
+    "parameter_error": ("relative error by parameters", 1.0),
     "area": ("area [mm^2]", 1e6),
 }
 

@@ -28,7 +28,7 @@ from erosion.parameters.units import System, about, check_system, has_unit, show
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
 """What only erosion per mass of abrasive needs; see `load_per_mass`."""
-SECTIONS = ("sweep", "stream")
+SECTIONS = ("sweep", "stream", "map")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
 
@@ -55,6 +55,15 @@ def load_case(path: str | Path) -> Parameters:
     table = _read(path)
     with _in_file(path):
         return _parameters(table)
+
+
+def parse_case(text: str) -> Parameters:
+    """The parameters of the text of a case file, as `dump_case` writes it.
+
+    Raises:
+        ValueError: for another text.
+    """
+    return _parameters(tomllib.loads(text))
 
 
 def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:

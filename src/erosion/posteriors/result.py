@@ -11,6 +11,7 @@ import xarray as xr
 
 from erosion.arguments import check_level, check_path, check_whole
 from erosion.calibration.doubts import LEVEL
+from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
 from erosion.engine.impact import impact
@@ -172,8 +173,12 @@ class Posterior(Result):
         return with_values(self.model, self.p, {name: self.some(count)[name] for name in of_impact})
 
     def rows_of_draws(self) -> Rows:
-        """All draws of the parameters of an impact as a joint law: `erosion.stream(model, p, **rows)`."""
-        names = self.likelihood.forward.of_impact
+        """All draws as a joint law, for `uncertain` of `erosion.stream` and `erosion.erosion_map`.
+
+        It has the parameters of an impact, and "cutting_fraction" if that was sampled: a map takes it, a stream does
+        not. "scale" and "noise" belong to the measurements and are left out.
+        """
+        names = [name for name in self.names if name not in (SCALE, NOISE)]
         return Rows({name: self.samples[name].values for name in names}, f"the posterior of {self.data.source}")
 
     def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
@@ -299,6 +304,8 @@ class Posterior(Result):
             "inference_library_version": __version__,
             "model": model_name(self.model),
             "case": dump_case(self.p),
+            "unit_system": self.p.units,
+            **({} if FRACTION in self.names else {FRACTION: self.likelihood.forward.cutting_fraction}),
             "data": self.data.source,
             "seed": self.seed,
             "log_evidence": self.log_evidence,
