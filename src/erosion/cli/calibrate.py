@@ -1,5 +1,6 @@
 """`erosion calibrate`: a model against measured erosion."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,28 +50,25 @@ def calibrate(
     options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p = options.parameters()
-    from erosion.arguments import check_level
-
-    with user_errors():
-        check_level(level)
     names = ["linearized"] if model is None else chosen_models(model)
     _require_one_model(own, names)
     files.require_writable(inputs=(data, options.case, *names))
     draw.require_sense(files.paths, inputs=(data, options.case, *names))
     start_engine()
+    from erosion.arguments import check_level
     from erosion.calibration import rank_models, read_measurements
     from erosion.calibration.export import command
 
     chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
+        check_level(level)
         measured = read_measurements(data, p.units)
         if measured.unused:
             output.warn(f"{data}: columns that are not used: {', '.join(map(repr, measured.unused))}.")
         bounds, along = fit.bounds_of(names, p.units, measured), fit.names(measured)
         laws = draw.laws(measured, chosen, fit)
-        if profile is not None and profile not in along:
-            raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
+        _require_known(profile, along)
         ranking = rank_models(p, measured, fit.free, models=chosen, progress=progress, bounds=bounds, **fit.arguments())
         along_profile = None if profile is None else ranking.best.profile(profile)
         posteriors = draw.drawn(p, measured, chosen, fit, laws, progress)
@@ -90,6 +88,11 @@ def calibrate(
         _print(_tables(ranking, level, along_profile, posteriors), written, best_angle)
     if refused is not None:
         raise refused
+
+
+def _require_known(profile: str | None, names: Sequence[str]) -> None:
+    if profile is not None and profile not in names:
+        raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
 
 
 def _of_draws(posteriors: "PosteriorRanking | None") -> list[str]:
