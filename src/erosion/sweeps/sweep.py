@@ -16,6 +16,7 @@ import xarray as xr
 
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
+from erosion.interrupts import keeping_results
 from erosion.models.base import CuttingModel
 from erosion.models.registry import PLUG_IN
 from erosion.parameters.parameters import Parameters
@@ -131,7 +132,8 @@ class SweepJob:
         try:
             advance(0)
             try:
-                self._compute(self.missing, advance)
+                with keeping_results():
+                    self._compute(self.missing, advance)
             finally:
                 # Also after an error, and a Ctrl-C meanwhile waits: to compute took longer than to write.
                 if count > begun:
