@@ -375,8 +375,8 @@ HEADER = "# Time currentProc (U0 U1 U2) facei d rho nParticle"
     ("header", "message"),
     [
         (HEADER.replace(" facei", ""), "names neither the face"),
-        (HEADER.replace(" d ", " "), "has no column of the diameter"),
-        (HEADER.replace(" rho", ""), "has no column of the mass or the density.*give the density"),
+        (HEADER.replace(" d ", " "), "has no column `diameter`"),
+        (HEADER.replace(" rho", ""), "has no column `mass` or `density`.*give the density"),
         (HEADER.replace("U0 U1 U2", ""), "has no columns of the velocity"),
         (HEADER.replace("rho", "d"), "the header repeats d"),
     ],

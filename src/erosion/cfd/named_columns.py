@@ -34,6 +34,8 @@ _ALIASES: Mapping[str, str] = {
     "facei": "mesh_face",
     **{f"u{separator}{axis}": name for separator in ("", "_", ":") for number, name in enumerate(VELOCITY)
        for axis in ("xyz"[number], str(number))},
+    **{f"{word}{axis}": VELOCITY[number] for word in ("v", "v_", "vel_") for number, axis in enumerate("xyz")},
+    **{f"velocity{separator}{number}": name for separator in ":_" for number, name in enumerate(VELOCITY)},
     **{f"points:{number}": name for number, name in enumerate(POSITION)},
 }  # fmt: skip
 

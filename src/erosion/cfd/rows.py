@@ -37,12 +37,14 @@ def require_columns(source: str, names: Collection[str], *, has_density: bool = 
         if missing and len(missing) < len(vector):
             raise ImpactsError(f"{source}: has no column {' and '.join(missing)}, but the others of the vector.")
     if VELOCITY[0] not in names and not {"speed", "angle"} <= set(names):
-        raise ImpactsError(f"{source}: has no columns of the velocity, and none of speed and angle.")
+        raise ImpactsError(
+            f"{source}: has no columns of the velocity (`{'`, `'.join(VELOCITY)}`), and none of `speed` and `angle`."
+        )
     if "diameter" not in names and not ({"mass", "density"} <= set(names) or ("mass" in names and has_density)):
-        raise ImpactsError(f"{source}: has no column of the diameter (or of mass and density).")
+        raise ImpactsError(f"{source}: has no column `diameter`, and no columns `mass` and `density`.")
     if "mass" not in names and "density" not in names and not has_density:
         raise ImpactsError(
-            f"{source}: has no column of the mass or the density of a particle; give the density with `density`."
+            f"{source}: has no column `mass` or `density` of a particle; give the density with `density`."
         )
 
 

@@ -216,7 +216,7 @@ class MapJob:
         raise ImpactsError(
             f"{share} is not positive: these look like velocities after the rebound, as openfoam.org 11 to 14 writes "
             "them. Argument `restitution` must then be (e, μ) of the wall, which undoes it. Or the surface's normals "
-            "point into the fluid, but must point out of it."
+            "point into the fluid, but must point out of it: Argument `reverse` turns them."
         )
 
     def _require_hits(self, tally: Tally) -> None:
