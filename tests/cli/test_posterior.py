@@ -1,5 +1,7 @@
 """`erosion calibrate --posterior` as a user types it."""
 
+import sys
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -38,6 +40,15 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     with xr.open_datatree(tmp_path / "draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
         assert tree["posterior"]["psi"].shape == (4, 125)
+
+
+def test_without_arviz_it_says_what_to_install(table, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "arviz_stats.base.array", None)
+    assert _status(["calibrate", str(table), "--posterior", "--free", "psi", "--draws", "125"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "erosion: The package arviz_stats is not installed: pip install 'erosion[posterior]'.\n"
+    )
 
 
 def test_several_models_as_json(table, capsys):

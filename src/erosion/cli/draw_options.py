@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.fit_options import FitOptions, dimension_of
 from erosion.cli.lists import LISTED
-from erosion.cli.options import InputError, WholeOption, require_outputs, user_errors
+from erosion.cli.options import WholeOption
+from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
     from erosion.arguments import Progress
@@ -135,10 +137,8 @@ class DrawOptions:
         """The speeds that can be tested next, if they are given."""
         from erosion.parameters.units import read_quantity
 
-        try:
+        with reading("Option `--next-speeds`"):
             speeds = [read_quantity(text, "speed", p.units) for text in self.next_speeds or ()]
-        except ValueError as error:
-            raise InputError(f"Option `--next-speeds` {error}.") from error
         if not all(speed > 0 for speed in speeds):
             raise InputError(
                 f"Option `--next-speeds` must list positive speeds, but is {', '.join(self.next_speeds or ())}."
@@ -195,10 +195,8 @@ def _read_priors(
         if name in laws:
             raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
         dimension = measured.dimension if name == NOISE else dimension_of(name, models, measured.units)
-        try:
+        with reading(f"Option `--prior`, {name},"):
             read = read_distribution(law, name, dimension, measured.units)
-        except ValueError as error:
-            raise InputError(f"Option `--prior`, {name}, {error}.") from error
         if read is None:
             listed = ", ".join((*LAWS, "samples"))
             raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {law!r}.")

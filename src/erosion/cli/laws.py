@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import CaseOptions, InputError, load, user_errors
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.options import CaseOptions, load
 from erosion.cli.set_option import read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
 
@@ -113,10 +114,8 @@ class GivenLaws:
         where, path = self.rows
         if path is None:
             return {}
-        try:
+        with reading(where):
             rows = read_rows(path, quantities(model), units)
-        except ValueError as error:
-            raise InputError(f"{where} {error}.") from error
         if both := [name for name in rows if name in laws]:
             raise InputError(f"{where} must give {both[0]} alone, but {both[0]} has another law, too.")
         return dict(rows)
@@ -276,10 +275,8 @@ def case_and_laws(
     values: dict[str, Any] = {}
     texts = options.texts(verb, section)
     for name, (source, text) in texts.items():
-        try:
+        with reading(source):
             values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"{source} {error}.") from error
     numbers, laws = _split(values)
     with user_errors():
         p = p.replace(**numbers)

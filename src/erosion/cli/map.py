@@ -7,18 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.clusters import dask_cluster
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, ModelOption
-from erosion.cli.options import (
-    EachRow,
-    InputError,
-    JsonOption,
-    WholeOption,
-    require_outputs,
-    start_engine,
-    user_errors,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import EachRow, JsonOption, WholeOption, read_option
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar, working
 from erosion.cli.set_option import SetOption
@@ -117,21 +111,13 @@ class _Rows:
 
     def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
         """The number of an option, in the units of the case."""
-        from erosion.parameters.units import read_quantity
-
-        text = getattr(self, name)
-        try:
-            return None if text is None else read_quantity(text, dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--{name.replace('_', '-')}` {error}.") from error
+        return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
 
     def _spin(self, p: "Parameters") -> Any:
         from erosion.distributions import read_distribution
 
-        try:
+        with reading("Option `--spin`"):
             law = None if self.spin is None else read_distribution(self.spin, "phidot0", "angular speed", p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--spin` {error}.") from error
         return self.spin if law is None else law
 
     def _restitution(self) -> tuple[float, float] | None:
@@ -262,9 +248,7 @@ def map_(
     printed.warn_all(part.doubts(sand.model, sand.p, share) for part in draws)
     _show(dataset, job, printed, sand.name)
     if not json:
-        for kind, path in (("map", output), ("figure", picture.plot)):
-            if path is not None:
-                print(f"{kind}: {path}")
+        print_paths(map=output, figure=picture.plot)
 
 
 def _refuse_replaced(options: EachRow, section: dict[str, Any]) -> None:

@@ -6,21 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    JsonOption,
-    WholeOption,
-    read_whole,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, read_whole, with_file
+from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption
@@ -108,10 +99,8 @@ def _run(job: "StreamJob", name: str, output: Output, per_mass: "PerMass") -> "S
 
 def _count(options: CaseOptions, section: dict[str, Any]) -> int:
     """The number of particles that the case file gives; 2^20 without it."""
-    try:
+    with reading(f"{options.case}: field `n` of [stream]"):
         return read_whole(section.get("n", 2**20))
-    except ValueError as error:
-        raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
 
 
 def _show(result: "Stream", name: str, output: Output) -> None:

@@ -10,6 +10,7 @@ from scipy.stats import qmc
 
 from erosion.cfd.impacts import ImpactsError
 from erosion.correlations import CORRELATIONS
+from erosion.correlations.ranges import masks_outside
 from erosion.distributions import Distribution
 from erosion.joint_laws import LawSet
 from erosion.maps.incidence import Hits
@@ -153,10 +154,7 @@ class Bodies:
         units = self.p.units
         model, p = with_values(model, self.p, {name: value for name, value in values.items() if name != FRACTION})
         mass = hits.mass * conversion_factor("mass", "si", units)
-        growth = self._growth(mass, hits.diameter)
-        p = p.replace(
-            r=p.r * growth,
-            b=p.b * growth,
+        p = p.similar(self._growth(mass, hits.diameter)).replace(
             m=mass,
             v0=hits.speed * conversion_factor("speed", "si", units),
             alpha=hits.alpha,
@@ -187,10 +185,7 @@ class Bodies:
 
 def outside_range(model: CuttingModel, hits: Hits) -> np.ndarray:
     """Whether rows are outside the range of a correlation; False for other models."""
-    outside = np.zeros(hits.rows, bool)
-    if isinstance(model, Correlated):
-        columns = {"alpha": hits.alpha, "v0": hits.speed, "diameter": hits.diameter}
-        for name, span in CORRELATIONS[model.name].ranges.items():
-            if name in columns:
-                outside |= span.excludes(columns[name])
-    return outside
+    if not isinstance(model, Correlated):
+        return np.zeros(hits.rows, bool)
+    columns = {"alpha": hits.alpha, "v0": hits.speed, "diameter": hits.diameter}
+    return np.any([*masks_outside(CORRELATIONS[model.name].ranges, columns).values()], axis=0)

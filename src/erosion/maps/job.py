@@ -23,11 +23,10 @@ from erosion.maps.tally import Portion, Tally, portion_of
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
-from erosion.models.registry import PLUG_IN
-from erosion.parameters.precision import require_float64
+from erosion.models.registry import require_loadable
 from erosion.parameters.units import conversion_factor
 from erosion.storage.fingerprint import digest, fingerprint
-from erosion.storage.identity import code_version, identity
+from erosion.storage.identity import code_version, identity, require_code
 from erosion.trajectory.trajectory import SimulationError
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
@@ -88,9 +87,7 @@ def compute_portion(task: Task, hits: Hits, number: int, code: str) -> tuple[int
     Raises:
         RuntimeError: where this process computes with other code than the map was begun with.
     """
-    require_float64()
-    if code_version() != code:
-        raise RuntimeError(f"A worker has {code_version()}, but the map was begun with {code}.")
+    require_code(code, "map")
     return number, task.compute(hits, number)
 
 
@@ -162,7 +159,7 @@ class MapJob:
         """The same by the workers of a cluster."""
         from erosion.cluster import run_blocks
 
-        self._require_path()
+        require_loadable(self.task.reference)
         code, waiting = code_version(), dict[int, Portion]()
         following = 0
 
@@ -249,12 +246,3 @@ class MapJob:
             **{name: getattr(options, name) for name in ("restitution", "target_density", "limit")},
         }
         return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
-
-    def _require_path(self) -> None:
-        """A plug-in's class is known to this process alone: workers load the plug-in by its path."""
-        import cloudpickle
-
-        if isinstance(self.task.reference, CuttingModel) and PLUG_IN.encode() in cloudpickle.dumps(self.task.reference):
-            raise ValueError(
-                "Argument `model` must be the path of a plug-in where a cluster computes, but is a model of one."
-            )

@@ -13,16 +13,13 @@ from erosion.cfd.surface import Surface
 from erosion.maps.bodies import Bodies
 from erosion.maps.incidence import LEFT_OUT
 from erosion.maps.tally import Tally
-from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
-from erosion.models.own_parameters import own_in_words
-from erosion.parameters.case_files import dump_case
 from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
+from erosion.storage.identity import model_in_words, provenance
 from erosion.tables import Record, Result, Row, to_plain, with_error
-from erosion.version import __version__
 
 YEAR = 365.25 * 86400.0
 """Seconds of a year (Julian)."""
@@ -211,21 +208,16 @@ def _add_rows(variables: Variables, tally: Tally, source: MapSource, units: Syst
 
 def _provenance(source: MapSource) -> dict[str, str]:
     """The attributes of a map."""
-    own, p = own_in_words(source.model), source.bodies.p
-    return {
-        "Conventions": "CF-1.11",
-        "title": "Solid particle erosion: a map",
-        "source": f"erosion {__version__}",
-        "model": model_name(source.model),
-        **({"own_parameters": own} if own else {}),
-        "table": source.impacts.title,
-        "surface": "" if source.surface is None else source.surface.title,
-        "options": source.options,
-        "far_rows": "; ".join(source.far),
-        "notes": " ".join(source.impacts.notes),
-        "unit_system": p.units,
-        "case": dump_case(p),
-    }
+    return provenance(
+        "a map",
+        source.bodies.p,
+        **model_in_words(source.model),
+        table=source.impacts.title,
+        surface="" if source.surface is None else source.surface.title,
+        options=source.options,
+        far_rows="; ".join(source.far),
+        notes=" ".join(source.impacts.notes),
+    )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_path, check_whole
+from erosion.arguments import check_level, check_path, check_whole
+from erosion.calibration.doubts import LEVEL
 from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
@@ -25,7 +26,6 @@ from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.scales import table_scale
-from erosion.parameters.units import ascii_unit, unit_name
 from erosion.posteriors import doubts
 from erosion.posteriors.best_angles import BestAngles
 from erosion.posteriors.convergence import EFFECTIVE, RHAT, effective, rhats
@@ -35,7 +35,6 @@ from erosion.posteriors.tempering import Run
 from erosion.tables import Result, Row, format_number, to_plain
 from erosion.version import __version__
 
-LEVEL = 0.95
 _SOME = 400  # draws that show a curve's quantiles, and take a second for the best angles
 
 
@@ -117,8 +116,7 @@ class Posterior(Result):
 
     def intervals(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
         """The values between which each parameter is with this probability, as likely below as above."""
-        if not 0 < level < 1:
-            raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
+        check_level(level)
         ends = [(1 - level) / 2, (1 + level) / 2]
         quantiles = {name: np.quantile(self.samples[name].values, ends) for name in self.names}
         return {name: (float(low), float(high)) for name, (low, high) in quantiles.items()}
@@ -284,15 +282,10 @@ class Posterior(Result):
             "draws": self.run.log_likelihood.size,
             "chains": len(self.run.log_evidence),
             "seed": self.seed,
-            "erosion_unit": self.erosion_unit,
+            "erosion_unit": self.data.erosion_unit,
             "warnings": self.statements,
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
-
-    @property
-    def erosion_unit(self) -> str:
-        """The unit of the data in the case's system, as programs read it."""
-        return ascii_unit(unit_name(self.data.dimension, self.p.units))
 
     def to_datatree(self) -> xr.DataTree:
         """Everything in ArviZ's layout: the groups posterior, sample_stats, observed_data and constant_data."""
@@ -303,7 +296,7 @@ class Posterior(Result):
         known, units = sampled_quantities(self.likelihood.forward), self.p.units
         observed = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
         if self.data.uncertainty is not None:
-            observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.erosion_unit})
+            observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
         constant = {name: ("row", values, known[name].attributes(units))
                     for name, values in self.data.conditions.items()}  # fmt: skip
         described = {

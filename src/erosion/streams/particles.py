@@ -113,9 +113,9 @@ class Particles:
     def _grown(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The same, with width and mass of scaled particles where the size varies."""
         if "r" in values:
-            growth = values["r"] / float(self.p.r)
-            values.setdefault("b", float(self.p.b) * growth)
-            values.setdefault("m", float(self.p.m) * growth**3)
+            scaled = self.p.similar(values["r"] / float(self.p.r))
+            for name in ("b", "m"):
+                values.setdefault(name, np.asarray(getattr(scaled, name)))
         return values
 
     @property

@@ -9,21 +9,20 @@ import xarray as xr
 
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words, quantities
+from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
-from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.per_mass import MM3_PER_KG, PerMass
+from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
+from erosion.storage.identity import model_in_words, provenance
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate, Points
 from erosion.streams.tally import Tally
 from erosion.streams.uncertainty import Uncertainty
 from erosion.tables import Record, Result, Row, largest_of, to_plain, with_error
-from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _OF_RANGE = 2**12  # particles by which the share outside of a range is known well enough
@@ -171,16 +170,13 @@ class Stream(Result):
 
     def _per_mass_rows(self) -> list[Row]:
         """Erosion per mass of abrasive, in mm³/kg and, where the density is known, in g/kg."""
-        fraction, mm3 = (
-            self.per_mass.cutting_fraction,
-            conversion_factor("volume per mass", self.particles.p.units, "si"),
-        )
-        some = "" if fraction == 1 else f"; {fraction:g} of the particles cut"
-        numbers = [("erosion", self.erosion, mm3 / MM3_PER_KG, "mm³/kg")]
+        mm3, grams = PER_MASS_SCALES.values()
+        to_si = conversion_factor("volume per mass", self.particles.p.units, "si")
+        numbers = [("erosion", self.erosion, to_si / mm3.size, mm3.unit)]
         if self.erosion_ratio is not None:
-            numbers.append(("erosion_ratio", self.erosion_ratio, 1e3, "g/kg"))
+            numbers.append(("erosion_ratio", self.erosion_ratio, 1 / grams.size, grams.unit))
         return [
-            _with_error(Row(name, RESULTS[name].symbol, "", unit, RESULTS[name].meaning + some), estimate, factor)
+            _with_error(Row(name, RESULTS[name].symbol, "", unit, self.per_mass.meaning_of(name)), estimate, factor)
             for name, estimate, factor, unit in numbers
         ]
 
@@ -191,13 +187,14 @@ class Stream(Result):
         known = quantities(self.model)
         names = ", ".join(known[name].symbol for name in self.particles.uncertain)
         error = self.parameter_errors["erosion"]
-        mm3 = conversion_factor("volume per mass", self.particles.p.units, "si")
+        scale = PER_MASS_SCALES["specific_volume"]
+        size = scale.size / conversion_factor("volume per mass", self.particles.p.units, "si")
         low, high = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
-        ends = (with_error(end, error, MM3_PER_KG / mm3).partition(" ")[0] for end in (low, high))
+        ends = (with_error(end, error, size).partition(" ")[0] for end in (low, high))
         relative = 100 * error / self.erosion.value if self.erosion.value else math.nan
         return [
             Row("parameter_error", "", f"{relative:.3g}", "%", f"of E, by uncertain {names}; ± is by sampling alone"),
-            Row("", "", " … ".join(ends), "mm³/kg", "the 95 % interval of E by them"),
+            Row("", "", " … ".join(ends), scale.unit, "the 95 % interval of E by them"),
         ]
 
     def _estimate_row(self, name: str) -> Row:
@@ -271,18 +268,9 @@ class Stream(Result):
                 dataset[f"{name}_error"] = ("law", [estimate.error for estimate in estimates], {"units": "1"})
         if self.nozzle is not None:
             _add_nozzle(dataset, self.nozzle, units)
-        own = own_in_words(self.model, but=self.particles.all_laws)
-        dataset.attrs |= {
-            "Conventions": "CF-1.11",
-            "title": "Solid particle erosion: a stream",
-            "source": f"erosion {__version__}",
-            "model": model_name(self.model),
-            **({"own_parameters": own} if own else {}),
-            "distributions": self._laws("; "),
-            "particles": self.n,
-            "unit_system": units,
-            "case": dump_case(self.particles.p),
-        }
+        model = model_in_words(self.model, but=self.particles.all_laws)
+        laws = self._laws("; ")
+        dataset.attrs |= provenance("a stream", self.particles.p, **model, distributions=laws, particles=self.n)
         return dataset
 
     def _laws(self, separator: str) -> str:
