@@ -137,10 +137,8 @@ class DrawOptions:
         """The speeds that can be tested next, if they are given."""
         from erosion.parameters.units import read_quantity
 
-        try:
+        with reading("Option `--next-speeds`"):
             speeds = [read_quantity(text, "speed", p.units) for text in self.next_speeds or ()]
-        except ValueError as error:
-            raise InputError(f"Option `--next-speeds` {error}.") from error
         if not all(speed > 0 for speed in speeds):
             raise InputError(
                 f"Option `--next-speeds` must list positive speeds, but is {', '.join(self.next_speeds or ())}."
