@@ -9,7 +9,7 @@ import numpy as np
 
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import MM3_PER_KG, PerMass
+from erosion.parameters.per_mass import MM3_PER_KG, PerMass, far_from_tests, two_digits
 from erosion.tables import Record, Result, to_plain
 
 NOZZLE_ANGLES = np.deg2rad(np.arange(1.0, 90.5, 0.5))
@@ -159,7 +159,7 @@ class Advice(Result):
             return "–"
         size = MM3_PER_KG if self.per_mass.density is None else 1e-3
         ends = [curve.at(self.alpha) / size for curve in curves]
-        low, high = (f"{float(f'{end:.2g}'):g}" for end in (min(ends), max(ends)))
+        low, high = two_digits(min(ends)), two_digits(max(ends))
         return low if low == high else f"{low} to {high}"
 
     @property
@@ -175,6 +175,14 @@ class Advice(Result):
         if self.particle is not None and self.particle.shape == "round":
             sentences.append("The models take a sharp edge; round particles plough more and cut less, so expect less.")
         return sentences
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences on a size that fits no body, on correlations out of range, and on amounts far from tests."""
+        models = [curve for curve in self.curves if curve.group != "correlations"]
+        removed = [curve.at(self.alpha) / (curve.density or 1.0) for curve in models]
+        said = (self.p.size_warning, far_from_tests(removed, float(self.p.to("si").v0), self.per_mass.density))
+        return [str(message) for message in (said[0], *self.outside, said[1]) if message]
 
     def _amount(self) -> str:
         models = [curve for curve in self.curves if curve.group != "correlations"]

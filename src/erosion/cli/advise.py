@@ -67,8 +67,9 @@ def advise(
     with user_errors():
         _write(advice, output, plot)
     printed = Output("advise", p, options.case, json=json)
-    for message in advice.outside:
-        printed.warn(message)
+    for message in advice.warnings:
+        if message not in printed.warnings:
+            printed.warn(message)
     if json:
         from erosion.advice.result import UNITS
 

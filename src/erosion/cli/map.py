@@ -19,6 +19,7 @@ from erosion.cli.options import (
     user_errors,
 )
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import progress_bar, working
 from erosion.cli.set_option import SetOption, read_settings, settings
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from erosion.cfd.surface import Surface
     from erosion.maps.job import MapJob
     from erosion.maps.options import MapOptions
+    from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension
 
@@ -67,12 +69,37 @@ class _Rows:
     restitution: Annotated[
         str | None, Parameter(help="e,μ of the wall, if velocities are those after the rebound: 0.8,0.1.")
     ] = None
-    target_density: Annotated[str | None, Parameter(help='For mass: "7800 kg/m^3".')] = None
+    target_density: Annotated[
+        str | None, Parameter(help='For mass: "7800 kg/m^3"; --target and a case file have one as well.')
+    ] = None
+    cutting_fraction: Annotated[
+        float | None, Parameter(help="Share of the particles that cut, for all volumes; Finnie: about 0.5.")
+    ] = None
     limit: Annotated[
         str | None, Parameter(help='Leave out rows that name no face and lie farther from the surface: "1 mm".')
     ] = None
     duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
-    density: Annotated[str | None, Parameter(help='Of the particles, where no column gives it: "2650 kg/m^3".')] = None
+    density: Annotated[
+        str | None, Parameter(help='Of the particles, where no column gives it, nor --particle: "2650 kg/m^3".')
+    ] = None
+
+    def with_case(self, case: EachRow, model: "CuttingModel", impacts: Path) -> "_Rows":
+        """The same with what a named particle, a named target or the case file gives, where options give nothing."""
+        from erosion.cfd.fluent import SUFFIXES
+        from erosion.models.correlated import Correlated
+
+        grit, _ = case.materials()
+        per_mass = PerMassOptions(cutting_fraction=self.cutting_fraction).per_mass(case)
+        target = None if isinstance(model, Correlated) else per_mass.density
+        # Samples of Fluent hold masses, and take no density.
+        in_fluent = impacts.name.removesuffix(".gz").endswith(SUFFIXES)
+        particle = None if grit is None or in_fluent else grit.density
+        return dataclasses.replace(
+            self,
+            target_density=self.target_density or _in_words(target),
+            density=self.density or _in_words(particle),
+            cutting_fraction=per_mass.cutting_fraction,
+        )
 
     def options(self, p: "Parameters") -> "MapOptions":
         """The same as numbers in the units of the case.
@@ -90,6 +117,7 @@ class _Rows:
                 restitution=self._restitution(),
                 target_density=self.number("target_density", "density", p),
                 limit=self.number("limit", "length", p),
+                cutting_fraction=1.0 if self.cutting_fraction is None else self.cutting_fraction,
             )
 
     def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
@@ -214,8 +242,9 @@ def map_(
     """
     target, options, rows, picture = target or _Surface(), case or EachRow(), rows or _Rows(), picture or _Picture()
     _refuse_replaced(options)
-    p = options.parameters()
-    chosen = read_settings(model, load(model), settings(own), p.units, _read)
+    p, loaded = options.parameters(), load(model)
+    rows = rows.with_case(options, loaded, impacts)
+    chosen = read_settings(model, loaded, settings(own), p.units, _read)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
         from erosion.maps.export import require_map_path
@@ -241,6 +270,10 @@ def map_(
         for name, path in (("map", output), ("figure", picture.plot)):
             if path is not None:
                 print(f"{name}: {path}")
+
+
+def _in_words(density: float | None) -> str | None:
+    return None if density is None else f"{density!r} kg/m^3"
 
 
 def _refuse_replaced(options: EachRow) -> None:
@@ -291,7 +324,8 @@ def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str, laws
     from erosion.maps.result import MapSummary
 
     summary = MapSummary(dataset)
-    for sentence in summary.warnings:
+    far = summary.erosion_warning
+    for sentence in (*summary.warnings, *([far] if far else [])):
         output.warn(sentence)
     if output.json:
         content = summary.to_dict()

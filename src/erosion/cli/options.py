@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import re
+import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -64,16 +65,17 @@ class CaseOptions:
         return {name: text for name, text in texts.items() if text is not None}
 
     def parameters(self) -> "Parameters":
-        """The case with its overrides, validated.
+        """The case with its overrides, validated; `Output` says where its size does not fit its mass.
 
         Raises:
             InputError: one sentence naming the file or the option.
         """
         from erosion.parameters.case_files import load_case
-        from erosion.parameters.parameters import TABLE_1, validate
+        from erosion.parameters.parameters import TABLE_1, SizeWarning, validate
         from erosion.parameters.units import read_quantity
 
-        with user_errors():
+        with user_errors(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", SizeWarning)
             p = TABLE_1 if self.case is None else load_case(self.case)
             if self.units is not None:
                 p = p.to(self.units)
@@ -88,7 +90,7 @@ class CaseOptions:
             except ValueError as error:
                 raise InputError(f"Option `--{name}` {error}.") from error
         with user_errors():
-            p = p.replace(**changes)
+            p = dataclasses.replace(p, **changes)
             validate(p)
         return p
 

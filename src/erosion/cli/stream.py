@@ -87,7 +87,6 @@ def stream(
         )
     per_mass = weighing(chosen, abrasive, options)
     result = _weighed(_run(job, name, printed, per_mass), per_mass)
-    printed.judge(per_mass, result.mean_volume.value, p.replace(m=result.mean_mass.value))
     if plot is not None:
         from erosion.plotting.streams import plot_stream
         from erosion.plotting.style import save_plot
@@ -132,7 +131,7 @@ def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
         except ValueError as error:
             raise InputError(f"{source} {error}.") from error
     numbers, laws = _split(values)
-    return p.replace(**numbers), laws
+    return dataclasses.replace(p, **numbers), laws
 
 
 def _model_and_laws(name: str, given: Settings, p: "Parameters") -> "tuple[CuttingModel, dict[str, Any]]":
@@ -157,7 +156,8 @@ def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
 
 
 def _show(result: "Stream", name: str, output: Output) -> None:
-    for message in result.statements:
+    far = result.erosion_warning
+    for message in (*result.statements, *([far] if far else [])):
         output.warn(message)
     if not output.json:
         print_table(result.title, result.rows())

@@ -123,7 +123,7 @@ class Case(NamedTuple):
             ValueError: for a number out of range.
         """
         own = tuple(number.with_value(changes.pop(number.key, number.value)) for number in self.own)
-        p = self.parameters().replace(**changes)
+        p = dataclasses.replace(self.parameters(), **changes)
         validate(p)
         return Case.of(p, own)
 

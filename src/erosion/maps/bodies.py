@@ -56,7 +56,8 @@ class Bodies:
         units = self.p.units
         mass = hits.mass * conversion_factor("mass", "si", units)
         growth = self._growth(mass, hits.diameter)
-        p = self.p.replace(
+        p = dataclasses.replace(
+            self.p,
             r=self.p.r * growth,
             b=self.p.b * growth,
             m=mass,

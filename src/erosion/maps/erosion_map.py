@@ -37,6 +37,7 @@ def erosion_map(
     spin: str | Distribution | None = None,
     restitution: tuple[float, float] | None = None,
     target_density: float | None = None,
+    cutting_fraction: float = 1.0,
     limit: float | None = None,
     seed: int = 0,
     rtol: float = 1e-9,
@@ -62,6 +63,8 @@ def erosion_map(
             table's spin, and the case's if the table has none.
         restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
         target_density: for mass [density]; without it that of a correlation, else no mass is computed.
+        cutting_fraction: the share of the particles that cut; volumes and all that follows from them are multiplied
+            by it. It does not apply to correlations, which are fits to all particles.
         limit: greatest distance between a face and a row that names none [length]; farther rows are left out.
         seed: of the numbers drawn from a law of the spin.
         rtol: see `impact`.
@@ -77,7 +80,7 @@ def erosion_map(
         SimulationError: where no impact could be computed.
     """
     bodies = Bodies(p, scaling, diameter, spin, seed)
-    options = MapOptions(bodies, restitution, target_density, limit, rtol)
+    options = MapOptions(bodies, restitution, target_density, limit, rtol, cutting_fraction)
     return prepare_map(model, impacts, surface, options).run(progress)
 
 

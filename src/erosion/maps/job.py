@@ -23,7 +23,9 @@ from erosion.maps.result import MapSource, to_dataset
 from erosion.maps.tally import Portion, Tally, portion_of
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
+from erosion.models.correlated import per_mass_of
 from erosion.models.registry import PLUG_IN
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.precision import require_float64
 from erosion.parameters.units import conversion_factor
 from erosion.storage.fingerprint import digest
@@ -68,7 +70,8 @@ class Task:
             return portion_of(hits, struck, spin, np.zeros(0, np.int64), np.zeros(0, bool), self.patches, ends)
         each, p = bodies.impacts(model, struck, spin)
         results = impact(each, p, rtol=self.options.rtol)
-        volume, outcome = np.asarray(results.volume), np.asarray(results.outcome)
+        share = per_mass_of(model, PerMass(cutting_fraction=self.options.cutting_fraction)).cutting_fraction
+        volume, outcome = share * np.asarray(results.volume), np.asarray(results.outcome)
         return portion_of(hits, struck, volume, outcome, outside_range(model, struck), self.patches, ends)
 
 
@@ -229,6 +232,7 @@ class MapJob:
             "spin": bodies.spin,
             "seed": bodies.seed if isinstance(bodies.spin, Distribution) else None,
             **{name: getattr(options, name) for name in ("restitution", "target_density", "limit")},
+            "cutting_fraction": options.cutting_fraction if options.cutting_fraction != 1 else None,
         }
         return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
 

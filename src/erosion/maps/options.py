@@ -8,6 +8,7 @@ import numpy as np
 from erosion.arguments import check_tolerance, check_whole
 from erosion.maps.bodies import Bodies
 from erosion.parameters.parameters import validate
+from erosion.parameters.per_mass import PerMass
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,6 +24,7 @@ class MapOptions:
     target_density: float | None = None
     limit: float | None = None
     rtol: float = 1e-9
+    cutting_fraction: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
@@ -32,6 +34,7 @@ class MapOptions:
         for name, value in {**numbers, "diameter": self.bodies.diameter}.items():
             if value is not None and not (isinstance(value, (int, float, np.number)) and 0 < value < np.inf):
                 raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
+        PerMass(cutting_fraction=self.cutting_fraction)
         if self.restitution is not None:
             _check_restitution(self.restitution)
 

@@ -18,6 +18,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
 from erosion.models.own_parameters import own_in_words
 from erosion.parameters.case_files import dump_case
+from erosion.parameters.per_mass import far_from_tests
 from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
@@ -46,7 +47,9 @@ FACES: Mapping[str, Quantity] = {
 }
 """The variables over faces. `depth_per_year` is in mm/year in all unit systems."""
 
-TOTALS = ("volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "particles", "relative_error")
+TOTALS = (
+    "volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "particles", "v0_mean", "relative_error"
+)  # fmt: skip
 """Those that a patch, and the whole surface, have as well: `patch_volume`, `total_volume`, …"""
 
 
@@ -292,6 +295,17 @@ class MapSummary(Result):
             share = f"{100 * float(data['beyond_range']):.3g} %"
             sentences.append(f"{share} of the mass that hits is outside the range of {data.attrs['model']}.")
         return sentences
+
+    @property
+    def erosion_warning(self) -> str | None:
+        """One sentence where the erosion of the whole is far from what tests find at its mean speed, else None."""
+        data = self.dataset
+        specific, speed = float(data["total_erosion"]), float(data["total_v0_mean"])
+        density = float(data["total_erosion_ratio"]) / specific if "total_erosion_ratio" in data and specific else None
+        in_si = {name: conversion_factor(FACES[name].dimension, self.units, "si") for name in ("erosion", "v0_mean")}
+        in_si_density = None if density is None else density / in_si["erosion"]
+        far = far_from_tests(specific * in_si["erosion"], speed * in_si["v0_mean"], in_si_density)
+        return None if far is None else str(far)
 
     def to_dict(self) -> Record:
         """Totals, patches, how impacts end and what is left out, with the units of the numbers."""

@@ -18,7 +18,7 @@ from typing import Any
 
 from erosion.arguments import check_path
 from erosion.parameters.materials import Particle, Target, particle, target
-from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.units import System, check_system, has_unit, shown, unit_name
 
@@ -42,7 +42,8 @@ def load_case(path: str | Path) -> Parameters:
             verbs (`SECTIONS`) may stand below them.
 
     Returns:
-        Validated parameters, in the file's units (SI where it names none).
+        Validated parameters, in the file's units (SI where it names none); a mass that fits no body of the size is a
+        `SizeWarning`.
 
     Raises:
         CaseError: one sentence naming the file and the field, for a file that cannot be
@@ -51,9 +52,11 @@ def load_case(path: str | Path) -> Parameters:
     path = check_path("path", path)
     table = _read(path)
     try:
-        return _parameters(table)
+        p = _parameters(table)
     except ValueError as error:
         raise CaseError(f"{path}: {_lower_first(str(error))}") from error
+    warn_of_size(p)
+    return p
 
 
 def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:

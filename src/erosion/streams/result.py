@@ -13,7 +13,7 @@ from erosion.models.own_parameters import own_in_words, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.per_mass import MM3_PER_KG, PerMass
+from erosion.parameters.per_mass import MM3_PER_KG, PerMass, far_from_tests
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
@@ -96,6 +96,15 @@ class Stream(Result):
         return Estimate(*(factor * number for number in dataclasses.astuple(self.erosion)))
 
     @property
+    def erosion_warning(self) -> str | None:
+        """One sentence where the erosion is far from what tests find at the mean speed, else None."""
+        p = self.particles.p
+        speed = float(np.mean(self._sample.get("v0", p.v0))) * conversion_factor("speed", p.units, "si")
+        removed = self.erosion.value * conversion_factor("volume per mass", p.units, "si")
+        far = far_from_tests(removed, speed, self.per_mass.density)
+        return None if far is None else str(far)
+
+    @property
     def shares(self) -> dict[str, Estimate]:
         """Share of the particles by outcome, for the outcomes that occur."""
         shares = self.tally.ends / self.tally.drawn
@@ -109,10 +118,14 @@ class Stream(Result):
     @property
     def statements(self) -> tuple[str, ...]:
         """A sentence on the particles outside of the range that the model is made for, from 4096 of them."""
-        points = Points("sobol", len(self.particles.laws), 0, 1).take(_OF_RANGE)[0]
-        model, p, hits = self.particles.impacts(self.particles.draw(points))
+        model, p, hits = self.particles.impacts(self._sample)
         said = model.outside_of_range(p, hits)
         return () if said is None else (said,)
+
+    @property
+    def _sample(self) -> Mapping[str, np.ndarray]:
+        """What varies, of a few thousand particles."""
+        return self.particles.draw(Points("sobol", len(self.particles.laws), 0, 1).take(_OF_RANGE)[0])
 
     def rows(self) -> list[Row]:
         """The results as rows of a table; errors are standard errors."""
