@@ -9,6 +9,7 @@ from erosion.cli.options import (
     CaseFile,
     CaseOptions,
     InputError,
+    LangOption,
     require_outputs,
     start_engine,
     user_errors,
@@ -26,6 +27,7 @@ def exercise(
     solved: Annotated[
         Path | None, Parameter(help="Also write it with the solutions into this file (.ipynb), for the teacher.")
     ] = None,
+    lang: LangOption = "en",
 ) -> None:
     """Make a notebook of tasks for students, which checks their numbers.
 
@@ -45,7 +47,7 @@ def exercise(
 
     name = options.title()
     with user_errors(), working("solving the tasks"):
-        key = AnswerKey(p)
+        key = AnswerKey(p, lang)
         try:
             texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
         except ModuleNotFoundError as error:

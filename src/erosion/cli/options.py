@@ -180,6 +180,9 @@ JsonOption = Annotated[
 ]
 
 
+LangOption = Annotated[str, Parameter(help='Language of what is written: "en", or "de" for German.')]
+
+
 def read_whole(number: Any) -> int:
     """A whole number as text or TOML has it: 32, 1e6; 1.5 is refused, not rounded."""
     with contextlib.suppress(OverflowError, TypeError, ValueError):
