@@ -1,5 +1,7 @@
 """`erosion calibrate --posterior` as a user types it."""
 
+import sys
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -26,7 +28,7 @@ def table(tmp_path_factory):
 def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")  # so that no cell takes two lines
     names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
-    options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "--write-draws")
+    options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
     prior = ["--prior", "psi=uniform(0.01, 0.2)"]
     assert _status(["calibrate", str(table), "--posterior", "--draws", "125", "--seed", "3", *prior, *files]) == 0
@@ -38,6 +40,15 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     with xr.open_datatree(tmp_path / "draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
         assert tree["posterior"]["psi"].shape == (4, 125)
+
+
+def test_without_arviz_it_says_what_to_install(table, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "arviz_stats.base.array", None)
+    assert _status(["calibrate", str(table), "--posterior", "--free", "psi", "--draws", "125"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "erosion: The package arviz_stats is not installed: pip install 'erosion[posterior]'.\n"
+    )
 
 
 def test_several_models_as_json(table, capsys):
@@ -56,13 +67,14 @@ def test_several_models_as_json(table, capsys):
     ("options", "message"),
     [
         (["--prior", "psi=uniform(0, 1)"], "Option `--prior` needs `--posterior`."),
+        (["-o", "d.nc"], "Option `--output` needs `--posterior`."),
         (["--seed", "0"], "Option `--seed` needs `--posterior`."),
         (["--posterior", "--prior", "r=uniform(0, 1)"], "of k, psi, but is 'r=uniform(0, 1)'."),
         (["--posterior", "--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
         (["--posterior", "--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
         (["--posterior", "--prior", "psi=normal(0, 1)"], "Option `--prior` must give psi values above 0, but 50.0%"),
         (["--posterior", "--draws", "5"], "Option `--draws` must be a whole number of at least 125, but is 5."),
-        (["--posterior", "--write-draws", "d.csv"], "Option `--write-draws` must end in .nc, but is d.csv."),
+        (["--posterior", "--write-draws", "d.csv"], "Option `--output` must end in .nc, but is d.csv."),
         (["--posterior", "--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
     ],
 )

@@ -1,15 +1,18 @@
 """`erosion calibrate`: a model against measured erosion."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from erosion.cli.draw_options import DrawOptions
+from erosion.cli.errors import InputError, user_errors
 from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, InputError, JsonOption, start_engine, user_errors, with_file
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, load_set, settings
@@ -47,25 +50,25 @@ def calibrate(
     options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p, fit = options.parameters(), fit.on(options)
-    _require_level(level)
     names = ["linearized"] if model is None else chosen_models(model)
     _require_one_model(own, names)
     files.require_writable(inputs=(data, options.case, *names))
     draw.require_sense(files.paths, inputs=(data, options.case, *names))
     start_engine()
+    from erosion.arguments import check_level
     from erosion.calibration import rank_models, read_measurements
     from erosion.calibration.export import command
 
     chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
+        check_level(level)
         measured = read_measurements(data, p.units)
         if measured.unused:
             output.warn(f"{data}: columns that are not used: {', '.join(map(repr, measured.unused))}.")
         bounds, along = fit.bounds_of(names, p.units, measured), fit.names(measured)
         laws = draw.laws(measured, chosen, fit)
-        if profile is not None and profile not in along:
-            raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
+        _require_known(profile, along)
         ranking = rank_models(p, measured, fit.free, models=chosen, progress=progress, bounds=bounds, **fit.arguments())
         along_profile = None if profile is None else ranking.best.profile(profile)
         posteriors = draw.drawn(p, measured, chosen, fit, laws, progress)
@@ -87,6 +90,11 @@ def calibrate(
         raise refused
 
 
+def _require_known(profile: str | None, names: Sequence[str]) -> None:
+    if profile is not None and profile not in names:
+        raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
+
+
 def _of_draws(posteriors: "PosteriorRanking | None") -> list[str]:
     """The sentences on posteriors, apart from those on fits."""
     return [] if posteriors is None else [f"posterior: {sentence}" for sentence in posteriors.statements]
@@ -95,11 +103,6 @@ def _of_draws(posteriors: "PosteriorRanking | None") -> list[str]:
 def _require_one_model(own: list[str] | None, names: list[str]) -> None:
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
-
-
-def _require_level(level: float) -> None:
-    if not 0 < level < 1:
-        raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
 
 
 def _tables(
@@ -156,7 +159,7 @@ def _document(
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
              for name, quantity in quantities(fit.model).items()}  # fmt: skip
-    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
+    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.data.erosion_unit)
     output.document(content, {name: fit.model for name, fit in fits.items()}, units)
 
 

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.fit_options import FitOptions, dimension_of
-from erosion.cli.options import InputError, WholeOption, require_outputs, user_errors
+from erosion.cli.options import WholeOption
+from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
     from erosion.arguments import Progress
@@ -31,7 +33,12 @@ class DrawOptions:
     prior: Annotated[list[str] | None, Parameter(negative="", help=_PRIOR)] = None
     draws: Annotated[WholeOption, Parameter(help="Of each of 4 populations; 500 without it.")] = None
     seed: Annotated[WholeOption, Parameter(help="The same seed gives the same draws.")] = None
-    write_draws: Annotated[Path | None, Parameter(help="Keep the likeliest model's draws in this file (.nc).")] = None
+    output: Annotated[
+        Path | None,
+        Parameter(
+            name=("--output", "-o"), help="Keep the likeliest model's draws in this file (.nc), for `map --uncertain`."
+        ),
+    ] = None
     plot_pairs: Annotated[Path | None, Parameter(help="Draw each pair of parameters.")] = None
     plot_traces: Annotated[Path | None, Parameter(help="Draw the populations, one draw after the other.")] = None
     plot_prediction: Annotated[Path | None, Parameter(help="Draw the bands of the curve, with its jumps.")] = None
@@ -61,14 +68,14 @@ class DrawOptions:
                 if given is not None and given is not False:
                     raise InputError(f"Option `--{field.name.replace('_', '-')}` needs `--posterior`.")
             return
-        if self.write_draws is not None and self.write_draws.suffix != ".nc":
-            raise InputError(f"Option `--write-draws` must end in .nc, but is {self.write_draws}.")
+        if self.output is not None and self.output.suffix != ".nc":
+            raise InputError(f"Option `--output` must end in .nc, but is {self.output}.")
         from erosion.plotting.style import require_plot_path
 
         with user_errors():
             for path in self.figures.values():
                 require_plot_path(path)
-        require_outputs(self.write_draws, *self.figures.values(), *taken, inputs=inputs)
+        require_outputs(self.output, *self.figures.values(), *taken, inputs=inputs)
 
     def laws(self, measured: "Measurements", models: Sequence[Any], fit: FitOptions) -> Mapping[str, Any]:
         """The laws that are given, by parameter; checked before anything is computed."""
@@ -113,8 +120,8 @@ class DrawOptions:
             for name, path in self.figures.items():
                 result = posterior.alpha_max() if name == "plot_best_angles" else posterior
                 written.append(save_plot(getattr(figures, name)(result), path))
-            if self.write_draws is not None:
-                written.append(posterior.save(self.write_draws))
+            if self.output is not None:
+                written.append(posterior.save(self.output))
         return written
 
 
@@ -136,10 +143,8 @@ def _read_priors(
         if name in laws:
             raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
         dimension = measured.dimension if name == NOISE else dimension_of(name, models, measured.units)
-        try:
+        with reading(f"Option `--prior`, {name},"):
             read = read_distribution(law, name, dimension, measured.units)
-        except ValueError as error:
-            raise InputError(f"Option `--prior`, {name}, {error}.") from error
         if read is None:
             listed = ", ".join((*LAWS, "samples"))
             raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {law!r}.")

@@ -7,19 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import (
-    AllAngles,
-    CaseFile,
-    CaseOptions,
-    InputError,
-    JsonOption,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, read_option, with_file
+from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
@@ -170,10 +162,8 @@ def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:
     for name, text in texts.items():
         if text is None:
             continue
-        try:
+        with reading(f"Option `--{_OWN_NAMES[name]}`"):
             axes[name] = read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--{_OWN_NAMES[name]}` {error}.") from error
     return axes
 
 
@@ -182,18 +172,10 @@ def _particles(
 ) -> dict[str, Any]:
     """The arguments of the functions that export on the particles of the CFD run."""
     share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
-    return {"erodent_density": _density(erodent_density, p), "cutting_fraction": share}
-
-
-def _density(text: str | None, p: "Parameters") -> float | None:
-    from erosion.parameters.units import read_quantity
-
-    if text is None:
-        return None
-    try:
-        return read_quantity(text, "density", p.units)
-    except ValueError as error:
-        raise InputError(f"Option `--erodent-density` {error}.") from error
+    return {
+        "erodent_density": read_option("erodent-density", erodent_density, "density", p.units),
+        "cutting_fraction": share,
+    }
 
 
 @contextlib.contextmanager

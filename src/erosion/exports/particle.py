@@ -61,11 +61,7 @@ class Particle:
         Raises:
             SimulationError: where an impact fails.
         """
-        growth = d / self.diameter
-        copies = dataclasses.replace(
-            self.p, alpha=alpha, v0=v0, r=self.p.r * growth, b=self.p.b * growth, m=self.p.m * growth**3
-        )
-        hits = impact(self.model, copies, rtol=_RTOL)
+        hits = impact(self.model, self.p.similar(d / self.diameter).replace(alpha=alpha, v0=v0), rtol=_RTOL)
         volume = np.asarray(hits.volume)
         if not np.isfinite(volume).all():
             lost = np.count_nonzero(~np.isfinite(volume))

@@ -8,7 +8,6 @@ import numpy as np
 from erosion.arguments import check_tolerance, check_whole
 from erosion.maps.bodies import Bodies
 from erosion.parameters.parameters import validate
-from erosion.parameters.per_mass import PerMass
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,17 +23,19 @@ class MapOptions:
     target_density: float | None = None
     limit: float | None = None
     rtol: float = 1e-9
-    cutting_fraction: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
         check_whole("seed", self.bodies.seed, 0)
+        check_whole("draws", self.bodies.draws, 2)
         validate(self.bodies.p)
         numbers = {name: getattr(self, name) for name in ("target_density", "limit")}
         for name, value in {**numbers, "diameter": self.bodies.diameter}.items():
             if value is not None and not (isinstance(value, (int, float, np.number)) and 0 < value < np.inf):
                 raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
-        PerMass(cutting_fraction=self.cutting_fraction)
+        fraction = self.bodies.cutting_fraction
+        if not (isinstance(fraction, (int, float, np.number)) and 0 < fraction <= 1):
+            raise ValueError(f"Argument `cutting_fraction` must be above 0 and at most 1, but is {fraction!r}.")
         if self.restitution is not None:
             _check_restitution(self.restitution)
 
