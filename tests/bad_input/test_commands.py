@@ -287,7 +287,7 @@ FITS = [
     ("calibrate sand.csv --density '3 kg'", "Option `--density` must be a density"),
     (
         "calibrate sand.csv --density -1",
-        "Option `--density` must carry its unit, such as \"0.098 lb/in^3\", but is '-1'.",
+        "Option `--density` must be a density with its unit, such as \"2.7 g/cm^3\", but is '-1'.",
     ),
     ("calibrate weights.csv", "Option `--density` of the target must be given"),
 ]

@@ -115,7 +115,7 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, capsys):
     assert float(fitted.sigma) == printed["estimates"]["sigma"] == pytest.approx(1.5e9, rel=0.05)
     # The case was at 110 m/s, at which nothing was measured.
     assert float(fitted.v0) == 60.0
-    assert "# Volumes are those of a particle that cuts: 0.3 of them do." in path.read_text()
+    assert path.read_text().endswith("\ncutting_fraction = 0.3  # share of the particles that cut\n")
     assert _status(["run", "--case", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
 

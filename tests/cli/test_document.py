@@ -142,4 +142,4 @@ def test_warnings_are_in_the_document_and_on_stderr(capsys) -> None:
     said = capsys.readouterr()
     document = json.loads(said.out)
     check(document)
-    assert said.err == f"warning: {document['warnings'][0]}\n"
+    assert said.err == "".join(f"warning: {message}\n" for message in document["warnings"])

@@ -109,7 +109,7 @@ def test_impacts_that_fail_among_others_are_a_warning(tmp_path, capsys):
     assert _status(arguments) == 0
     said = capsys.readouterr()
     assert result_of(said.out)["ended_by"] == {"rebound": 2, "failed": 1}
-    assert said.err == "warning: 1 of 3 impacts could not be computed.\n"
+    assert said.err.endswith("\nwarning: 1 of 3 impacts could not be computed.\n")
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatc
         assert said.err == "erosion: interrupted before any of 1,024 particles was computed\n"
         assert (said.out, out.exists()) == ("", False)
         return
-    assert said.err == (
+    assert said.err.endswith(
         f"erosion: interrupted after 256 of 1,024 particles; {out} holds them; the same command goes on from there\n"
     )
     partial = result_of(said.out)

@@ -16,6 +16,7 @@ from erosion.explorer.answers import ANGLES, Answer, Answers
 from erosion.explorer.computed import Computed
 from erosion.explorer.exports import case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.latest import LatestWins
+from erosion.explorer.materials import Materials
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.single_events import SingleEvent, end_times
 from erosion.explorer.state import Case, State, own_numbers
@@ -109,7 +110,7 @@ def test_work_that_fails_does_not_stop_what_follows() -> None:
 
 
 def test_two_tabs_compute_at_a_time() -> None:
-    service = Service(Answers({}), Preparation(CASE), STATE, summaries={}, sources={})
+    service = Service(Answers({}), Preparation(CASE), STATE, summaries={}, sources={}, materials=Materials({}, {}))
     goes_on, busy, at_once = threading.Event(), [0], []
 
     def work() -> None:

@@ -196,8 +196,12 @@ def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
 
 def test_presets_and_reset(page: Page) -> None:
     page.get_by_role("button", name="Metal").click()
-    page.get_by_text("copper").click()
+    page.get_by_text("copper", exact=True).click()
     settle(page, "sigma", "10000")
+    page.get_by_role("button", name="Metal").click()
+    page.get_by_text("aluminium 6061", exact=True).click()
+    settle(page, "sigma", "152190")
+    assert page.input_value("#psi-entry") == "2"
     page.get_by_role("button", name="Spin").click()
     page.get_by_text("s = −0.25").click()
     settle(page, "phidot0", "-27500")
@@ -207,6 +211,22 @@ def test_presets_and_reset(page: Page) -> None:
     np.testing.assert_array_equal(curve(page, "volumes", "rotating"), before)
     page.get_by_role("button", name="Reset").click()
     settle(page, "sigma", "200000")
+    # r, b, m and β follow from a named particle's size; a decimal comma is understood.
+    page.get_by_role("button", name="Particle").click()
+    page.get_by_label("material").click()
+    page.get_by_role("option", name="garnet").click()
+    page.get_by_label("diameter").fill("0,3 mm")
+    page.get_by_role("button", name="Use").click()
+    settle(page, "r", "0.00590551")
+    assert page.input_value("#b-entry") == "0.00590551"
+    assert page.input_value("#inertia-entry") == "0.4"
+    assert float(page.input_value("#m-entry")) == pytest.approx(4190 * np.pi / 6 * 3e-4**3 / 175.1268, rel=1e-5)
+    page.get_by_role("button", name="Particle").click()
+    page.get_by_label("diameter").fill("-1 mm")
+    page.get_by_role("button", name="Use").click()
+    expect(page.get_by_text("The size must be positive and finite")).to_be_visible()
+    page.get_by_role("button", name="Reset").click()
+    settle(page, "r", "0.04")
     assert page.input_value("#phidot0-entry") == "0"
 
 

@@ -1,11 +1,17 @@
+import dataclasses
 import math
 import re
+import subprocess
+import sys
+import warnings
 
+import jax
 import numpy as np
 import pytest
 
 import erosion
 from erosion.parameters.materials import known_particles, known_targets
+from erosion.parameters.parameters import SizeWarning
 
 P = erosion.TABLE_1
 
@@ -138,10 +144,43 @@ def test_a_file_that_is_missing_is_named(tmp_path):
         erosion.target(f"{tmp_path / 'none.toml'}: x")
 
 
-def test_a_mass_that_fits_no_body_is_one_sentence():
+@pytest.mark.parametrize("change", [{"r": 0.3 / 25.4}, {"r": 0.4}, {"r": np.array([0.04, 0.01])}, {"m": 1e-4}])
+def test_a_change_after_which_the_mass_fits_no_body_is_one_warning(change, tmp_path):
     assert P.size_warning is None
-    for changed in (P.replace(r=0.3 / 25.4), P.replace(r=0.4), P.replace(r=np.array([0.04, 0.01])), P.replace(m=1e-4)):
-        assert re.fullmatch(r"m does not fit r and b: .* kg/m³, .*\.", changed.size_warning or "")
+    with pytest.warns(SizeWarning, match=r"m does not fit r and b: .* than .* kg/m³\); .*\.") as said:
+        changed = P.replace(**change)
+    assert [str(warning.message) for warning in said] == [changed.size_warning]
+    if np.ndim(changed.r) == 0:
+        (tmp_path / "case.toml").write_text(erosion.dump_case(changed))
+        with pytest.warns(SizeWarning, match="m does not fit r and b"):
+            erosion.load_case(tmp_path / "case.toml")
+
+
+def test_python_shows_the_warning_once_for_each_place_and_names_the_users_line(tmp_path):
+    # In a process of its own: the type checks of the tests stand between caller and method.
+    script, case = tmp_path / "script.py", tmp_path / "case.toml"
+    case.write_text(erosion.dump_case(dataclasses.replace(P, r=0.01)))
+    script.write_text(
+        "import erosion\nfor r in (0.01, 0.011, 0.012):\n    erosion.TABLE_1.replace(r=r)\n"
+        f"for _ in range(2):\n    erosion.load_case({str(case)!r})\n"
+    )
+    said = subprocess.run([sys.executable, str(script)], check=True, capture_output=True, text=True).stderr
+    assert [line.partition(": ")[0] for line in said.splitlines() if "SizeWarning" in line] == [
+        f"{script}:3", f"{script}:5"]  # fmt: skip
+
+
+def test_what_the_user_did_not_do_to_a_plausible_body_is_no_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        P.replace(alpha=0.3).replace(r=P.r * 2, b=P.b * 2, m=P.m * 8)
+        P.replace(r=np.nan, b=0.0)
+        jax.grad(lambda r: erosion.volume("linearized", P.replace(r=r)))(0.001)
+        jax.jit(jax.vmap(lambda r: P.replace(r=r).stiffness))(np.array([0.001, 0.01]))
+        erosion.sweep("linearized", P, r=[0.001, 0.01])
+        odd = dataclasses.replace(P, r=0.001)
+        odd.replace(b=0.001, r=0.002)
+        erosion.impact("rotating", odd, derivatives=1, wrt="r")
+        erosion.stream("linearized", P, n=64, r=erosion.distributions.LogNormal(0.001, 0.1), best_angle=False)
 
 
 def test_case_files_name_particles_and_targets(tmp_path):

@@ -41,6 +41,26 @@ def test_far_from_tests_is_one_sentence_with_its_source(ratio, speed, is_far):
         assert "DNVGL-RP-O501, 2015, table 3-1" in message
 
 
+@pytest.mark.parametrize(
+    ("cubic_millimetres", "is_far"), [(59500.0, True), (1100.0, False), (1120.0, True), (4.3, False), (4.2, True)]
+)
+def test_without_a_density_volumes_are_compared_with_the_metals_that_were_tested(cubic_millimetres, is_far):
+    # 0.1 g/kg of steel, 7.8 g/cm³, is 12.8 mm³/kg; 1 g/kg of aluminium, 2.7 g/cm³, is 370 mm³/kg.
+    message = erosion.PerMass().warning(cubic_millimetres * 1e-9, P.replace(m=1.0))
+    assert (message is not None) == is_far
+    if message:
+        assert "mm³/kg is far from what tests on ductile metals find at 100 m/s, about 13 to 370 mm³/kg" in message
+
+
+def test_of_many_impacts_that_counts_which_is_greatest_for_its_speed():
+    # 0.3 g/kg is usual at 100 m/s, and far too much at 10 m/s.
+    p = P.replace(v0=np.array([10.0, 100.0]), m=1.0)
+    message = erosion.PerMass(1000.0).warning(np.array([2.9e-7, 3e-7]), p)
+    assert message is not None
+    assert message.startswith("0.29 g/kg is far from what tests on ductile metals find at 10 m/s")
+    assert erosion.PerMass(1000.0).warning(np.array([np.nan, 3e-7]), p) is None
+
+
 def test_the_range_of_tests_holds_the_fits_that_it_rests_on():
     for material in ("aluminium", "carbon-steel"):
         for speed in (30.0, 100.0, 200.0):

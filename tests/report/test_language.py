@@ -1,22 +1,129 @@
-"""The report in German."""
+"""The report, the advice and the exercise in German."""
 
+import ast
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
 
+import nbformat
 import polib
 import pytest
 from matplotlib.text import Text
 
+import erosion
+from erosion.advice.figure import plot_advice
+from erosion.advice.page import write_advice
 from erosion.cli import _status
+from erosion.exercises import AnswerKey, notebook
+from erosion.exercises.answer_key import SLIPS, TASKS
+from erosion.language import ENGLISH, Language, catalogue_path, language, languages, message_blocks
+from erosion.parameters.materials import known_particles, known_targets
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.report import page, write_report
-from erosion.report.language import ENGLISH, Language, catalogue_path, language, languages, message_blocks
 from erosion.report.questions import QUESTIONS, text_file
 
 GERMAN = language("de")
 TEXTS = [*(text_file(key) for key in QUESTIONS), text_file("q1").parent.parent / "phrases.md"]
 ENGLISH_WORD = re.compile(r"\b(the|of|and|is|at|with|ends|by|rebound|stop|interior|jump|angle|volume|removed|for)\b")
+
+
+CODE = re.compile(r"^```python.*?^```$", re.MULTILINE | re.DOTALL)
+TASK_BLOCKS = message_blocks(CODE.sub("", notebook.TEXT.read_text("utf-8")))
+SOURCE = Path(notebook.__file__).parents[1]
+
+
+def messages_of_code(path: Path) -> list[str]:
+    """The messages that a module or a template gives to `say`, `text` or `_`."""
+    source = path.read_text("utf-8")
+    if path.suffix != ".py":
+        return re.findall(r'\b_\("([^"]+)"\)', source)
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call) and node.args]
+    names = [getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls]
+    first = [call.args[0] for call, name in zip(calls, names, strict=True) if name in ("say", "text")]
+    return [
+        argument.value for argument in first if isinstance(argument, ast.Constant) and isinstance(argument.value, str)
+    ]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*(SOURCE / "advice").glob("*.py"), *(SOURCE / "exercises").glob("*.py"), *SOURCE.glob("*/*.html"), notebook.TEXT],
+    ids=lambda path: f"{path.parent.name}/{path.name}",
+)
+def test_every_message_of_the_code_is_translated_with_its_fields(path: Path) -> None:
+    messages = messages_of_code(path)
+    assert [message for message in messages if message not in GERMAN.messages] == []
+    for message in messages:
+        fields = re.findall(r"\{\w+\}", message)
+        assert sorted(fields) == sorted(re.findall(r"\{\w+\}", GERMAN.messages[message]))
+
+
+def test_no_message_is_missing_or_fuzzy() -> None:
+    catalogue = polib.pofile(str(catalogue_path("de")))
+    assert [entry.msgid for entry in (*catalogue.untranslated_entries(), *catalogue.fuzzy_entries())] == []
+    assert [block for block in TASK_BLOCKS if block not in GERMAN.messages] == []
+
+
+def test_what_a_key_says_is_translated() -> None:
+    said = [words for task in TASKS.values() for words in (task.asks, task.hint) if " = " not in words]
+    assert [words for words in (*said, *(slip for _, slip in SLIPS)) if GERMAN.text(words) == words] == []
+    names = [*known_particles(), *known_targets()]
+    assert [name for name in names if GERMAN.text(name) == name] == []
+    key = AnswerKey(TABLE_1, "de")
+    assert str(key.check("t_c", key.answer("t_c") * 1.0131)) == (
+        "t_c: 1,3 % über der Lösung. Suchen Sie das Ende zwischen zwei Schritten, nicht bei einem Schritt."
+    )
+    assert str(key.check("volume", 100 * key.answer("volume"))) == (
+        "volume: um den Faktor 100 über der Lösung. Gesucht ist das abgetragene Volumen."
+    )
+
+
+def test_the_german_notebook_is_german_and_its_code_the_same() -> None:
+    german, english = (
+        nbformat.reads(notebook.notebook(AnswerKey(TABLE_1, lang), title="Table 1", solved=True), as_version=4)
+        for lang in ("de", "en")
+    )
+    words = " ".join(cell.source for cell in german.cells if cell.cell_type == "markdown")
+    assert ENGLISH_WORD.findall(re.sub(r"`[^`]*`|\$[^$]*\$|\*state[^*]*\*", "", words)) == []
+    assert "Wie ein Korn schneidet: Tabelle 1" in words
+    code = [[cell.source for cell in book.cells if cell.cell_type == "code"] for book in (german, english)]
+    differ = [(of_german, of_english) for of_german, of_english in zip(*code, strict=True) if of_german != of_english]
+    assert 'key = erosion.AnswerKey(p, lang="de")' in differ[0][0]
+    assert all("label(" in of_german or '"""' in of_german for of_german, _ in differ[1:])
+
+
+@pytest.mark.slow
+def test_the_german_advice_is_german(tmp_path: Path) -> None:
+    advice = erosion.advise(
+        TABLE_1.to("si").replace(v0=100.0), particle="garnet 0.3 mm", target="aluminium 6061", models=["linearized"],
+        speed_spread=0.1, cutting_fraction=1.0,
+    )  # fmt: skip
+    advice = dataclasses.replace(advice, outside=("oka is used outside of the range that it is made for: "
+                                                  "speeds from 50 m/s to 167 m/s.",))  # fmt: skip
+    page_text = write_advice(advice, tmp_path / "advice.html", "de").read_text("utf-8")
+    body = page_text[page_text.index("<body>") : page_text.index("<footer>")]
+    words = re.sub(r"<[^>]+>", " ", re.sub(r"<svg.*?</svg>", " ", body, flags=re.DOTALL))
+    without_sources = re.sub(r"\((?:MatWeb|webmineral)[^)]*\)?[^)]*\)", "", words)
+    assert ENGLISH_WORD.findall(without_sources) == []
+    assert re.findall(r"\d\.\d", without_sources) == []
+    assert "Granat 0,3 mm auf Aluminium 6061 bei 100\N{NO-BREAK SPACE}m/s" in words
+    assert "oka wird außerhalb des Bereichs verwendet" in words
+    assert "liegt weit außerhalb dessen, was Versuche" in words
+    figure = plot_advice(dataclasses.replace(advice, language=GERMAN))
+    assert ENGLISH_WORD.findall(" ".join(text.get_text() for text in figure.findobj(Text))) == []
+    english = write_advice(advice, tmp_path / "advice.html").read_text("utf-8")
+    assert "Garnet 0.3 mm on aluminium 6061 at 100 m/s" in english
+
+
+@pytest.mark.parametrize("verb", ["advise", "exercise"])
+def test_an_unknown_language_is_refused_before_anything_is_computed(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    name = tmp_path / ("a.html" if verb == "advise" else "a.ipynb")
+    assert _status([verb, "--lang", "fr", "-o", str(name)]) == 2
+    assert capsys.readouterr().err == "erosion: Option `--lang` must be one of en, de, but is 'fr'.\n"
+    assert not name.exists()
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
@@ -28,6 +135,7 @@ def test_every_block_of_every_text_is_translated(path: Path) -> None:
 
 def test_the_catalogue_has_no_translation_of_what_is_no_longer_there() -> None:
     blocks = {block for path in TEXTS for block in message_blocks(path.read_text("utf-8"))}
+    blocks |= set(TASK_BLOCKS)
     entries = polib.pofile(str(catalogue_path("de"))).translated_entries()
     of_files = {entry.msgid for entry in entries if any(file.endswith(".md") for file, _ in entry.occurrences)}
     assert of_files - blocks == set()
@@ -94,7 +202,7 @@ def test_the_german_page_and_its_figures_are_german(tmp_path: Path, monkeypatch:
     assert ENGLISH_WORD.findall(words) == []
     assert re.findall(r"\d\.\d", words) == []
     assert "<mn>31,717474411</mn>" in written
-    assert "das 1,175-fache des Werts bei 20°" in words
+    assert "das 1,175-Fache des Werts bei 20°" in words
     assert [label for label in labels if ENGLISH_WORD.search(label) or re.search(r"\d\.\d", label)] == []
     assert "Winkel des größten Abtrags" in " ".join(labels)
     # Numbers are read by programs: they are the same in all languages.

@@ -37,38 +37,45 @@ def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
     """
     fig = Figure(figsize=_A4)
     left, y = 0.09, 0.945
-    fig.text(left, y, "Advice on a nozzle's angle", fontsize=10, color=DIM)
+    fig.text(left, y, advice.language.text("Advice on a nozzle's angle"), fontsize=10, color=DIM)
     fig.text(left, y - 0.03, advice.title, fontsize=15, weight="bold")
     y = _paragraphs(fig, advice.statements, y - 0.055, width=104, size=9.5)
-    ax = fig.add_axes((left + 0.02, y - 0.315, 0.8, 0.295))
+    ax = fig.add_axes((left + 0.02, y - 0.275, 0.8, 0.255))
     _draw(advice, ax)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, fontsize=8)
-    y = _table(fig, advice, left, y - 0.45)
+    y = _table(fig, advice, left, y - 0.4)
     _paragraphs(fig, [f"{name}: {text}" for name, text in notes], y - 0.005, width=128, size=7.5)
-    fig.text(left, 0.03, f"erosion {__version__}", fontsize=7.5, color=DIM)
+    fig.text(left, 0.02, f"erosion {__version__}", fontsize=7.5, color=DIM)
     return fig
 
 
 def _draw(advice: Advice, ax: Axes) -> None:
-    nozzle = np.rad2deg(NOZZLE_ANGLES)
+    nozzle, say = np.rad2deg(NOZZLE_ANGLES), advice.language.say
     for curve in (*advice.group("k"), *advice.group("psi")):
         ax.plot(nozzle, curve.shares, color=DIM, linewidth=0.5, alpha=0.45)
     for i, curve in enumerate(advice.group("correlations")):
         ax.plot(nozzle, curve.shares, color=DIM, linewidth=1.4, linestyle=_DASHES[i % len(_DASHES)],
-                label=f"{curve.name}: {degrees(curve.best)}")  # fmt: skip
+                label=advice.language.number(f"{curve.name}: {degrees(curve.best)}"))  # fmt: skip
     for i, curve in enumerate(advice.group("models")):
         color, line = STYLES[i % len(STYLES)]
         ax.plot(nozzle, curve.shares, color=color, linestyle=line, linewidth=1.8,
-                label=f"{curve.name}: {degrees(curve.best)}")  # fmt: skip
+                label=advice.language.number(f"{curve.name}: {degrees(curve.best)}"))  # fmt: skip
     best = float(np.rad2deg(advice.alpha))
-    ax.plot(nozzle, advice.worst_shares, color=INK, linewidth=2.6, label=f"the least of all: {degrees(advice.alpha)}")
+    ax.plot(
+        nozzle,
+        advice.worst_shares,
+        color=INK,
+        linewidth=2.6,
+        label=say("the least of all: {angle}", angle=degrees(advice.alpha)),
+    )
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.plot(best, advice.worst_shares.max(), "*", color=INK, markersize=13)
     ax.set_xlim(0, 90)
     ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
     ax.set_ylim(0, 1.03)
-    ax.set_xlabel("angle of the nozzle, from the surface")
-    ax.set_ylabel("erosion by the jet, over its own greatest")
+    ax.set_xlabel(say("angle of the nozzle, from the surface"))
+    ax.set_ylabel(say("erosion by the jet, over its own greatest"))
+    ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.1f}"))
 
 
 def _paragraphs(fig: Figure, texts: Sequence[str], y: float, *, width: int, size: float) -> float:
@@ -84,7 +91,7 @@ def _paragraphs(fig: Figure, texts: Sequence[str], y: float, *, width: int, size
 
 def _table(fig: Figure, advice: Advice, left: float, y: float) -> float:
     """Write the table from the height y; the height below it."""
-    columns = (left, 0.45, 0.63, 0.75)
+    columns = (left, 0.42, 0.59, 0.74)
     for i, row in enumerate((advice.headings, *advice.rows())):
         y -= 0.019
         for x, cell in zip(columns, row, strict=True):

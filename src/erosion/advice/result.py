@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from erosion.language import ENGLISH, Language
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
+from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass, far_from_tests, two_digits
 from erosion.parameters.scales import Scale
 from erosion.tables import Record, Result, to_plain
 
@@ -74,6 +75,7 @@ class Advice(Result):
         curves: every model, its variations, and every correlation.
         particle, target: where they were named.
         outside: sentences on correlations that are used outside of their range.
+        language: of all texts but `to_dict`'s.
     """
 
     p: Parameters
@@ -84,6 +86,7 @@ class Advice(Result):
     particle: Particle | None = None
     target: Target | None = None
     outside: tuple[str, ...] = ()
+    language: Language = ENGLISH
 
     @functools.cached_property
     def alpha(self) -> float:
@@ -117,15 +120,34 @@ class Advice(Result):
     @property
     def title(self) -> str:
         """Particle, target and speed."""
-        speed = float(self.p.to("si").v0)
-        of = f"{self.particle or 'the particle of the case'} on {self.target or 'the target of the case'}"
-        return f"{of[0].upper()}{of[1:]} at {speed:.4g} m/s: {degrees(self.alpha)}"
+        say, text = self.language.say, self.language.text
+        title = say(
+            "{particle} on {target} at {speed} m/s: {angle}",
+            particle=text("the particle of the case") if self.particle is None else self.particle_name,
+            target=text("the target of the case") if self.target is None else text(self.target.name),
+            speed=f"{float(self.p.to('si').v0):.4g}",
+            angle=degrees(self.alpha),
+        )
+        return f"{title[0].upper()}{title[1:]}"
+
+    @property
+    def particle_name(self) -> str:
+        """Material and size of the particle, in the language; "" without one."""
+        if self.particle is None:
+            return ""
+        size = str(self.particle).removeprefix(self.particle.name)
+        return self.language.text(self.particle.name) + self.language.number(size)
 
     @property
     def headings(self) -> Sequence[str]:
         """The columns of the table."""
-        at = degrees(self.alpha)
-        return "what varies", "best nozzle angle", f"share at {at}", f"erosion at {at} [{self.unit}]"
+        say, at = self.language.say, degrees(self.alpha)
+        return (
+            self.language.text("what varies"),
+            self.language.text("best nozzle angle"),
+            say("share at {angle}", angle=at),
+            say("erosion at {angle} [{unit}]", angle=at, unit=self.unit),
+        )
 
     @property
     def unit(self) -> str:
@@ -138,71 +160,110 @@ class Advice(Result):
 
     def rows(self) -> list[tuple[str, ...]]:
         """What varies, the range of best angles, and what the advised angle gives."""
+        say, text = self.language.say, self.language.text
         models = self.group("models")
-        count = "one model" if len(models) == 1 else f"{len(models)} models"
-        rows = [self._row(f"{count}, k = {float(self.p.k):g}, ψ = {float(self.p.psi):g}", models)]
+        count = text("one model") if len(models) == 1 else say("{count} models", count=str(len(models)))
+        at = f", k = {float(self.p.k):g}, ψ = {float(self.p.psi):g}"
+        rows = [self._row(count + self.language.number(at), models)]
         for name, symbol in (("k", "k"), ("psi", "ψ")):
             varied = self.group(name)
             if varied:
                 ends = list(dict.fromkeys(curve.setting.partition(" = ")[2] for curve in varied))
-                rows.append(self._row(f"{symbol} from {ends[0]} to {ends[-1]}", varied))
+                what = say("{symbol} from {low} to {high}", symbol=symbol, low=ends[0], high=ends[-1])
+                rows.append(self._row(what, varied))
         correlations = self.group("correlations")
         if correlations:
-            rows.append(self._row(f"{len(correlations)} correlations of tests", correlations))
-        singles = np.array([curve.single for curve in models], float)
-        rows.append(("the models without the spread of the jet", between(singles), "", ""))
+            rows.append(self._row(say("{count} correlations of tests", count=str(len(correlations))), correlations))
+        singles = [curve.single for curve in models if curve.single is not None]
+        rows.append((text("the models without the spread of the jet"), self._between(singles), "", ""))
         return rows
 
     def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
-        best = between(np.array([curve.best for curve in curves]))
-        least = min(curve.share(self.alpha) for curve in curves)
-        return what, best, f"at least {least:.0%}", self.span([curve for curve in curves if curve.fits])
+        best = self._between([curve.best for curve in curves])
+        least = self.language.say("at least {share}%", share=_percent(min(curve.share(self.alpha) for curve in curves)))
+        return what, best, least, self.span([curve for curve in curves if curve.fits])
+
+    def _between(self, angles: Sequence[float]) -> str:
+        """The least and the greatest of some angles, as text."""
+        return self._from_to(degrees(min(angles)), degrees(max(angles)))
+
+    def _from_to(self, low: str, high: str) -> str:
+        return self.language.number(low) if low == high else self.language.say("{low} to {high}", low=low, high=high)
 
     def span(self, curves: Sequence[Curve]) -> str:
         """The least and the greatest erosion of curves at the advised angle, as text."""
         if not curves:
             return "–"
         ends = [curve.at(self.alpha) / self._scale.size for curve in curves]
-        low, high = (f"{float(f'{end:.2g}'):g}" for end in (min(ends), max(ends)))
-        return low if low == high else f"{low} to {high}"
+        return self._from_to(two_digits(min(ends)), two_digits(max(ends)))
 
     @property
     def statements(self) -> list[str]:
         """The advice in sentences."""
+        say = self.language.say
         sentences = [
-            f"Set the nozzle to {degrees(self.alpha)} from the surface. There every model and correlation removes at "
-            f"least {self.worst:.0%} of what it removes at its own best angle; these best angles lie from "
-            f"{degrees(self.low)} to {degrees(self.high)}.",
+            say(
+                "Set the nozzle to {angle} from the surface. There every model and correlation removes at least "
+                "{share}% of what it removes at its own best angle; these best angles lie from {low} to {high}.",
+                angle=degrees(self.alpha),
+                share=_percent(self.worst),
+                low=degrees(self.low),
+                high=degrees(self.high),
+            ),
             self._amount(),
             self._narrowing(),
         ]
         if self.particle is not None and self.particle.shape == "round":
-            sentences.append("The models take a sharp edge; round particles plough more and cut less, so expect less.")
+            sentences.append(
+                say("The models take a sharp edge; round particles plough more and cut less, so expect less.")
+            )
         return sentences
 
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences on a size that fits no body, on correlations out of range, and on amounts far from tests."""
+        removed = [
+            curve.at(self.alpha) / (curve.density or 1.0) for curve in self.curves if curve.group != "correlations"
+        ]
+        far = far_from_tests(removed, float(self.p.to("si").v0), self.per_mass.density)
+        said = (self.p.size_warning, *self.outside, far and str(far))
+        return [self._translated(message) for message in said if message]
+
+    def _translated(self, message: str) -> str:
+        """A sentence in the language; one on a correlation begins with its name."""
+        name, gap, rest = message.partition(" ")
+        return name + gap + self.language.text(rest) if message in self.outside else self.language.text(message)
+
     def _amount(self) -> str:
+        say = self.language.say
         models = [curve for curve in self.curves if curve.group != "correlations"]
-        fraction = self.per_mass.cutting_fraction
-        text = f"The models remove {self.span(models)} {self.unit} there if {fraction:.3g} of the particles cut"
         fitting = [curve for curve in self.group("correlations") if curve.fits]
+        numbers = {"amount": self.span(models), "unit": self.unit, "fraction": f"{self.per_mass.cutting_fraction:.3g}"}
         if fitting:
-            text += f", and the correlations for this metal {self.span(fitting)} {self.unit}: trust these more"
-        if self.per_mass.density is None:
-            text += "; name the target, or give its density, for g/kg"
-        return text + "."
+            text = say(
+                "The models remove {amount} {unit} there if {fraction} of the particles cut, and the correlations for "
+                "this metal {tests} {unit}: trust these more.",
+                **numbers,
+                tests=self.span(fitting),
+            )
+        else:
+            text = say("The models remove {amount} {unit} there if {fraction} of the particles cut.", **numbers)
+        return text if self.per_mass.density else f"{text} {say('Name the target, or give its density, for g/kg.')}"
 
     def _narrowing(self) -> str:
         """What would narrow the range of best angles most."""
-        models = self.group("models")
-        spans = {"the choice of the model": _width(models)}
-        for name, symbol in (("k", "the force ratio k"), ("psi", "the contact ratio ψ")):
+        models, text = self.group("models"), self.language.text
+        spans = {text("the choice of the model"): _width(models)}
+        for name, words in (("k", text("the force ratio k")), ("psi", text("the contact ratio ψ"))):
             widths = [_width([*self.group(name), model], model.name) for model in models]
-            spans[symbol] = max(widths, default=0.0)
+            spans[words] = max(widths, default=0.0)
         widest = max(spans, key=lambda name: spans[name])
-        return (
-            f"What would narrow it: {widest} moves the best angle of the models most, by up to "
-            f"{degrees(spans[widest])}. Weigh the loss at four angles (15°, 30°, 45°, 60°) with your own abrasive and "
-            "metal; “erosion calibrate” then chooses the model and fits k and ψ."
+        return self.language.say(
+            "What would narrow it: {what} moves the best angle of the models most, by up to {width}. Weigh the loss at "
+            "four angles (15°, 30°, 45°, 60°) with your own abrasive and metal; “erosion calibrate” then chooses the "
+            "model and fits k and ψ.",
+            what=widest,
+            width=degrees(spans[widest]),
         )
 
     def to_dict(self) -> Record:
@@ -237,10 +298,8 @@ def degrees(alpha: float) -> str:
     return f"{value:.1f}°" if value < 9.95 else f"{value:.0f}°"
 
 
-def between(angles: np.ndarray) -> str:
-    """The least and the greatest of some angles, as text."""
-    low, high = degrees(float(angles.min())), degrees(float(angles.max()))
-    return low if low == high else f"{low} to {high}"
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f}"
 
 
 def _width(curves: Sequence[Curve], name: str | None = None) -> float:

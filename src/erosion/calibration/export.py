@@ -12,13 +12,14 @@ from erosion.calibration.result import Calibration
 from erosion.engine.impact import impact
 from erosion.exports.fluent import AngleTable, angle_table
 from erosion.exports.openfoam import ParticleErosion, coefficients
-from erosion.exports.particle import Particle, commented, particle_of
+from erosion.exports.particle import Particle, commented, particle_of, share_in_words
 from erosion.exports.reach import ANGLES, Reach
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20
@@ -33,6 +34,7 @@ def to_openfoam(
     v0: Any = None,
     d: Any = None,
     erodent_density: float | None = None,
+    cutting_fraction: float = 1.0,
 ) -> ParticleErosion:
     """The coefficients p and K with which Finnie's curve comes nearest to the model's.
 
@@ -48,13 +50,14 @@ def to_openfoam(
             at twice the case's is said.
         d: diameters over which they must hold, shape (n,) [length].
         erodent_density: of the particles in the code [density]; without it the case's particle has the diameter 2 r.
+        cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
 
     Raises:
         ExportError: where the curve is not of Finnie's shape (the best coefficients are off by more than 15 % of its
             maximum, or K is without limit), or as far off at one of the speeds and diameters that are given.
         ValueError: for parameters that are arrays or out of range, or speeds and diameters that are not positive.
     """
-    particle, comment, case = _particle(model, p, erodent_density)
+    particle, comment, case = _particle(model, p, erodent_density, cutting_fraction)
     return coefficients(particle, Reach.of(particle, case, v0, d), comment)
 
 
@@ -66,6 +69,7 @@ def to_fluent(
     v0: Any = None,
     d: Any = None,
     erodent_density: float | None = None,
+    cutting_fraction: float = 1.0,
 ) -> AngleTable:
     """The model's curve as Fluent's angle function, with the velocity exponent and the diameter function that fit best.
 
@@ -79,49 +83,62 @@ def to_fluent(
             from half to twice the case's, and what is lost there is said.
         d: diameters over which it must hold, shape (n,) [length].
         erodent_density: of the particles in the code [density]; without it the case's particle has the diameter 2 r.
+        cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
 
     Raises:
         ExportError: where the form is off by more than 15 % of the maximum at one of the speeds and diameters that
             are given.
         ValueError: for fewer than 2 points or more than Fluent takes; else as `to_openfoam`.
     """
-    particle, comment, case = _particle(model, p, erodent_density)
+    particle, comment, case = _particle(model, p, erodent_density, cutting_fraction)
     return angle_table(particle, Reach.of(particle, case, v0, d), comment, points)
 
 
 def _particle(
-    model: _Exported, p: Parameters | None, erodent_density: float | None
+    model: _Exported, p: Parameters | None, erodent_density: float | None, cutting_fraction: float
 ) -> tuple[Particle, str, Parameters]:
     """The particle that is exported, the comment on where it comes from, and its case."""
     if isinstance(model, Calibration):
         if p is not None:
             raise ValueError("Argument `p` must be left out for a calibration, which has a case of its own.")
+        if cutting_fraction != 1:
+            raise ValueError("Argument `cutting_fraction` must be left out for a calibration, which has its own.")
         case = exported_case(model)
         particle = particle_of(model.model, case, erodent_density)
         particle = dataclasses.replace(particle, cutting_fraction=model.cutting_fraction)
         return particle, _comment(model), case
     if p is None:
         raise TypeError("Argument `p` must be Parameters, but is left out.")
-    particle = particle_of(model, p, erodent_density)
+    particle = particle_of(model, p, erodent_density, cutting_fraction)
     return particle, particle.origin(), p
 
 
 def to_case(calibration: Calibration, path: str = "fitted.toml") -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
-    What a case file has no field for, the model, its own parameters and the cutting fraction, is in comments.
+    What a case file has no field for, the model and its own parameters, is in comments.
 
     Args:
         calibration: the fit.
         path: the file's, for the command in its comment.
     """
     lines = _origin(calibration)
-    if calibration.cutting_fraction != 1:
-        lines.append(f"Volumes are those of a particle that cuts: {calibration.cutting_fraction:.4g} of them do.")
     lines += calibration.statements
     lines.append(f"The best angle of this fit: {command(calibration, path)}")
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
-    return commented(text, "#") + dump_case(exported_case(calibration), calibration.title)
+    case = dump_case(exported_case(calibration), calibration.title)
+    return commented(text, "#") + case + _per_mass(calibration)
+
+
+def _per_mass(calibration: Calibration) -> str:
+    """The lines of a case file on erosion per mass of abrasive."""
+    lines, density = [], calibration.problem.forward.density
+    if density is not None:
+        in_si = density * conversion_factor("density", calibration.p.units, "si")
+        lines.append(f'density = "{in_si:.15g} kg/m^3"  # of the target')
+    if calibration.cutting_fraction != 1:
+        lines.append(f"cutting_fraction = {calibration.cutting_fraction!r}  # share of the particles that cut")
+    return "".join(line + "\n" for line in lines)
 
 
 def command(calibration: Calibration, path: str) -> str:
@@ -147,14 +164,14 @@ def exported_case(calibration: Calibration) -> Parameters:
     own = [group for group in groups if all(np.isclose(float(getattr(p, name)), value, rtol=1e-3)
                                             for name, value in group.values.items())]  # fmt: skip
     chosen = max(own or groups, key=lambda group: (len(group.rows), *group.values.values()))
-    return p.replace(**chosen.values)
+    return dataclasses.replace(p, **chosen.values)
 
 
 def _comment(calibration: Calibration) -> str:
     """Model, data, estimates, speed and warnings."""
     lines = _origin(calibration)
     if calibration.cutting_fraction != 1:
-        lines.append(f"The cutting fraction {calibration.cutting_fraction:.4g} is part of what is written here.")
+        lines.append(share_in_words(calibration.cutting_fraction))
     lines += calibration.statements
     if calibration.data.free_scale:
         lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
@@ -183,7 +200,7 @@ def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
         return impact(calibration.model, case.replace(alpha=ANGLES)).volume / float(case.m * case.v0**2)
 
     here = over_energy(p)
-    differs = {group.label: np.abs(over_energy(p.replace(**group.values)) - here).max() / here.max()
+    differs = {group.label: np.abs(over_energy(dataclasses.replace(p, **group.values)) - here).max() / here.max()
                for group in groups}  # fmt: skip
     label = max(differs, key=lambda key: differs[key])
     if len(groups) > 1:

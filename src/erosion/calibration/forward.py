@@ -179,7 +179,7 @@ class Forward:
     ) -> tuple[Impact, Any]:
         """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
         model, p = with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
-        p = p.replace(**conditions)
+        p = dataclasses.replace(p, **conditions)
         along = {"derivatives": derivatives, "wrt": self.of_impact} if derivatives else {}
         hits = impact(model, p, rtol=rtol, **along)
         factor = values.get(FRACTION, self.cutting_fraction)

@@ -1,5 +1,6 @@
 """`erosion advise`: the nozzle's angle and the erosion to expect, on one page."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,7 +10,7 @@ from cyclopts import Parameter
 from erosion.cli.errors import user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, load, read_option, with_file
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, LangOption, load, read_option, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import progress_bar
@@ -33,6 +34,7 @@ def advise(
         Path | None, Parameter(name=("--output", "-o"), help="Also write it as a page: advice.html or advice.pdf.")
     ] = None,
     plot: Annotated[Path | None, Parameter(help="Also draw the curves into this file (.svg, .png, .pdf).")] = None,
+    lang: LangOption = "en",
     json: JsonOption = False,
 ) -> None:
     """Advise a nozzle's angle, with the erosion to expect and how sure that is.
@@ -50,17 +52,18 @@ def advise(
 
     per_mass = (abrasive or PerMassOptions()).per_mass(options, CUTTING_FRACTION)
     names = chosen_models(model) or list(MODELS)
-    _require(output, plot, (options.case, *names))
+    _require(output, plot, (options.case, *names), lang)
     for name in names:
         load(name)
     start_engine()
     with progress_bar("advise") as progress, user_errors():
         advice = advise_case(p, grit, metal, (deviation, speed_spread), per_mass, names, progress)
     with user_errors():
-        _write(advice, output, plot)
+        _write(advice, output, plot, lang)
     printed = Output("advise", p, options.case, json=json)
-    for message in advice.outside:
-        printed.warn(message)
+    for message in advice.warnings:
+        if message not in printed.warnings:
+            printed.warn(message)
     if json:
         from erosion.advice.result import UNITS
 
@@ -70,8 +73,12 @@ def advise(
     print_paths(figure=plot, page=output)
 
 
-def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any]) -> None:
-    """Know before computing that the page and the figure can be written."""
+def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any], lang: str) -> None:
+    """Know before computing that the page and the figure can be written, in the language."""
+    from erosion.language import language
+
+    with user_errors():
+        language(lang)
     require_outputs(output, plot=plot, inputs=inputs)
     if output is not None:
         from erosion.advice.page import require_page_path
@@ -80,14 +87,16 @@ def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any]) -> N
             require_page_path(output)
 
 
-def _write(advice: "Advice", output: Path | None, plot: Path | None) -> None:
+def _write(advice: "Advice", output: Path | None, plot: Path | None, lang: str) -> None:
     """Write the page and the figure that are asked for."""
+    from erosion.language import language
+
     if output is not None:
         from erosion.advice.page import write_advice
 
-        write_advice(advice, output)
+        write_advice(advice, output, lang)
     if plot is not None:
         from erosion.advice.figure import plot_advice
         from erosion.plotting.style import save_plot
 
-        save_plot(plot_advice(advice), plot)
+        save_plot(plot_advice(dataclasses.replace(advice, language=language(lang))), plot)

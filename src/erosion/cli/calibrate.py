@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or '
-    '"angle [deg], speed [m/s], mass_loss [mg/kg]" with --density.'
+    '"angle [deg], speed [m/s], mass_loss [mg/kg]" with --target or --density.'
 )
 
 
@@ -48,7 +48,7 @@ def calibrate(
     """
     options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
-    p = options.parameters()
+    p, fit = options.parameters(), fit.on(options)
     names = ["linearized"] if model is None else chosen_models(model)
     _require_one_model(own, names)
     files.require_writable(inputs=(data, options.case, *names))

@@ -13,7 +13,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, load, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
+from erosion.cli.per_mass import PerMassOptions, far_from_tests, weighing
 from erosion.cli.progress import working
 
 if TYPE_CHECKING:
@@ -75,9 +75,8 @@ def compare(
         said.warn(message)
     for name in lost:
         said.warn(f"{name}: its impact could not be computed.")
-    for name, weight in weights.items():
-        if message := weight.warning([line["volume_max"] for line in lines if line["model"] == name], p):
-            said.warn(f"{name}: {message}")
+    for message in far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p):
+        said.warn(message)
     statements = _spread(lines)
     if json:
         said.document({"models": lines, "statements": statements}, models, _units(p))

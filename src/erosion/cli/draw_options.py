@@ -126,8 +126,7 @@ class DrawOptions:
                 models=models,
                 priors=laws,
                 progress=progress,
-                density=fit.density,
-                cutting_fraction=fit.cutting_fraction,
+                **{name: fit.arguments()[name] for name in ("density", "cutting_fraction")},
                 draws=500 if self.draws is None else self.draws,
                 seed=self.seed_used or 0,
             )

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
-from erosion.cli.options import CaseFile, CaseOptions, with_file
+from erosion.cli.options import CaseFile, CaseOptions, LangOption, with_file
 from erosion.cli.output import require_outputs
 from erosion.cli.progress import working
 
@@ -21,6 +21,7 @@ def exercise(
     solved: Annotated[
         Path | None, Parameter(help="Also write it with the solutions into this file (.ipynb), for the teacher.")
     ] = None,
+    lang: LangOption = "en",
 ) -> None:
     """Make a notebook of tasks for students, which checks their numbers.
 
@@ -40,7 +41,7 @@ def exercise(
 
     name = options.title()
     with user_errors(), working("solving the tasks"):
-        key = AnswerKey(p)
+        key = AnswerKey(p, lang)
         texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
         for path, text in texts.items():
             write_whole(path, text.encode())

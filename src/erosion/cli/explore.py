@@ -1,5 +1,6 @@
 """`erosion explore`: the page on which every slider changes the cut."""
 
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -22,6 +23,10 @@ def explore(
         ModelsOption,
         Parameter(help="Also offer the models in these Python files: with commas, or the option repeated."),
     ] = None,
+    materials: Annotated[
+        list[Path] | None,
+        Parameter(negative="", help="Also offer the particles and targets of this table (TOML); it may be repeated."),
+    ] = None,
     port: Annotated[int | None, Parameter(help=f"Listen on this port; {_PORT}, or a free one, without it.")] = None,
     host: Annotated[
         str,
@@ -43,4 +48,4 @@ def explore(
     with extra("explorer"):
         from erosion.explorer.server import free_address, offer, serve
     with user_errors():
-        serve(offer(p, model or []), free_address(host, port), show=browser)
+        serve(offer(p, model or [], materials or []), free_address(host, port), show=browser)

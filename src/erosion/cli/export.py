@@ -10,8 +10,9 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, read_option, with_file
+from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, read_option, with_file
 from erosion.cli.output import Output, print_table, require_outputs
+from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
 from erosion.parameters.quantities import QUANTITIES, RESULTS
@@ -65,6 +66,9 @@ def export(
     erodent_density: Annotated[
         str | None, Parameter(help="Of the particles in the code; the diameter is 2 r without it.")
     ] = None,
+    cutting_fraction: Annotated[
+        float | None, Parameter(help="Share of the particles that cut, for the mean volume; Finnie: about 0.5.")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Write a model and a case for a CFD code: OpenFOAM, Fluent, or tables.
@@ -75,19 +79,18 @@ def export(
     options = with_file(case, file)
     options.refuse_angle("the forms hold all angles; --angles are those of the tables")
     outputs = _Outputs(openfoam, fluent, table, restitution)
-    if not any(outputs):
-        raise InputError("Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`.")
+    _require_one(outputs)
     with working("computing"):
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
-        density = read_option("erodent-density", erodent_density, "density", p.units)
+        particles = _particles(erodent_density, cutting_fraction, options, p)
         require_outputs(*outputs, inputs=(options.case, model))
         start_engine()
         from erosion.files import write_whole
 
         with user_errors(), _named():
-            parts = _parts(chosen, p, outputs, axes, density)
+            parts = _parts(chosen, p, outputs, axes, particles)
         # What cannot be represented is refused before anything is written.
         with user_errors():
             for part in parts.values():
@@ -104,8 +107,13 @@ def export(
     print_table(f"{in_full(model, chosen)}: for CFD codes", rows, ("file", "holds"), numbers=())
 
 
+def _require_one(outputs: _Outputs) -> None:
+    if not any(outputs):
+        raise InputError("Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`.")
+
+
 def _parts(
-    model: "CuttingModel", p: "Parameters", outputs: _Outputs, axes: dict[str, Any], density: float | None
+    model: "CuttingModel", p: "Parameters", outputs: _Outputs, axes: dict[str, Any], particles: dict[str, Any]
 ) -> dict[str, _Part]:
     """What is asked for, computed."""
     from erosion.calibration import to_fluent, to_openfoam
@@ -114,19 +122,19 @@ def _parts(
 
     reach, parts = {name: axes[name] for name in ("v0", "d")}, {}
     if outputs.openfoam is not None:
-        form = to_openfoam(model, p, **reach, erodent_density=density)
+        form = to_openfoam(model, p, **reach, **particles)
         numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
         line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
         numbers["misfit_over_speeds"] = form.losses.worst
         parts["openfoam"] = _Part(outputs.openfoam, form.text(), line, numbers, form.warning)
     if outputs.fluent is not None:
-        shape = to_fluent(model, p, **reach, erodent_density=density)
+        shape = to_fluent(model, p, **reach, **particles)
         numbers = {"exponent": shape.exponent, "factor": shape.factor, "misfit": shape.misfit}
         numbers["misfit_over_speeds"] = shape.losses.worst
         line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.factor:.6g} x density"
         parts["fluent"] = _Part(outputs.fluent, shape.text(), line, numbers, shape.warning)
     if outputs.table is not None:
-        volumes = volume_table(model, p, **axes, erodent_density=density)
+        volumes = volume_table(model, p, **axes, **particles)
         parts["table"] = _table(outputs.table, volumes, "V", None)
     if outputs.restitution is not None:
         rebounds = restitution(model, p, alpha=axes["alpha"], v0=axes["v0"])
@@ -157,6 +165,17 @@ def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:
         with reading(f"Option `--{_OWN_NAMES[name]}`"):
             axes[name] = read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
     return axes
+
+
+def _particles(
+    erodent_density: str | None, cutting_fraction: float | None, options: CaseOptions, p: "Parameters"
+) -> dict[str, Any]:
+    """The arguments of the functions that export on the particles of the CFD run."""
+    share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
+    return {
+        "erodent_density": read_option("erodent-density", erodent_density, "density", p.units),
+        "cutting_fraction": share,
+    }
 
 
 @contextlib.contextmanager

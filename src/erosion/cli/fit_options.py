@@ -8,7 +8,8 @@ from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading
 from erosion.cli.lists import LISTED
-from erosion.cli.options import WholeOption
+from erosion.cli.options import CaseOptions, WholeOption
+from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.set_option import load_set
 
 if TYPE_CHECKING:
@@ -21,17 +22,13 @@ _BOUNDS = 'Least and greatest values, of own parameters too: "psi=0.01:0.3,thres
 
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
-class FitOptions:
+class FitOptions(PerMassOptions):
     """What is fitted, and how."""
 
     free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
         default_factory=lambda: ["k", "psi"]
     )
     bounds: Annotated[list[str] | None, LISTED, Parameter(help=_BOUNDS)] = None
-    cutting_fraction: Annotated[
-        float, Parameter(help='Share of the particles that cut, up to 1; "cutting_fraction" in --free fits it.')
-    ] = 1.0
-    density: Annotated[str | None, Parameter(help='Of the target, for mass losses: "2.7 g/cm^3".')] = None
     loss: Annotated[str, Parameter(help='"linear"; "soft_l1", "huber", "cauchy" or "arctan" with outliers.')] = "linear"
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 
@@ -41,11 +38,17 @@ class FitOptions:
 
         return (*self.free, SCALE) if measured.free_scale else self.free
 
+    def on(self, options: CaseOptions) -> "FitOptions":
+        """The same with the density and the cutting fraction of the case or its target, where none are given."""
+        per_mass = self.per_mass(options)
+        density = None if per_mass.density is None else f"{per_mass.density!r} kg/m^3"
+        return dataclasses.replace(self, density=density, cutting_fraction=per_mass.cutting_fraction)
+
     def arguments(self) -> dict[str, Any]:
         """The arguments of `erosion.calibrate` of the same names, but for `bounds`, which need the models."""
         return {
             "density": self.density,
-            "cutting_fraction": self.cutting_fraction,
+            "cutting_fraction": 1.0 if self.cutting_fraction is None else self.cutting_fraction,
             "loss": self.loss,
             "starts": 32 if self.starts is None else self.starts,
         }

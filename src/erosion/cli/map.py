@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from erosion.cfd.surface import Surface
     from erosion.maps.job import MapJob
     from erosion.maps.options import MapOptions
+    from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension
 
@@ -66,12 +67,32 @@ class _Rows:
     restitution: Annotated[
         str | None, Parameter(help="e,μ of the wall, if velocities are those after the rebound: 0.8,0.1.")
     ] = None
-    target_density: Annotated[str | None, Parameter(help='For mass: "7800 kg/m^3".')] = None
+    target_density: Annotated[
+        str | None, Parameter(help='For mass: "7800 kg/m^3"; --target and a case file have one as well.')
+    ] = None
     limit: Annotated[
         str | None, Parameter(help='Leave out rows that name no face and lie farther from the surface: "1 mm".')
     ] = None
     duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
-    density: Annotated[str | None, Parameter(help='Of the particles, where no column gives it: "2650 kg/m^3".')] = None
+    density: Annotated[
+        str | None, Parameter(help='Of the particles, where no column gives it, nor --particle: "2650 kg/m^3".')
+    ] = None
+
+    def with_case(self, case: EachRow, model: "CuttingModel", impacts: Path) -> "_Rows":
+        """The same with the densities of a named particle, a named target or the case file, where none are given."""
+        from erosion.cfd.fluent import SUFFIXES
+        from erosion.models.correlated import Correlated
+
+        grit, _ = case.materials()
+        # A correlation has a density of its own. Samples of Fluent hold masses, and take no density.
+        target = None if isinstance(model, Correlated) else PerMassOptions().per_mass(case).density
+        in_fluent = impacts.name.removesuffix(".gz").endswith(SUFFIXES)
+        particle = None if grit is None or in_fluent else grit.density
+        return dataclasses.replace(
+            self,
+            target_density=self.target_density or _in_words(target),
+            density=self.density or _in_words(particle),
+        )
 
     def options(
         self, p: "Parameters", laws: dict[str, Any], uncertain: dict[str, Any], cutting_fraction: float
@@ -223,6 +244,7 @@ def map_(
     section = options.section("map", ("model", "set", *LAW_FIELDS))
     _refuse_replaced(options, section)
     sand = case_and_laws(options, "map", section, model, own, joint)
+    rows = rows.with_case(options, sand.model, impacts)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
         from erosion.maps.export import require_map_path
@@ -249,6 +271,10 @@ def map_(
     _show(dataset, job, printed, sand.name)
     if not json:
         print_paths(map=output, figure=picture.plot)
+
+
+def _in_words(density: float | None) -> str | None:
+    return None if density is None else f"{density!r} kg/m^3"
 
 
 def _refuse_replaced(options: EachRow, section: dict[str, Any]) -> None:
@@ -298,7 +324,8 @@ def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> N
     from erosion.maps.result import MapSummary
 
     summary = MapSummary(dataset)
-    for sentence in summary.warnings:
+    far = summary.erosion_warning
+    for sentence in (*summary.warnings, *([far] if far else [])):
         output.warn(sentence)
     if output.json:
         content = summary.to_dict()

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import functools
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, overload
@@ -61,15 +62,16 @@ class CaseOptions:
         return {name: text for name, text in texts.items() if text is not None}
 
     def parameters(self) -> "Parameters":
-        """The case with its overrides, validated.
+        """The case with its overrides, validated; `Output` says where its size does not fit its mass.
 
         Raises:
             InputError: one sentence naming the file or the option.
         """
         from erosion.parameters.case_files import load_case
-        from erosion.parameters.parameters import TABLE_1, validate
+        from erosion.parameters.parameters import TABLE_1, SizeWarning, validate
 
-        with user_errors():
+        with user_errors(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", SizeWarning)
             p = TABLE_1 if self.case is None else load_case(self.case)
             if self.units is not None:
                 p = p.to(self.units)
@@ -80,7 +82,7 @@ class CaseOptions:
         changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units)
                    for name, text in self.given().items()}  # fmt: skip
         with user_errors():
-            p = p.replace(**changes)
+            p = dataclasses.replace(p, **changes)
             validate(p)
         return p
 
@@ -168,6 +170,9 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
 JsonOption = Annotated[
     bool, Parameter(name="--json", negative="", show_default=False, help="Print JSON and nothing else.")
 ]
+
+
+LangOption = Annotated[str, Parameter(help='Language of what is written: "en", or "de" for German.')]
 
 
 def read_whole(number: Any) -> int:

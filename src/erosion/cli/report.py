@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from erosion.cli.errors import user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED
-from erosion.cli.options import CaseFile, CaseOptions, with_file
+from erosion.cli.options import CaseFile, CaseOptions, LangOption, with_file
 from erosion.cli.output import require_apart
 from erosion.cli.progress import progress_bar
 
@@ -33,13 +33,13 @@ def report(
         bool,
         Parameter(negative="", show_default=False, help="Answers and figures alone; a question fits on a sheet of A4."),
     ] = False,
-    lang: Annotated[str, Parameter(help='Language of the page: "en", or "de" for German.')] = "en",
+    lang: LangOption = "en",
 ) -> None:
     """Answer the scenario's questions for a case, on one self-contained page."""
     options = with_file(case, file)
     p = options.parameters()
     start_engine()
-    from erosion.report.language import language
+    from erosion.language import language
     from erosion.report.page import PARTS, chosen_questions, require_folder, write_report
 
     require_apart([output / part for part in PARTS], (options.case,))

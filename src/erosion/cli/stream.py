@@ -70,7 +70,6 @@ def stream(
     per_mass = weighing(jet.model, abrasive, options)
     printed.warn_all(part.doubts(jet.model, jet.p, per_mass.cutting_fraction) for part in draws)
     result = _weighed(_run(job, jet.name, printed, per_mass), per_mass)
-    printed.judge(per_mass, result.mean_volume.value, jet.p.replace(m=result.mean_mass.value))
     if plot is not None:
         from erosion.plotting.streams import plot_stream
         from erosion.plotting.style import save_plot
@@ -104,7 +103,8 @@ def _count(options: CaseOptions, section: dict[str, Any]) -> int:
 
 
 def _show(result: "Stream", name: str, output: Output) -> None:
-    for message in result.statements:
+    far = result.erosion_warning
+    for message in (*result.statements, *([far] if far else [])):
         output.warn(message)
     if not output.json:
         print_table(result.title, result.rows())

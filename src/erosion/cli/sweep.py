@@ -1,5 +1,6 @@
 """`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +13,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, load, with_file
 from erosion.cli.output import Output, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
+from erosion.cli.per_mass import PerMassOptions, far_from_tests, weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
@@ -117,7 +118,7 @@ def _output(grid: "Grid", options: CaseOptions, *, json: bool) -> Output:
     output = Output("sweep", grid.p, options.case, json=json)
     sizes = {name: grid.axes[name] for name in ("r", "b") if name in grid.axes and grid.axes[name].ndim}
     for name, values in sizes.items():
-        message = grid.p.replace(**{name: values}).size_warning
+        message = dataclasses.replace(grid.p, **{name: values}).size_warning
         if message and "m" not in grid.axes and message not in output.warnings:
             output.warn(message)
     return output
@@ -149,7 +150,7 @@ def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
     for name, (source, value) in given.items():
         with reading(source):
             values[name] = read_axis(value, QUANTITIES[name].dimension, p.units)
-    p = p.replace(**{name: value for name, value in values.items() if not value.ndim})
+    p = dataclasses.replace(p, **{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}
 
 
@@ -190,7 +191,7 @@ def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Ma
     summary = _summary(dataset)
     of_mass = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
-    for message in grid.outside_of_range:
+    for message in (*grid.outside_of_range, *_far_from_tests(dataset, grid.p, weights)):
         output.warn(message)
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
@@ -232,12 +233,23 @@ def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -
     for model, weight in weights.items():
         per_particle_mass = (dataset.volume.sel(model=model) if model else dataset.volume) / masses
         for end in (float(per_particle_mass.min()), float(per_particle_mass.max())):
-            for name, value in weight.to_dict(end, p.replace(m=1.0)).items():
+            for name, value in weight.to_dict(end, dataclasses.replace(p, m=1.0)).items():
                 ends.setdefault(name, []).append(float(value))
     # Where only some models have a density, their ratios are not those of all.
     common = {name: values for name, values in ends.items() if len(values) == 2 * len(weights)}
     return {f"{name}_{end}": of(values) for name, values in common.items()
             for end, of in (("least", min), ("greatest", max))}  # fmt: skip
+
+
+def _far_from_tests(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -> list[str]:
+    """Sentences on the models whose greatest erosion is far from tests."""
+    speeds = dataset.get("v0")
+    per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
+    kept = {"model"} | set(() if speeds is None else speeds.dims)
+    greatest = per_particle_mass.max([dim for dim in per_particle_mass.dims if dim not in kept])
+    at = dataclasses.replace(p, m=1.0, v0=p.v0 if speeds is None else speeds.values)
+    volumes = {name: (greatest.sel(model=name) if name else greatest).values for name in weights}
+    return far_from_tests(weights, volumes, at)
 
 
 def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":

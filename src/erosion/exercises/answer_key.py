@@ -10,6 +10,7 @@ import numpy as np
 
 from erosion.engine.impact import impact
 from erosion.exercises.by_hand import at_contact, euler, linearized_rate, rk4
+from erosion.language import language
 from erosion.models import Linearized
 from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.optimum.maxima import Jump
@@ -66,7 +67,7 @@ TASKS: Mapping[str, Task] = {
     ),
 }  # fmt: skip
 
-_SLIPS = (
+SLIPS = (
     (180 / math.pi, "It is right in degrees; give radians."),
     (math.pi / 180, "It is right, but divided by 180/π as if it had been in degrees; give radians."),
     (-1.0, "Only the sign is wrong."),
@@ -101,12 +102,14 @@ class AnswerKey:
     Args:
         p: the case, all scalars. Its own spin is left aside: the tasks are about the linearized model, and about
             `rotating` with the spin `spin`.
+        lang: the language of its sentences: "en", or "de" for German.
 
     Raises:
-        ValueError: for parameters out of range, or a case that cuts nothing.
+        ValueError: for parameters out of range, a case that cuts nothing, or an unknown language.
     """
 
-    def __init__(self, p: Parameters) -> None:
+    def __init__(self, p: Parameters, lang: str = "en") -> None:
+        self.language = language(lang)
         validate(p)
         require_scalars(p)
         self.p = p.replace(phidot0=0.0)
@@ -172,20 +175,24 @@ class AnswerKey:
         """
         asked, right = TASKS.get(task), self.answer(task)
         assert asked is not None
+        say, text = self.language.say, self.language.text
         if answer is ...:
-            return Verdict(False, f"{task}: still to do.")
+            return Verdict(False, f"{task}: {text('still to do.')}")
         given = np.asarray(answer)
         if given.dtype.kind not in "iuf" or given.size != 1 or not np.isfinite(given).all():
             raise ValueError(f"Argument `answer` must be one finite number, but is {answer!r}.")
         off = float(given.reshape(())) / right - 1
         if abs(off) <= asked.tolerance:
-            return Verdict(True, f"{task}: right. It is {asked.asks}: {self._in_words(right, asked.dimension)}.")
-        for factor, slip in _SLIPS:
+            words = self._in_words(right, asked.dimension)
+            return Verdict(
+                True, f"{task}: {say('right. It is {asks}: {answer}.', asks=text(asked.asks), answer=words)}"
+            )
+        for factor, slip in SLIPS:
             if abs((1 + off) / factor - 1) <= asked.tolerance and (asked.dimension == "angle" or "radians" not in slip):
-                return Verdict(False, f"{task}: {slip}")
-        side = "above" if off > 0 else "below"
-        hint = asked.hint if abs(off) <= _NEAR else f"It is to be {asked.asks}."
-        return Verdict(False, f"{task}: {_share(abs(off))} {side} the answer. {hint}")
+                return Verdict(False, f"{task}: {text(slip)}")
+        side = "{share} above the answer." if off > 0 else "{share} below the answer."
+        hint = text(asked.hint) if abs(off) <= _NEAR else say("It is to be {asks}.", asks=text(asked.asks))
+        return Verdict(False, f"{task}: {say(side, share=self._share(abs(off)))} {hint}")
 
     def _in_words(self, value: float, dimension: Dimension) -> str:
         if dimension == "angle":
@@ -226,7 +233,8 @@ class AnswerKey:
         best = self._best_with_spin
         return min(best.jumps, key=lambda jump: abs(float(jump.alpha) - float(best.alpha)))
 
-
-def _share(off: float) -> str:
-    """How far off, to two digits: "27 %", "0.0031 %", "a factor of 57"."""
-    return f"a factor of {1 + off:.3g}" if off > 2 else f"{float(f'{100 * off:.2g}'):g} %"
+    def _share(self, off: float) -> str:
+        """How far off, to two digits: "27 %", "0.0031 %", "a factor of 57"."""
+        if off > 2:
+            return self.language.say("a factor of {factor}", factor=f"{1 + off:.3g}")
+        return f"{float(f'{100 * off:.2g}'):g} %"

@@ -68,13 +68,16 @@ def _prose(text: str) -> Iterator[Cell]:
 def _filled(key: AnswerKey, title: str) -> str:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     best = key.with_spin
-    return environment.from_string(TEXT.read_text("utf-8")).render(
-        title=title,
+    return environment.from_string(key.language.template(TEXT.read_text("utf-8"))).render(
+        title=key.language.text(title),
+        _=key.language.text,
+        lang=key.language.tag,
         p=repr(key.p),
         alpha=f"{math.degrees(float(key.p.alpha)):g}",
         euler_steps=EULER_STEPS,
         rk4_steps=RK4_STEPS,
         first_guess=f"{math.degrees(key.first_guess):g}",
+        number=key.language.number_tex,
         spin=None if best is None else float(best.p.phidot0),
         spin_ratio=None if best is None else f"{float(best.p.spin):g}",
     )

@@ -9,11 +9,12 @@ from typing import Any
 from nicegui import ui
 
 from erosion.explorer.elements import Field
+from erosion.explorer.materials import Materials
 from erosion.explorer.sliders import SPIN_PRESETS, at_position, position, range_of, text_of, unit_of, with_spin
 from erosion.explorer.state import Case, State
 from erosion.explorer.views.look import styles
 from erosion.explorer.wording import sentence
-from erosion.parameters.materials import MATERIALS
+from erosion.parameters.materials import Target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.units import SYSTEMS
 
@@ -26,19 +27,23 @@ class Controls:
     Args:
         start: the state that "Reset" shows; its case is at the middle of the sliders.
         summaries: one line on each model, by name.
+        materials: the particles and targets of the menus.
         go: is called with the state that the reader asks for.
     """
 
-    def __init__(self, start: State, summaries: Mapping[str, str], go: Callable[[State], None]) -> None:
+    def __init__(
+        self, start: State, summaries: Mapping[str, str], materials: Materials, go: Callable[[State], None]
+    ) -> None:
         self._start, self._go, self._state = start, go, start
         self._showing = False
         self._shown_fields: dict[str, tuple[str, str, float]] = {}
         with ui.element("div").classes("presets"):
             ui.button("Reset", on_click=self._reset).props("dense no-caps outline")
             ui.button("Table 1", on_click=self._table_1).props("dense no-caps outline")
+            self._particle_menu(materials)
             with ui.button("Metal").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
-                for material in MATERIALS:
-                    ui.menu_item(material, on_click=lambda _, metal=material: self._metal(metal))
+                for name, metal in materials.targets.items():
+                    ui.menu_item(name, on_click=lambda _, metal=metal: self._metal(metal)).tooltip(metal.source)
             with ui.button("Spin").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
                 for s in SPIN_PRESETS:
                     ui.menu_item(
@@ -147,5 +152,26 @@ class Controls:
     def _table_1(self) -> None:
         self.change(lambda case: case.with_parameters(TABLE_1.to(case.units)))
 
-    def _metal(self, material: str) -> None:
-        self.change(lambda case: case.with_parameters(case.parameters().with_target(material)))
+    def _metal(self, metal: Target) -> None:
+        self.change(lambda case: case.with_parameters(case.parameters().with_target(metal)))
+
+    def _particle_menu(self, materials: Materials) -> None:
+        """A material and a size, from which r, b, m and β follow."""
+
+        def use() -> None:
+            def of(case: Case) -> Case:
+                grit = materials.sized(str(material.value), str(size.value), case.units)
+                return case.with_parameters(case.parameters().with_particle(grit))
+
+            self.change(of)
+            menu.close()
+
+        with (
+            ui.button("Particle").props("dense no-caps outline icon-right=arrow_drop_down"),
+            ui.menu() as menu,
+            ui.element("div").classes("particle"),
+        ):
+            names = list(materials.particles)
+            material = ui.select(names, value=names[0], label="material").props("dense options-dense")
+            size = ui.input("diameter", value="0.3 mm").props("dense").on("keydown.enter", use)
+            ui.button("Use", on_click=use).props("dense no-caps unelevated")

@@ -21,13 +21,14 @@ from erosion.explorer.access import OnlyOwnPage
 from erosion.explorer.address import Address
 from erosion.explorer.answers import Answers
 from erosion.explorer.computed import all_ready
+from erosion.explorer.materials import read_materials
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service, Tab
 from erosion.explorer.threads import share_memory
 from erosion.explorer.wording import sentence
 from erosion.models import available_models, load_model
-from erosion.parameters.parameters import Parameters
+from erosion.parameters.parameters import Parameters, SizeWarning
 from erosion.trajectory.trajectory import TurnWarning
 
 _PORT = 8080
@@ -101,7 +102,7 @@ def _prepare_process() -> None:
     sys.setswitchinterval(_SWITCH)
     # If a model still computes at the end, NiceGUI and Python would warn about the dropped work. And numbers beyond
     # all floats are on the page, not on the terminal.
-    for shown in (TurnWarning, RuntimeWarning):
+    for shown in (TurnWarning, SizeWarning, RuntimeWarning):
         warnings.simplefilter("ignore", shown)
     logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
     logging.getLogger("uvicorn.error").addFilter(lambda record: not isinstance(record.msg, OSError))
@@ -127,16 +128,18 @@ def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> No
         tab.say(complaint)
 
 
-def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
-    """Offer every model that is known by name, and plug-ins.
+def offer(p: Parameters, plug_ins: Sequence[str] = (), tables: Sequence[Path] = ()) -> Service:
+    """Offer every model, particle and target that is known by name, and the user's own.
 
     Args:
         p: the first case, all scalars.
         plug_ins: paths of further models; the cut of the first of them is drawn.
+        tables: TOML files of further particles and targets.
 
     Raises:
-        ModelError: for a plug-in that cannot be loaded.
+        ValueError: for a plug-in or a table that cannot be loaded.
     """
+    materials = read_materials(tables)
     offered = {name: (name, info.summary) for name, info in available_models().items() if info.error is None}
     plugged = []
     for path in plug_ins:
@@ -153,6 +156,7 @@ def offer(p: Parameters, plug_ins: Sequence[str] = ()) -> Service:
         start=start,
         summaries={name: summary for name, (_, summary) in offered.items()},
         sources={name: source for name, (source, _) in offered.items()},
+        materials=materials,
     )
 
 

@@ -121,7 +121,7 @@ class Case(NamedTuple):
             ValueError: for a number out of range.
         """
         own = tuple(number.with_value(changes.pop(number.key, number.value)) for number in self.own)
-        p = self.parameters().replace(**changes)
+        p = dataclasses.replace(self.parameters(), **changes)
         validate(p)
         return Case.of(p, own)
 
@@ -142,7 +142,7 @@ class Case(NamedTuple):
         Raises:
             ValueError: one sentence that says what is wrong with the text.
         """
-        text = _with_point(name, text)
+        text = with_point(name, text)
         in_degrees = self.quantities()[name].dimension == "angle" and _is_number(text)
         return self.reading({name: f"{text} deg" if in_degrees else text})
 
@@ -247,7 +247,7 @@ _COMMA = re.compile(r"\s*[+-]?(?P<whole>\d*),(?P<part>\d+)(?![\d.,])")
 _LONGEST_GROUP = 3  # digits of a number between two commas that only group them: 1,000,000
 
 
-def _with_point(name: str, text: str) -> str:
+def with_point(name: str, text: str) -> str:
     """The text with a point in place of a decimal comma.
 
     Raises:

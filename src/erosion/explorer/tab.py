@@ -14,6 +14,7 @@ from erosion.explorer.computed import Computed
 from erosion.explorer.controls import Controls
 from erosion.explorer.elements import Cut, Plot, Prose
 from erosion.explorer.latest import LatestWins
+from erosion.explorer.materials import Materials
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.sharing import Sharing
 from erosion.explorer.sliders import ANGLES, SPINS, at_position, with_spin
@@ -49,6 +50,7 @@ class Service:
         start: the state of a tab that is opened without a link.
         summaries: one line on each model, by name.
         sources: the argument of `erosion.load_model` for each model, by name.
+        materials: the particles and targets that the page offers.
     """
 
     answers: Answers
@@ -56,6 +58,7 @@ class Service:
     start: State
     summaries: Mapping[str, str]
     sources: Mapping[str, str]
+    materials: Materials
     _turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
     _later_turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
 
@@ -91,7 +94,7 @@ class Tab:
             window_buttons(invitation)
         with ui.element("main").classes("explorer") as self._main:
             with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
-                self._controls = Controls(service.start, service.summaries, self._go)
+                self._controls = Controls(service.start, service.summaries, service.materials, self._go)
             with ui.element("div").classes("views"):
                 self._elements = {name: self._view(name) for name in VIEWS}
 

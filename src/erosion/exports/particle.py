@@ -11,8 +11,10 @@ from erosion.array_types import Broadcast
 from erosion.engine.impact import impact
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
+from erosion.models.correlated import per_mass_of
 from erosion.models.own_parameters import own_in_words, require_one_impact
 from erosion.parameters.parameters import QUANTITIES, Parameters, are_angles, validate
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import conversion_factor
 from erosion.trajectory.trajectory import SimulationError
@@ -81,10 +83,21 @@ class Particle:
         return (
             f"erosion {__version__}: {model_name(self.model)}{f' ({own})' if own else ''}\n{case}\n"
             f"The case's particle has the diameter {self.diameter:.6g} m and the density {self.density:.6g} kg/m^3."
+            + ("" if self.cutting_fraction == 1 else f"\n{share_in_words(self.cutting_fraction)}")
         )
 
 
-def particle_of(model: CuttingModel | str | Path, p: Parameters, erodent_density: float | None = None) -> Particle:
+def share_in_words(cutting_fraction: float) -> str:
+    """The line of an exported file on the share of the particles that cut."""
+    return f"The cutting fraction {cutting_fraction:.4g} is part of what is written here."
+
+
+def particle_of(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    erodent_density: float | None = None,
+    cutting_fraction: float = 1.0,
+) -> Particle:
     """The particle of a case.
 
     Args:
@@ -92,6 +105,7 @@ def particle_of(model: CuttingModel | str | Path, p: Parameters, erodent_density
         p: the case, all scalars; its `alpha` is not used.
         erodent_density: of the particles in the CFD code [density]; their diameter is that of a sphere of the
             case's mass. Without it the diameter is 2 r.
+        cutting_fraction: the share of the particles that cut; it does not apply to correlations.
 
     Raises:
         ValueError: for parameters that are arrays or out of range.
@@ -100,13 +114,14 @@ def particle_of(model: CuttingModel | str | Path, p: Parameters, erodent_density
     require_one_impact(model, p)
     validate(p)
     model, in_si = model.to("si", p)
+    share = per_mass_of(model, PerMass(cutting_fraction=cutting_fraction)).cutting_fraction
     if erodent_density is None:
-        return Particle(model, in_si, 2 * float(in_si.r))
+        return Particle(model, in_si, 2 * float(in_si.r), share)
     density = positive("erodent_density", erodent_density)
     if density.size != 1:
         raise ValueError(f"Argument `erodent_density` must be a scalar, but has shape {density.shape}.")
     volume = float(in_si.m) / (float(density[0]) * conversion_factor("density", p.units, "si"))
-    return Particle(model, in_si, float(np.cbrt(6 * volume / np.pi)))
+    return Particle(model, in_si, float(np.cbrt(6 * volume / np.pi)), share)
 
 
 def positive(name: str, values: Any) -> np.ndarray:

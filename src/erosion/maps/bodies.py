@@ -154,7 +154,8 @@ class Bodies:
         units = self.p.units
         model, p = with_values(model, self.p, {name: value for name, value in values.items() if name != FRACTION})
         mass = hits.mass * conversion_factor("mass", "si", units)
-        p = p.similar(self._growth(mass, hits.diameter)).replace(
+        p = dataclasses.replace(
+            p.similar(self._growth(mass, hits.diameter)),
             m=mass,
             v0=hits.speed * conversion_factor("speed", "si", units),
             alpha=hits.alpha,

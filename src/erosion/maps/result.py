@@ -15,6 +15,7 @@ from erosion.maps.incidence import LEFT_OUT
 from erosion.maps.tally import Tally
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
+from erosion.parameters.per_mass import far_from_tests
 from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
@@ -47,7 +48,7 @@ FACES: Mapping[str, Quantity] = {
 
 TOTALS = (
     "volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "particles",
-    "relative_error", "sampling_error", "parameter_error",
+    "v0_mean", "relative_error", "sampling_error", "parameter_error",
 )  # fmt: skip
 """Those that a patch, and the whole surface, have as well: `patch_volume`, `total_volume`, …"""
 
@@ -307,6 +308,17 @@ class MapSummary(Result):
             share = f"{100 * float(data['beyond_range']):.3g} %"
             sentences.append(f"{share} of the mass that hits is outside the range of {data.attrs['model']}.")
         return sentences
+
+    @property
+    def erosion_warning(self) -> str | None:
+        """One sentence where the erosion of the whole is far from what tests find at its mean speed, else None."""
+        data = self.dataset
+        specific, speed = float(data["total_erosion"]), float(data["total_v0_mean"])
+        density = float(data["total_erosion_ratio"]) / specific if "total_erosion_ratio" in data and specific else None
+        in_si = {name: conversion_factor(FACES[name].dimension, self.units, "si") for name in ("erosion", "v0_mean")}
+        in_si_density = None if density is None else density / in_si["erosion"]
+        far = far_from_tests(specific * in_si["erosion"], speed * in_si["v0_mean"], in_si_density)
+        return None if far is None else str(far)
 
     def to_dict(self) -> Record:
         """Totals, patches, how impacts end and what is left out, with the units of the numbers."""

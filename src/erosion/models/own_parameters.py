@@ -179,7 +179,9 @@ def sizes(model: eqx.Module, p: Parameters) -> dict[str, np.ndarray]:
 def with_values(model: _Model, p: Parameters, changes: Mapping[str, Number]) -> tuple[_Model, Parameters]:
     """Model and case with other values of some of `quantities`."""
     own = {name: value for name, value in changes.items() if name not in QUANTITIES}
-    return replaced(model, own), p.replace(**{name: changes[name] for name in changes if name in QUANTITIES})
+    return replaced(model, own), dataclasses.replace(
+        p, **{name: changes[name] for name in changes if name in QUANTITIES}
+    )
 
 
 def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:

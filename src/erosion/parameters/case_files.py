@@ -21,7 +21,7 @@ from typing import Any
 from erosion.arguments import check_path
 from erosion.files import readable
 from erosion.parameters.materials import Particle, Target, particle, target
-from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.units import System, about, check_system, has_unit, shown, unit_name
 
@@ -45,7 +45,8 @@ def load_case(path: str | Path) -> Parameters:
             verbs (`SECTIONS`) may stand below them.
 
     Returns:
-        Validated parameters, in the file's units (SI where it names none).
+        Validated parameters, in the file's units (SI where it names none); a mass that fits no body of the size is a
+        `SizeWarning`.
 
     Raises:
         CaseError: one sentence naming the file and the field, for a file that cannot be
@@ -54,7 +55,9 @@ def load_case(path: str | Path) -> Parameters:
     path = check_path("path", path)
     table = _read(path)
     with _in_file(path):
-        return _parameters(table)
+        p = _parameters(table)
+    warn_of_size(p)
+    return p
 
 
 def parse_case(text: str) -> Parameters:

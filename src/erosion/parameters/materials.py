@@ -196,15 +196,18 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
 
     # No body that reaches no further than r from its centre is larger than this cylinder.
     largest = np.pi * np.square(radius) * np.maximum(width, 2 * np.asarray(radius))
-    density = np.ravel(np.asarray(mass) / largest)
-    worst = float(density[np.argmax(np.abs(np.log(density / _WATER)))])
-    if _LIGHTEST <= worst <= _HEAVIEST:
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        density = np.ravel(np.asarray(mass) / largest)
+    density = density[np.isfinite(density) & (density > 0)]
+    heaviest, lightest = (density.max(), density.min()) if density.size else (_WATER, _WATER)
+    if heaviest > _HEAVIEST:
+        bound = f"heavier than osmium ({_HEAVIEST:g} kg/m³)"
+    elif lightest < _LIGHTEST:
+        bound = f"lighter than a hollow bead ({_LIGHTEST:g} kg/m³)"
+    else:
         return None
-    bound = (
-        f"more than osmium has ({_HEAVIEST:g})" if worst > _WATER else f"less than a hollow bead has ({_LIGHTEST:g})"
-    )
     return (
-        f"m does not fit r and b: a body of this mass and size would have {worst:.2g} kg/m³, {bound}; "
+        f"m does not fit r and b: a body of this mass and size would be {bound}; "
         'change m with r³, or name the particle ("garnet 0.3 mm").'
     )
 

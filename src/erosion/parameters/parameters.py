@@ -6,6 +6,8 @@ Mechanism of Erosion of Ductile Metals*, Proc. 3rd U.S. Natl. Congr. Appl. Mech.
 """
 
 import dataclasses
+import inspect
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +57,10 @@ def _parameter(name: str, default: float | None = None) -> Any:
     if default is None:
         return eqx.field(converter=_float64, metadata=metadata)
     return eqx.field(converter=_float64, metadata=metadata, default=default)
+
+
+class SizeWarning(UserWarning):
+    """No body of a plausible density has the mass m and the size r, b of a case."""
 
 
 class Parameters(Result, eqx.Module):
@@ -125,16 +131,23 @@ class Parameters(Result, eqx.Module):
         return parameters
 
     def replace(self, **changes: object) -> "Parameters":
-        """A copy with some fields changed: `p.replace(alpha=0.5)`. Does not convert units."""
+        """A copy with some fields changed: `p.replace(alpha=0.5)`. Does not convert units.
+
+        A change of r, b or m alone, after which no body of a plausible density has this mass and this size, is a
+        `SizeWarning`. `dataclasses.replace` is the same without it.
+        """
         unknown = [name for name in changes if name not in QUANTITIES]
         if unknown:
             hint = '; use `p.to("si")` to convert units' if unknown[0] == "units" else ""
             raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
-        return dataclasses.replace(self, **changes)
+        changed = dataclasses.replace(self, **changes)
+        if not _BODY.isdisjoint(changes):
+            warn_of_size(changed, before=self)
+        return changed
 
     def similar(self, growth: Broadcast) -> "Parameters":
         """The same impact by similar bodies, `growth` times as large: r and b grow with it, m with its third power."""
-        return self.replace(r=self.r * growth, b=self.b * growth, m=self.m * growth**3)
+        return dataclasses.replace(self, r=self.r * growth, b=self.b * growth, m=self.m * growth**3)
 
     def with_particle(self, particle: str | Particle) -> "Parameters":
         """The same impact by another particle, in this unit system: r, b, m and β of a sphere.
@@ -176,9 +189,16 @@ class Parameters(Result, eqx.Module):
 
     @property
     def size_warning(self) -> str | None:
-        """One sentence where no body of a plausible density has this mass and this size, else None."""
-        p = self.to("si")
-        return body_warning(p.m, p.r, p.b)
+        """One sentence where no body of a plausible density has this mass and this size, else None.
+
+        Numbers that JAX traces are not looked at.
+        """
+        sizes = {name: getattr(self, name) for name in _BODY}
+        if any(isinstance(leaf, Tracer) for leaf in sizes.values()):
+            return None
+        in_si = {name: np.asarray(leaf) * conversion_factor(QUANTITIES[name].dimension, self.units, "si")
+                 for name, leaf in sizes.items()}  # fmt: skip
+        return body_warning(in_si["m"], in_si["r"], in_si["b"])
 
     @property
     def stiffness(self) -> Broadcast:
@@ -218,6 +238,22 @@ class Parameters(Result, eqx.Module):
         """Name, symbol, value, unit and meaning of each field, for tables."""
         return [quantity_row(name, quantity, getattr(self, name), self.units) for name, quantity in QUANTITIES.items()]
 
+
+def warn_of_size(p: Parameters, before: Parameters | None = None) -> None:
+    """Warn the user's line where mass and size fit no body, unless they did not before; see `SizeWarning`."""
+    message = p.size_warning
+    if message is None or (before is not None and before.size_warning is not None):
+        return
+    # Between here and the user stand functions of the package, and wrappers of equinox and jaxtyping.
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INNER:
+        level, frame = level + 1, frame.f_back
+    # In the same words each time, so that Python shows it once for each place.
+    warnings.warn(message, SizeWarning, stacklevel=level)
+
+
+_BODY = frozenset({"r", "b", "m"})
+_INNER = frozenset({"erosion", "equinox", "jaxtyping"})
 
 REQUIRED: tuple[str, ...] = tuple(name for name in QUANTITIES if name not in ("phidot0", "inertia"))
 """The fields without a default."""

@@ -13,7 +13,7 @@ from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import DIGITS, RESULTS
 from erosion.parameters.scales import Scale
 from erosion.parameters.units import conversion_factor, has_unit, read_quantity, shown
-from erosion.tables import Row, format_number, largest_of
+from erosion.tables import Row, format_number
 
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
     {"specific_volume": Scale(1e-9, "mm³/kg"), "erosion_ratio": Scale(1e-3, "g/kg")}
@@ -24,6 +24,7 @@ PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
 # n is 2.3 and 2.6 there. Tests of single alloys and grits spread about that by a factor of three.
 _TESTED = (1e-4, 1e-3)  # kg/kg at `_TESTED_SPEED`
 _TESTED_SPEED, _TESTED_EXPONENT = 100.0, 2.4  # m/s, -
+_TESTED_DENSITIES = (2700.0, 7800.0)  # kg/m³, the aluminium and the steels of that table
 _FAR = 3.0  # outside of the tests by this factor
 
 
@@ -102,19 +103,67 @@ class PerMass:
         return numbers
 
     def warning(self, volume: Any, p: Parameters) -> str | None:
-        """One sentence where the greatest erosion ratio is far from what tests find at this speed, else None."""
-        if self.density is None:
-            return None
-        speed = float(np.max(np.asarray(p.v0))) * conversion_factor("speed", p.units, "si")
-        ratio = largest_of(self.erosion_ratio(volume, p))
-        low, high = (end * (speed / _TESTED_SPEED) ** _TESTED_EXPONENT for end in _TESTED)
-        if ratio == 0 or low / _FAR <= ratio <= high * _FAR:
-            return None
-        return (
-            f"{ratio * 1e3:.2g} g/kg is far from what tests on ductile metals find at {speed:.3g} m/s, about "
-            f"{low * 1e3:.2g} to {high * 1e3:.2g} g/kg (fits to tests: DNVGL-RP-O501, 2015, table 3-1); "
-            "only some particles cut, and the product of σ and ψ is known to a factor of two at best."
-        )
+        """One sentence where the greatest erosion is far from what tests find at this speed, else None.
+
+        Volumes in the units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
+        """
+        far = self.far_from_tests(volume, p)
+        return None if far is None else str(far)
+
+    def far_from_tests(self, volume: Any, p: Parameters) -> "FarFromTests | None":
+        """The same, with the amount apart from the rest of the sentence."""
+        speed = np.asarray(p.v0) * conversion_factor("speed", p.units, "si")
+        return far_from_tests(self.specific_volume(volume, p), speed, self.density)
+
+
+@dataclass(frozen=True)
+class FarFromTests:
+    """An erosion that is far from what tests find; as text it is a sentence.
+
+    Args:
+        amount: the erosion, in the unit of the sentence.
+        rest: the sentence after the amount.
+    """
+
+    amount: float
+    rest: str
+
+    def __str__(self) -> str:
+        return f"{two_digits(self.amount)} {self.rest}"
+
+
+def far_from_tests(specific_volume: Any, speed: Any, density: float | None) -> FarFromTests | None:
+    """The greatest erosion, where it is far from what tests find at its speed.
+
+    Args:
+        specific_volume: removed volume per mass of abrasive [m³/kg]; it broadcasts with `speed`.
+        speed: of the impacts [m/s].
+        density: of the target [kg/m³]; None where it is not known. Then the range is that of all metals tested.
+    """
+    removed, speed = np.broadcast_arrays(np.asarray(specific_volume, float), np.asarray(speed, float))
+    usual = (speed / _TESTED_SPEED) ** _TESTED_EXPONENT
+    finite = np.isfinite(removed) & (removed > 0)
+    if not finite.any():
+        return None
+    at = int(np.argmax(np.where(finite, removed / usual, 0.0)))
+    lightest, heaviest = _TESTED_DENSITIES if density is None else (density, density)
+    low, high = _TESTED[0] * usual.flat[at] / heaviest, _TESTED[1] * usual.flat[at] / lightest
+    if low / _FAR <= removed.flat[at] <= high * _FAR:
+        return None
+    scale = PER_MASS_SCALES["specific_volume" if density is None else "erosion_ratio"]
+    size, unit = scale.size / (density or 1.0), scale.unit
+    rest = (
+        f"{unit} is far from what tests on ductile metals find at {speed.flat[at]:.3g} m/s, about "
+        f"{two_digits(low / size)} to {two_digits(high / size)} {unit} (fits to tests: DNVGL-RP-O501, 2015, table 3-1)"
+    )
+    if removed.flat[at] > high:
+        rest += "; only some particles cut, and the product of σ and ψ is known to a factor of two at best"
+    return FarFromTests(float(removed.flat[at] / size), f"{rest}.")
+
+
+def two_digits(number: float) -> str:
+    """An amount to two digits, for a sentence."""
+    return f"{float(f'{number:.2g}'):g}"
 
 
 PER_MASS_UNITS = {name: RESULTS[name].unit("si") for name in ("specific_volume", "erosion_ratio")}

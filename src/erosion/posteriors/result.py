@@ -218,7 +218,7 @@ class Posterior(Result):
         angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
         draws, of_impact = self.some(count), self.likelihood.forward.of_impact
         model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
-        ends = impact(model, p.replace(alpha=angles, **(at or {}))).ended_by
+        ends = impact(model, dataclasses.replace(p, alpha=angles, **(at or {}))).ended_by
         drawn = len(next(iter(draws.values())))
         return np.broadcast_to(ends, (drawn, angles.size)).reshape((drawn, *np.shape(alpha)))
 

@@ -1,5 +1,6 @@
 """One parameter at several values, with all other parameters fixed: questions 5 to 8, for any model."""
 
+import dataclasses
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -111,9 +112,9 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     columns = {q: np.full(len(rows), float(getattr(p, q))) for q in QUANTITIES}
     for i, (name, value) in enumerate(rows):
         columns[name][i] = value
-    cases = p.replace(**columns)
+    cases = dataclasses.replace(p, **columns)
     best = alpha_max(model, cases)
-    grid = p.replace(**{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
+    grid = dataclasses.replace(p, **{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
     hits = impact(model, grid, derivatives=2, rtol=_RTOL)
     reach = np.asarray(cases.r * cases.rate / cases.v0)
     families, begin = {}, 0

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import Formatter
 
-from erosion.report.language import ENGLISH, Language
+from erosion.language import ENGLISH, Language
 
 
 def translate_figure(figure: Figure, language: Language) -> None:

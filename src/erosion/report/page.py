@@ -8,19 +8,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jinja2
 from markupsafe import Markup
 
 from erosion.arguments import Progress, no_progress
 from erosion.files import write_whole
 from erosion.interrupts import unawaited_threads
+from erosion.language import Language, language
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import save_figure
 from erosion.report.case import Case, question
 from erosion.report.figures import translate_figure
-from erosion.report.inline import THEMES, inline_svg
-from erosion.report.language import Language, language
+from erosion.report.frame import render_page
+from erosion.report.inline import inline_svg
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.template import Text, write_text
 from erosion.report.text import number
@@ -158,25 +158,15 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
 
 
 def _page(look: Look, case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup]) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("erosion.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(look.template).render(
-        _=look.language.text,
-        lang=look.language.tag,
+    return render_page(
+        look.template,
+        look.language,
         case_name=case.name,
         system=_SYSTEMS[case.units],
         parameters=_parameter_rows(case.p, look.language),
         texts=texts,
         question=question,
-        themes=THEMES,
         drawings=drawings,
-        version=__version__,
     )
 
 

@@ -1,5 +1,7 @@
 """Questions 5 to 8 for a body that turns."""
 
+import dataclasses
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -31,7 +33,7 @@ def _over_reach(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     reaches = np.concatenate([case.families(MODEL)[name].reach for name in _IN_REACH])
     reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
     r = reach * float(case.p.v0) / case.omega
-    optimum = alpha_max(MODEL, case.p.replace(r=r, phidot0=float(case.p.spin * case.p.v0) / r))
+    optimum = alpha_max(MODEL, dataclasses.replace(case.p, r=r, phidot0=float(case.p.spin * case.p.v0) / r))
     return reach, optimum.alpha, optimum.kind
 
 

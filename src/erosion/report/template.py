@@ -12,11 +12,11 @@ import jinja2
 import jinja2.ext
 from markupsafe import Markup
 
+from erosion.language import ENGLISH, Language
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.report.case import Answer, Case
-from erosion.report.language import ENGLISH, Language
 from erosion.report.markdown import blocks, inline, to_html
 from erosion.report.text import degrees, degrees_tex, number, number_tex, quantity, quantity_tex
 

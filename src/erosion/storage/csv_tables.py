@@ -1,5 +1,6 @@
 """Labelled results as a table of comma-separated values, for spreadsheets."""
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def _per_mass(dataset: xr.Dataset, p: Parameters, weights: Mapping[str, PerMass]
     mass = mass.transpose(*volume.dims)
 
     def weigh(model: str, values: xr.DataArray, masses: xr.DataArray) -> dict[str, np.ndarray]:
-        return weights[model].to_dict(values.values, p.replace(m=masses.values))
+        return weights[model].to_dict(values.values, dataclasses.replace(p, m=masses.values))
 
     if "" in weights:
         parts = {name: volume.copy(data=part) for name, part in weigh("", volume, mass).items()}

@@ -12,7 +12,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
+from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass, far_from_tests
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
@@ -98,6 +98,15 @@ class Stream(Result):
         return Estimate(*(factor * number for number in dataclasses.astuple(self.erosion)))
 
     @property
+    def erosion_warning(self) -> str | None:
+        """One sentence where the erosion is far from what tests find at the mean speed, else None."""
+        p = self.particles.p
+        speed = float(np.mean(self._sample.get("v0", p.v0))) * conversion_factor("speed", p.units, "si")
+        removed = self.erosion.value * conversion_factor("volume per mass", p.units, "si")
+        far = far_from_tests(removed, speed, self.per_mass.density)
+        return None if far is None else str(far)
+
+    @property
     def parameter_errors(self) -> dict[str, float]:
         """The standard deviations of `mean_volume`, `erosion` and `erosion_ratio` by the uncertain parameters.
 
@@ -129,10 +138,14 @@ class Stream(Result):
     @property
     def statements(self) -> tuple[str, ...]:
         """A sentence on the particles outside of the range that the model is made for, from 4096 of them."""
-        points = Points("sobol", self.particles.dimension, 0, 1).take(_OF_RANGE)[0]
-        model, p, hits = self.particles.impacts(self.particles.draw(points))
+        model, p, hits = self.particles.impacts(self._sample)
         said = model.outside_of_range(p, hits)
         return () if said is None else (said,)
+
+    @property
+    def _sample(self) -> Mapping[str, np.ndarray]:
+        """What varies, of a few thousand particles."""
+        return self.particles.draw(Points("sobol", self.particles.dimension, 0, 1).take(_OF_RANGE)[0])
 
     def rows(self) -> list[Row]:
         """The results as rows of a table; errors are standard errors."""

@@ -1,5 +1,6 @@
 """The checks of one model: each gives the relative errors of the cases."""
 
+import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
@@ -55,7 +56,7 @@ def cases() -> list[Parameters]:
 
 
 def _stacked(cases: Sequence[Parameters]) -> Parameters:
-    return cases[0].replace(**{q: np.array([float(getattr(p, q)) for p in cases]) for q in QUANTITIES})
+    return dataclasses.replace(cases[0], **{q: np.array([float(getattr(p, q)) for p in cases]) for q in QUANTITIES})
 
 
 class Subject:
@@ -195,8 +196,8 @@ class Subject:
 
 def _similar(p: Parameters) -> Parameters:
     """An impact with the same k, α, β, rω/v₀ and s, so that V/V* is the same."""
-    similar = p.replace(**{q: getattr(p, q) * factor for q, factor in _SIMILAR.items()})
-    similar = similar.replace(r=p.r * (similar.v0 / p.v0) * (p.rate / similar.rate))
+    similar = dataclasses.replace(p, **{q: getattr(p, q) * factor for q, factor in _SIMILAR.items()})
+    similar = dataclasses.replace(similar, r=p.r * (similar.v0 / p.v0) * (p.rate / similar.rate))
     return similar.replace(phidot0=p.spin * similar.v0 / similar.r)
 
 

@@ -1,8 +1,9 @@
-"""The report in other languages than English: gettext catalogues over its texts.
+"""Pages in other languages than English: gettext catalogues over their texts.
 
 A message of the catalogue is a block of a text, between empty lines, as it stands in its file: with its fields, so
 that a translator sees whole sentences. Words that are computed (the end of a cut, a parameter's meaning) and the
-texts of figures are messages too; where they hold numbers, "#" stands for each.
+texts of figures are messages too; where they hold numbers, "#" stands for each. Sentences of the code have fields in
+braces, as `str.format` has them.
 """
 
 import dataclasses
@@ -19,7 +20,7 @@ _BETWEEN_BLOCKS = re.compile(r"(\n\s*\n)")
 
 @dataclasses.dataclass(frozen=True)
 class Language:
-    """A language of the report.
+    """A language of the pages.
 
     Args:
         tag: as HTML has it: "en", "de".
@@ -43,6 +44,10 @@ class Language:
         pieces = self.messages[pattern].split("#")
         filled = [piece + number for piece, number in zip(pieces, map(self.number, numbers), strict=False)]
         return "".join([*filled, *pieces[len(numbers) :]])
+
+    def say(self, message: str, **fields: str) -> str:
+        """A message of the code, such as "share at {angle}", with its fields; numbers with their decimal separators."""
+        return self.messages.get(message, message).format(**{name: self.number(text) for name, text in fields.items()})
 
     def template(self, source: str) -> str:
         """A text's file with each block translated."""

@@ -1,0 +1,163 @@
+"""Particle, target, density and the share that cuts, at the command line of each verb and in case files."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import _status
+
+pytestmark = pytest.mark.slow
+
+NAMES = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061"]
+SHARE = ["--cutting-fraction", "0.03"]
+CASE = """units = "si"
+particle = "garnet 0.3 mm"
+target = "aluminium 6061"
+cutting_fraction = 0.03
+k = 2
+v0 = 100
+alpha = "20 deg"
+"""
+AT = ["--units", "si", "--k", "2", "--v0", "100 m/s"]
+ANGLE = ["--alpha", "20 deg"]
+FAR = "is far from what tests on ductile metals find at 100 m/s"
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "case.toml").write_text(CASE)
+    return tmp_path
+
+
+def document(words: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert _status([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+JET = ["--n", "256", "--no-best-angle", "--phidot0", "normal(0, 1)"]
+VERBS = {
+    "run": (["run"], ANGLE),
+    "optimum": (["optimum"], []),
+    "compare": (["compare", "--model", "linearized,finnie"], ANGLE),
+    "sweep": (["sweep", "-o", "table.csv", "--phidot0", "0,1"], ANGLE),
+    "stream": (["stream", *JET], ANGLE),
+    "advise": (["advise", "--model", "linearized"], []),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_case_file_says_the_same_as_options(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words, angle = VERBS[verb]
+    by_options = document([*words, *NAMES, *AT, *angle, *SHARE], capsys)
+    by_file = document([*words, "--case", "case.toml"], capsys)
+    for key in ("result", "warnings"):
+        assert by_options[key] == by_file[key]
+    assert "erosion_ratio" in json.dumps(by_file["result"])
+    assert "is far from what tests" not in "".join(by_file["warnings"]) or verb == "advise"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("case", [[], [*NAMES, "--v0", "100 m/s"]], ids=["default metal", "named metal"])
+def test_every_verb_that_weighs_says_where_erosion_is_far_from_tests(
+    verb: str, case: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words, angle = VERBS[verb]
+    share = ["--cutting-fraction", "1"] if verb == "advise" else []
+    (message,) = document([*words, *case, *angle, *share], capsys)["warnings"]
+    assert ("g/kg is far" if case else "mm³/kg is far") in message
+    assert "DNVGL-RP-O501, 2015, table 3-1" in message
+
+
+def test_compare_says_once_of_all_models_that_are_far_from_tests(capsys: pytest.CaptureFixture[str]) -> None:
+    names = "linearized,linearized-deformation,rotating,rotating-full-torque,finnie-cfd"
+    (message, *_) = document(["compare", "--model", names], capsys)["warnings"]
+    assert message.startswith("linearized, linearized-deformation, rotating and 1 more: ")
+    few = [*AT, "--cutting-fraction", "0.002"]
+    (message,) = document(["compare", "--model", "linearized", *NAMES, *few], capsys)["warnings"]
+    assert message.startswith("linearized: 0.008 g/kg is far from what tests")
+    assert message.endswith("table 3-1).")
+
+
+def test_a_jet_is_judged_by_its_own_mean_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["stream", *NAMES, "--n", "256", "--no-best-angle", "--v0", "lognormal(100 m/s, 0.05)"]
+    (message,) = document(words, capsys)["warnings"]
+    assert FAR in message
+
+
+def test_calibrate_takes_the_density_of_the_target(capsys: pytest.CaptureFixture[str]) -> None:
+    p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061")
+    alpha = np.deg2rad([10.0, 20, 30, 45, 60])
+    volume = np.asarray(erosion.impact("linearized", p.replace(alpha=alpha, k=2.5)).volume)
+    loss = 0.25 * 2700 * volume / float(p.m) * 1e6
+    rows = [f"{float(np.rad2deg(a))!r},{v!r},{v * 0.01!r}" for a, v in zip(alpha.tolist(), loss.tolist(), strict=True)]
+    Path("data.csv").write_text("angle [deg],mass_loss [mg/kg],uncertainty [mg/kg]\n" + "\n".join(rows))
+    words = ["calibrate", "data.csv", "--free", "k", "--starts", "2"]
+    fits = []
+    for of_target in (
+        [*NAMES, "--units", "si", "--cutting-fraction", "0.25"],
+        ["--case", "mine.toml"],
+        [*NAMES[:2], *("--target", "copper", "--sigma", f"{float(p.sigma)!r} Pa", "--psi", "2"), "--units", "si",
+         "--cutting-fraction", "0.25", "--density", "2.7 g/cm^3"],
+    ):  # fmt: skip
+        Path("mine.toml").write_text(CASE.replace("0.03", "0.25").replace("v0 = 100", f"v0 = {float(p.v0)!r}"))
+        fits.append(document([*words, *of_target, "--write-case", "fitted.toml"], capsys)["result"])
+    for fit in fits:
+        assert fit["estimates"]["k"]["value"] == pytest.approx(2.5, rel=1e-6)
+        assert fit["cutting_fraction"] == 0.25
+    assert _status([*words, "--units", "si"]) == 2
+    assert "density" in capsys.readouterr().err
+    # The file that calibrate writes has what g/kg need.
+    weighed = document(["run", "--case", "fitted.toml"], capsys)["result"]
+    assert weighed["erosion_ratio"]["value"] == pytest.approx(float(np.interp(20, np.rad2deg(alpha), loss)) * 1e-6)
+
+
+IMPACTS = "diameter [um],speed [m/s],angle [deg]\n300,100,20\n300,100,40\n"
+
+
+def test_map_takes_densities_and_the_share_from_names_and_case_files(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("hits.csv").write_text(IMPACTS)
+    by_options = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2", *SHARE], capsys)["result"]
+    assert by_options == document(["map", "hits.csv", "--case", "case.toml"], capsys)["result"]
+    whole = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], capsys)["result"]
+    for name in ("total_volume", "total_mass", "total_erosion_ratio"):
+        assert by_options[name]["value"] == pytest.approx(0.03 * whole[name]["value"], rel=1e-12)
+    p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
+    hits = erosion.impact("linearized", p.replace(alpha=np.deg2rad([20.0, 40.0])))
+    assert whole["total_mass"]["value"] == pytest.approx(2700 * float(np.sum(hits.volume)), rel=1e-9)
+    assert whole["total_erodent"]["value"] == pytest.approx(2 * float(p.m), rel=1e-9)
+    # A correlation is made for a metal of its own, and for all particles.
+    dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv:duplex"], capsys)["result"]
+    alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:duplex"], capsys)["result"]
+    assert dnv["total_mass"] == alone["total_mass"]
+
+
+def test_map_says_where_the_erosion_is_far_from_tests(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("hits.csv").write_text(IMPACTS)
+    messages = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], capsys)["warnings"]
+    assert [message for message in messages if FAR in message]
+    messages = document(["map", "hits.csv", "--case", "case.toml", "--cutting-fraction", "0.1"], capsys)["warnings"]
+    assert not [message for message in messages if FAR in message]
+
+
+def test_export_writes_the_share_that_cuts(capsys: pytest.CaptureFixture[str]) -> None:
+    axes = ["--angles", "20deg", "--speeds", "100 m/s", "--diameters", "0.3 mm"]
+    for path, words in (("whole.csv", [*NAMES, *AT]), ("part.csv", ["--case", "case.toml"])):
+        assert _status(["export", "--model", "linearized", "--table", path, *axes, *words]) == 0
+    (whole,), (part,) = (
+        list(csv.DictReader(Path(path).read_text().splitlines())) for path in ("whole.csv", "part.csv")
+    )
+    assert float(part["volume [m^3]"]) == pytest.approx(0.03 * float(whole["volume [m^3]"]), rel=1e-9)
+    capsys.readouterr()
+    forms = [
+        document(["export", "--model", "finnie", "--openfoam", path, *words], capsys)["result"]["openfoam"]
+        for path, words in (("whole.txt", [*NAMES, *AT]), ("part.txt", ["--case", "case.toml"]))
+    ]
+    assert forms[1]["p"]["value"] == pytest.approx(forms[0]["p"]["value"] / 0.03, rel=1e-6)
+    assert "cutting fraction 0.03 is part of what is written here" in Path("part.txt").read_text()
+    assert "cutting fraction" not in Path("whole.txt").read_text()
