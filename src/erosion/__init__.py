@@ -4,22 +4,21 @@ The public names load on first use, so that `erosion --help` need not wait for J
 lists them. Importing the package turns JAX's 64-bit mode on (before JAX is loaded, if it is not yet).
 """
 
-import ast
 import gc
 import importlib
 import os
 import sys
-from importlib import resources
-from typing import Any
 
 from erosion.version import __version__ as __version__
 
 
 def _public_names() -> dict[str, str]:
     """Each public name, and the module that defines it."""
-    stub = ast.parse(resources.files(__name__).joinpath("__init__.pyi").read_text("utf-8"))
-    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    return {alias.name: str(node.module) for node in imports for alias in node.names}
+    # `ast`, `importlib.resources` and `typing` take longer to import than all else here: Ctrl-C would come
+    # before the command can heed it.
+    stub = __loader__.get_data(__file__ + "i").decode()  # pyright: ignore[reportOptionalMemberAccess]
+    lines = [line.split() for line in stub.splitlines() if line.startswith("from ")]
+    return {name: module for _, module, _, name, _, _ in lines}
 
 
 _MODULE_OF = _public_names()
@@ -40,7 +39,7 @@ def _turn_float64_on() -> None:
 _turn_float64_on()
 
 
-def _import(module: str) -> Any:
+def _import(module: str) -> object:
     # An import makes very many objects, none of them garbage: to look for it takes a third of the time.
     was_on = gc.isenabled()
     gc.disable()
@@ -51,7 +50,7 @@ def _import(module: str) -> Any:
             gc.enable()
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     module = _MODULE_OF.get(name)
     if module is None:
         raise AttributeError(f"module 'erosion' has no attribute {name!r}")

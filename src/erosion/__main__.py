@@ -1,19 +1,18 @@
 """The command `erosion`, also as `python -m erosion`."""
 
-import sys
+import signal
 
-from erosion.interrupts import between_imports
+from erosion.interrupts import stop_at_once
 
 
 def main() -> None:
     """Run the command line and exit."""
-    with between_imports():
-        try:
-            from erosion.cli import main as command_line  # half a second
-        except KeyboardInterrupt:
-            print("erosion: interrupted", file=sys.stderr)
-            sys.exit(130)
-        command_line()
+    # A shell's background jobs ignore it.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, stop_at_once)
+    from erosion.cli import main as command_line  # half a second
+
+    command_line()
 
 
 if __name__ == "__main__":

@@ -1,29 +1,54 @@
-"""Ctrl-C at the command line: never in the middle of an import.
+"""Ctrl-C at the command line: when it is heeded, and what ends the process where nothing heeds it.
 
-Python raises its exception wherever it is. A C++ library that is being imported then aborts or crashes, and a class
-that is being made turns it into a RuntimeError. So it waits for the import.
+While a verb works, Ctrl-C is Python's KeyboardInterrupt, so that drafts go and partial results are kept. It is never
+raised in the middle of an import: a C++ library that is being imported then aborts or crashes, and a class that is
+being made turns it into a RuntimeError. Before and after the verb there is nothing to lose, and the process ends.
+
+Python runs a signal's handler between two of its own operations. XLA compiles for seconds without any, and a program
+of XLA's may run for ever; a thread sees that, and ends the process.
 """
 
 import _thread
 import contextlib
+import os
+import select
 import signal
 import threading
 import time
 from collections.abc import Iterator
 from types import FrameType
 
+TYPE_CHECKING = False  # `typing` takes longer to import than all else here
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
+INTERRUPTED = 130
+"""The exit status, that of shells."""
+
 _AGAIN = 0.01  # s
-_LONGEST = 1.0  # s; a plug-in's own import may take for ever
+_LONGEST = 1.0  # s; a plug-in's own import may take for ever, and so may a program of XLA's
+_LOOKS = 20
 _IMPORTS = "<frozen importlib._bootstrap>"
+
+
+def stop_at_once(*_: object) -> None:
+    """A handler of SIGINT that says so and ends the process, whatever its threads do."""
+    with contextlib.suppress(OSError):
+        os.write(2, b"erosion: interrupted\n")  # a handler may run in the middle of another `print`
+    os._exit(INTERRUPTED)
 
 
 class _Patient:
     """A handler of SIGINT that raises KeyboardInterrupt once no import is under way."""
 
+    keeping = 0  # verbs that have something to keep after a Ctrl-C
+
     def __init__(self) -> None:
         self._since: float | None = None  # the first of the signals that wait
+        self.unheeded, self._arrivals = os.pipe()  # a byte for each signal that was not handled yet
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
+        self._drain()
         now = time.monotonic()
         since = self._since = now if self._since is None else self._since
         if _imports(frame) and now - since < _LONGEST:
@@ -31,6 +56,41 @@ class _Patient:
             return
         self._since = None
         signal.default_int_handler(number, frame)
+
+    @contextlib.contextmanager
+    def watched(self) -> Iterator[None]:
+        """End the process if it heeds no Ctrl-C for a second."""
+        for handle in (self.unheeded, self._arrivals):
+            os.set_blocking(handle, False)
+        usual = signal.set_wakeup_fd(self._arrivals, warn_on_full_buffer=False)
+        threading.Thread(target=self._watch, daemon=True).start()
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(usual)
+            os.close(self._arrivals)  # wakes the thread
+
+    def _watch(self) -> None:
+        while True:
+            select.select([self.unheeded], [], [])
+            for _ in range(_LOOKS):
+                time.sleep(_LONGEST / _LOOKS)
+                if not select.select([self.unheeded], [], [], 0)[0]:
+                    break
+            else:
+                if not self._drain():
+                    os.close(self.unheeded)
+                    return
+                # Another handler waits for a file that is being written, or for a server's end.
+                if signal.getsignal(signal.SIGINT) is self and not _Patient.keeping:
+                    stop_at_once()
+
+    def _drain(self) -> bool:
+        """Forget the signals that came; whether more may come."""
+        try:
+            return bool(os.read(self.unheeded, 512))
+        except BlockingIOError:
+            return True
 
 
 def _press() -> None:
@@ -52,13 +112,38 @@ def _imports(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def between_imports() -> Iterator[None]:
-    """Let Ctrl-C wait for imports, where it is as Python leaves it."""
+    """Let Ctrl-C wait for imports, where it is as Python or `stop_at_once` leaves it."""
     alone = threading.current_thread() is threading.main_thread()
-    if not alone or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    usual = signal.getsignal(signal.SIGINT)
+    if not alone or usual not in (signal.default_int_handler, stop_at_once):
         yield
         return
-    signal.signal(signal.SIGINT, _Patient())
+    patient = _Patient()
+    with patient.watched() if hasattr(signal, "pthread_kill") else contextlib.nullcontext():
+        signal.signal(signal.SIGINT, patient)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, usual)
+
+
+@contextlib.contextmanager
+def keeping_results() -> Iterator[None]:
+    """Let Ctrl-C wait as long as need be: what is computed is kept."""
+    _Patient.keeping += 1
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _Patient.keeping -= 1
+
+
+@contextlib.contextmanager
+def unawaited_threads(count: int) -> "Iterator[ThreadPoolExecutor]":
+    """Threads whose work counts only as a whole: after an error or Ctrl-C nobody waits for what they still do."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

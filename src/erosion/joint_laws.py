@@ -140,6 +140,11 @@ class Rows(JointLaw):
     @property
     def marginals(self) -> Mapping[str, Distribution]:
         """The values of each column."""
+        return self._samples
+
+    @functools.cached_property
+    def _samples(self) -> dict[str, Samples]:
+        """The same, sorted once."""
         return {name: Samples(values, self.source) for name, values in self.columns.items()}
 
     @property

@@ -1,15 +1,20 @@
 """Ctrl-C while modules are imported: it waits until they are."""
 
+import contextlib
+import hashlib
+import os
 import signal
 import subprocess
 import sys
 import textwrap
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
-from erosion.interrupts import _LONGEST, between_imports
+import erosion
+from erosion.interrupts import _LONGEST, INTERRUPTED, between_imports, keeping_results, unawaited_threads
 
 SLOW = """
 import os, signal, time
@@ -88,4 +93,97 @@ def test_ctrl_c_while_the_program_starts():
         [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.stderr == "erosion: interrupted\n"
-    assert done.returncode in (130, -signal.SIGINT)
+    assert done.returncode == INTERRUPTED
+
+
+PLUG_IN = """
+import atexit, ctypes, os, signal, threading
+from erosion.models.rotating import Rotating
+{}
+"""
+# What a plug-in does when it is loaded, in place of XLA and of the user.
+MOMENTS = {
+    # Python's exec notes an interrupt for its own end, also where it is caught.
+    "in a text that is executed": 'exec("raise KeyboardInterrupt")',
+    "at the end": """
+class Ends(threading.Thread):
+    def run(self):
+        threading.main_thread().join()
+        os.kill(os.getpid(), signal.SIGINT)
+Ends().start()
+model = Rotating()
+""",
+    "while a thread computes": """
+threading.Thread(target=threading.Event().wait).start()
+raise KeyboardInterrupt
+""",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_ctrl_c_is_one_line_and_status_130(tmp_path, moment):
+    plug_in = tmp_path / "interrupted.py"
+    plug_in.write_text(PLUG_IN.format(MOMENTS[moment]))
+    command = [sys.executable, "-m", "erosion", "run", "--model", str(plug_in)]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert done.stderr == "erosion: interrupted\n"
+    assert done.returncode == INTERRUPTED
+
+
+@pytest.mark.usefixtures("usual")
+@pytest.mark.parametrize("keeps", [False, True])
+def test_a_library_that_heeds_no_ctrl_c_is_ended_unless_results_are_kept(monkeypatch, keeps):
+    ended = threading.Event()
+    monkeypatch.setattr("erosion.interrupts.stop_at_once", ended.set)
+
+    def compute():
+        with between_imports(), keeping_results() if keeps else contextlib.nullcontext():
+            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+            began = time.monotonic()
+            while time.monotonic() - began < 2 * _LONGEST:
+                # Some seconds without Python's lock, as XLA compiles.
+                hashlib.pbkdf2_hmac("sha256", b"", b"", 10_000_000)
+
+    with pytest.raises(KeyboardInterrupt):
+        compute()
+    assert ended.is_set() is not keeps
+
+
+def test_few_modules_come_before_ctrl_c_is_heeded():
+    program = f"""
+        import sys
+        sys.path.insert(0, {str(Path(erosion.__file__).parents[1])!r})
+        import erosion.__main__
+        print({{"ast", "importlib.resources", "typing", "concurrent.futures"}} & {{*sys.modules}})
+    """
+    # Without `site`, which imports what it likes.
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "set()\n"
+
+
+def test_nobody_waits_for_threads_after_an_error():
+    goes_on = threading.Event()
+    later = []
+
+    def compute():
+        with unawaited_threads(1) as pool:
+            pool.submit(goes_on.wait, 20)
+            later.append(pool.submit(int))
+            raise KeyboardInterrupt
+
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        compute()
+    assert time.monotonic() - began < 10
+    assert later[0].cancelled()
+    goes_on.set()

@@ -163,6 +163,18 @@ def test_draws_in_a_csv_file_are_uncertain_together(capsys: pytest.CaptureFixtur
     assert value(document, "total_parameter_error") == pytest.approx(0, abs=1e-8)
 
 
+def test_impacts_take_spin_and_force_ratio_from_one_row(capsys: pytest.CaptureFixture[str]) -> None:
+    spin, k = np.linspace(-2e4, 2e4, 16), np.linspace(1.5, 3.0, 16)
+    with Path("spins.csv").open("w") as file:
+        csv.writer(file).writerows([("phidot0 [rad/s]", "k"), *zip(spin, k, strict=True)])
+    document, _ = said("map impacts.csv --case sand.toml --model rotating --rows spins.csv --seed 2 --json", capsys)
+    case, table = erosion.load_case("sand.toml"), erosion.read_impacts("impacts.csv")
+    wear = erosion.erosion_map("rotating", case, table, seed=2, **Rows({"phidot0": spin, "k": k}))
+    assert value(document, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
+    assert document["case"]["varied"]["k"] == "16 values of spins.csv, row by row of phidot0, k"
+    assert document["seed"] == 2
+
+
 def test_the_share_that_cuts_is_a_factor_of_the_map(capsys: pytest.CaptureFixture[str]) -> None:
     whole, _ = said("map impacts.csv --case sand.toml --json", capsys)
     part, _ = said("map impacts.csv --case sand.toml --cutting-fraction 0.4 --json", capsys)
@@ -187,15 +199,34 @@ def test_a_case_that_is_not_the_fits_is_a_warning(capsys: pytest.CaptureFixture[
     assert err.count("warning: ") == 2
 
 
-def test_draws_that_did_not_converge_are_a_warning() -> None:
+def test_draws_of_a_bad_fit_are_a_warning() -> None:
     known = {"psi": QUANTITIES["psi"]}
     draws = read_draws("post.nc", known, "si")
-    assert draws.doubts(draws.p, 1.0) == []
+    model = erosion.load_model("linearized")
+    assert draws.doubts(model, draws.p, 1.0) == []
     with xr.open_datatree("post.nc") as tree:
         tree["posterior"].attrs["converged"] = 0
+        tree["posterior"]["scale"] = tree["posterior"]["psi"]
         tree.to_netcdf("bad.nc", engine="h5netcdf")
     bad = read_draws("bad.nc", known, "si")
-    assert bad.doubts(draws.p, 1.0) == ["bad.nc: the draws did not converge."]
+    assert bad.doubts(model, draws.p, 1.0) == [
+        "bad.nc: the draws did not converge.",
+        "bad.nc: the tests had units of their own, so the size of the wear is that of the case.",
+    ]
+    assert {*bad.rows} == {"psi"}
+
+
+def test_own_parameters_must_be_those_of_the_fit(capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
+    fit = f"calibrate tests.csv sand.toml --posterior --draws 125 --free psi --model '{path}' --set friction=0.3"
+    assert _status(shlex.split(f"{fit} -o own.nc")) == 0
+    capsys.readouterr()
+    line = f"map impacts.csv --case sand.toml --uncertain own.nc --draws 2 --model '{path}' --json"
+    document, _ = said(line, capsys)
+    (warning,) = (sentence for sentence in document["warnings"] if "own.nc: the draws hold" in sentence)
+    assert warning.startswith("own.nc: the draws hold for friction = 0.3, but the model has friction = ")
+    document, _ = said(f"{line} --set friction=0.3", capsys)
+    assert not any("the draws hold for" in sentence for sentence in document["warnings"])
 
 
 def test_draws_are_read_in_other_units() -> None:

@@ -63,12 +63,33 @@ def test_several_models_as_json(table, capsys):
     assert printed["ranking"][0]["model"] == "linearized"
 
 
+def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path, capsys):
+    line = ["calibrate", str(table), "--posterior", "--free", "psi", "--draws", "125"]
+    more = ["--next-speeds", "60 m/s,110 m/s", "--plot-next-experiment", str(tmp_path / "next.svg")]
+    assert _status([*line, *more]) == 0
+    out = capsys.readouterr().out
+    assert "what one more row says, 68 candidates: linearized" in out
+    sentence = out.splitlines()[-1]
+    # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°, and at the greater speed.
+    assert sentence.startswith("Measure next at 32.5° and 4331 in/s: one row there is expected to say ")
+    assert (tmp_path / "next.svg").stat().st_size > 1000
+    assert _status([*line, "--next-experiment", "--json"]) == 0
+    printed = result_of(capsys.readouterr().out)["next_experiment"]
+    assert printed["sentence"].startswith("Measure next at 32.5° and 4400 in/s: ")
+    assert len(printed["information"]) == 34
+    assert _status([*line, "--json"]) == 0
+    assert "next_experiment" not in result_of(capsys.readouterr().out)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--prior", "psi=uniform(0, 1)"], "Option `--prior` needs `--posterior`."),
         (["-o", "d.nc"], "Option `--output` needs `--posterior`."),
         (["--seed", "0"], "Option `--seed` needs `--posterior`."),
+        (["--next-experiment"], "Option `--next-experiment` needs `--posterior`."),
+        (["--posterior", "--next-speeds", "60 kg"], "Option `--next-speeds` must be a speed such as"),
+        (["--posterior", "--next-speeds", "0 m/s"], "Option `--next-speeds` must list positive speeds, but is 0 m/s."),
         (["--posterior", "--prior", "r=uniform(0, 1)"], "of k, psi, but is 'r=uniform(0, 1)'."),
         (["--posterior", "--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
         (["--posterior", "--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),

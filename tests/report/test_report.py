@@ -380,3 +380,18 @@ def test_a_handout_of_one_question_fits_on_one_sheet(tmp_path: Path, key: str, b
 
 def test_every_question_has_its_text_and_every_text_its_question() -> None:
     assert {path.stem for path in text_file("q1").parent.glob("*.md")} == set(QUESTIONS)
+
+
+@pytest.mark.parametrize("made", ["", "new", "new/deep"])
+def test_a_report_that_is_interrupted_leaves_no_empty_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: str
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("erosion.report.page._write", interrupted)
+    (tmp_path / made).mkdir(parents=True, exist_ok=True)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(KeyboardInterrupt):
+        write_report(TABLE_1, tmp_path / "new" / "deep")
+    assert sorted(tmp_path.rglob("*")) == before

@@ -59,6 +59,9 @@ def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
     assert first["sigma"] == pytest.approx(0.5, abs=0.02)
     assert first["v0, m"] == pytest.approx(0.5, abs=0.02)
     assert "S(v₀, m)" in str(result)
+    alone = stream("linearized", TABLE_1, n=2**12, best_angle=False, **joint)
+    assert alone.sensitivities is None
+    assert "sensitivity" not in str(alone)
     again = stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1),
                    **Correlated(laws, {("v0", "m"): -0.5}), store=tmp_path / "jet.nc")  # fmt: skip
     assert again.mean_volume == result.mean_volume

@@ -35,7 +35,7 @@ from erosion.cli.sweep import sweep
 from erosion.cli.validate import validate
 from erosion.cli.verify import verify
 from erosion.extras import MissingExtraError
-from erosion.interrupts import between_imports
+from erosion.interrupts import INTERRUPTED, between_imports
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
@@ -67,8 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # to look for garbage among them as often as is usual, and once more at the exit, takes half a second.
     gc.set_threshold(_ALLOCATIONS)
     spell_out()
-    with between_imports():
-        status = _status(sys.argv[1:] if arguments is None else arguments)
+    status = _status(sys.argv[1:] if arguments is None else arguments)
+    if status == INTERRUPTED:
+        # Python would wait for threads that still compute, and end with SIGINT where it came while a text was executed.
+        os._exit(status)
     gc.freeze()
     sys.exit(status)
 
@@ -80,7 +82,8 @@ def _status(arguments: Sequence[str]) -> int:
     usual, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         words = [_present_name(argument) for argument in arguments]
-        app(words, exit_on_error=False, print_error=False, result_action="return_value")
+        with between_imports():
+            app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
             sys.stdout.flush()
     except cyclopts.CycloptsError as error:
@@ -92,7 +95,7 @@ def _status(arguments: Sequence[str]) -> int:
         sys.stdout = None
         return 0
     except KeyboardInterrupt as error:
-        return _say(130, str(error) or "interrupted")
+        return _say(INTERRUPTED, str(error) or "interrupted")
     except SystemExit as error:
         # Rich ends the program so where the reader of the help has gone.
         if isinstance(error.__context__, BrokenPipeError):

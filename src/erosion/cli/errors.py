@@ -37,6 +37,7 @@ _OPTIONS = {
     "priors": "Option `--prior`",
     "store": "Option `--output`",
     "data": "The table",
+    "candidates": "Option `--next-speeds`",
 }
 """Python's arguments that have another name on the command line."""
 

@@ -139,8 +139,9 @@ class GivenLaws:
                 else:
                     more = _law(text, known, units)
             except ValueError as error:
-                # A clause that starts with "must", or a sentence that names the file.
-                raise InputError(f"{where}: {error}" if ": " in str(error) else f"{where} {error}.") from error
+                # A clause, or a sentence that names the file.
+                is_clause = str(error).startswith("must ")
+                raise InputError(f"{where} {error}." if is_clause else f"{where}: {error}") from error
             if both := [name for name in more if name in laws]:
                 raise InputError(f"{where} must give {both[0]} once, but gives it several times.")
             laws |= more
@@ -211,7 +212,7 @@ def _pair(text: str, where: str) -> tuple[tuple[str, str], float]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Impacts:
+class CaseAndLaws:
     """Case, model and laws of a verb that computes many impacts.
 
     Args:
@@ -251,14 +252,14 @@ class Impacts:
         return varied, uncertain, draws
 
 
-def impacts_of(
+def case_and_laws(
     options: CaseOptions,
     verb: str,
     section: Mapping[str, Any],
     model: str | None,
     own: list[str] | None,
     joint: LawOptions | None,
-) -> Impacts:
+) -> CaseAndLaws:
     """What a verb's table in the case file and its options give; options win.
 
     Args:
@@ -279,15 +280,13 @@ def impacts_of(
     numbers, laws = _split(values)
     with user_errors():
         p = p.replace(**numbers)
-    name, set_ = (
-        model or section.get("model", "linearized"),
-        settings(own, section, f"{options.case}: `set` of [{verb}]"),
-    )
+    name = model or section.get("model", "linearized")
+    own_texts = settings(own, section, f"{options.case}: `set` of [{verb}]")
     given = (joint or LawOptions()).with_section(section, where)
     base = load(name)
-    own_numbers, own_laws = _split(read_settings(name, base, set_, p.units, _number_or_law))
-    inputs = (options.case, name, *given.files, *(text for _, text in {**texts, **set_}.values()))
-    return Impacts(p, name, base, own_numbers, {**laws, **own_laws}, given, inputs)
+    own_numbers, own_laws = _split(read_settings(name, base, own_texts, p.units, _number_or_law))
+    inputs = (options.case, name, *given.files, *(text for _, text in {**texts, **own_texts}.values()))
+    return CaseAndLaws(p, name, base, own_numbers, {**laws, **own_laws}, given, inputs)
 
 
 def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System") -> Any:

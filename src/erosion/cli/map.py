@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from erosion.cli.clusters import dask_cluster
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
-from erosion.cli.laws import LAW_FIELDS, LawOptions, impacts_of
+from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, ModelOption
 from erosion.cli.options import EachRow, JsonOption, WholeOption, read_option
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
@@ -243,7 +243,7 @@ def map_(
     target, options, rows, picture = target or _Surface(), case or EachRow(), rows or _Rows(), picture or _Picture()
     section = options.section("map", ("model", "set", *LAW_FIELDS))
     _refuse_replaced(options, section)
-    sand = impacts_of(options, "map", section, model, own, joint)
+    sand = case_and_laws(options, "map", section, model, own, joint)
     rows = rows.with_case(options, sand.model, impacts)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
@@ -267,7 +267,7 @@ def map_(
             write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
     printed = Output("map", sand.p, options.case, json=json, seed=made.bodies.seed_used)
-    printed.warn_all(part.doubts(sand.p, share) for part in draws)
+    printed.warn_all(part.doubts(sand.model, sand.p, share) for part in draws)
     _show(dataset, job, printed, sand.name)
     if not json:
         print_paths(map=output, figure=picture.plot)

@@ -40,13 +40,13 @@ def report(
     p = options.parameters()
     start_engine()
     from erosion.language import language
-    from erosion.report.page import PARTS, chosen_questions, make_folders, write_report
+    from erosion.report.page import PARTS, chosen_questions, require_folder, write_report
 
     require_apart([output / part for part in PARTS], (options.case,))
     with user_errors():
         chosen_questions(only)
         language(lang)
-        make_folders(output)
+        require_folder(output)
     with progress_bar("report") as progress:
         page = write_report(p, output, case_name=options.title(), only=only, brief=brief, lang=lang, progress=progress)
     print(page.resolve())

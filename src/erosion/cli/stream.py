@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
-from erosion.cli.laws import LAW_FIELDS, LawOptions, impacts_of
+from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, read_whole, with_file
 from erosion.cli.output import Output, print_table, require_outputs
@@ -55,7 +55,7 @@ def stream(
         raise InputError(f"Option `--output` must end in .nc, but is {output}.")
     options = with_file(case, file)
     section = options.section("stream", ("model", "n", "seed", "points", "set", *LAW_FIELDS))
-    jet = impacts_of(options, "stream", section, model, own, joint)
+    jet = case_and_laws(options, "stream", section, model, own, joint)
     count = _count(options, section) if n is None else n
     require_outputs(plot=plot, inputs=jet.inputs)
     number = section.get("seed", 0) if seed is None else seed
@@ -68,7 +68,7 @@ def stream(
         made = StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
         job = prepare_stream(jet.model, jet.p, varied, made, uncertain)
     per_mass = weighing(jet.model, abrasive, options)
-    printed.warn_all(part.doubts(jet.p, per_mass.cutting_fraction) for part in draws)
+    printed.warn_all(part.doubts(jet.model, jet.p, per_mass.cutting_fraction) for part in draws)
     result = _weighed(_run(job, jet.name, printed, per_mass), per_mass)
     if plot is not None:
         from erosion.plotting.streams import plot_stream

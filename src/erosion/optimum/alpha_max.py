@@ -11,7 +11,6 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ import numpy as np
 from erosion.array_types import PerImpact
 from erosion.engine.batch import threads
 from erosion.engine.impact import PairDerivatives, impact, lanes_of, pair_derivatives
+from erosion.interrupts import unawaited_threads
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
@@ -264,7 +264,7 @@ def _searched(
         return Search(layout, leaves, min(_TOGETHER, count - begin), least=least).optima(low, high)
 
     # While one thread integrates, another uses Python to choose the next angles.
-    with ThreadPoolExecutor(threads()) as pool:
+    with unawaited_threads(threads()) as pool:
         return list(itertools.chain.from_iterable(pool.map(search, range(0, count, _TOGETHER)))), shape
 
 

@@ -10,6 +10,8 @@ import xarray as xr
 from erosion.arguments import check_path
 from erosion.calibration.forward import FRACTION, SCALE
 from erosion.joint_laws import Rows
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_in_words
 from erosion.parameters.case_files import parse_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity
@@ -27,20 +29,24 @@ class Draws:
         rows: the parameters of an impact that were sampled, and the share of the particles that cut if it was.
         path: of the file.
         model: its name.
+        own: its own parameters that were not sampled, in words.
         p: the case of the fit.
         cutting_fraction: the share of the particles that cut that the fit assumed, or None where it was sampled.
+        has_scale: whether the measurements were in units of their own.
         converged: whether the draws are good.
     """
 
     rows: Rows
     path: Path
     model: str
+    own: str
     p: Parameters
     cutting_fraction: float | None
+    has_scale: bool
     converged: bool
 
-    def doubts(self, p: Parameters, cutting_fraction: float) -> list[str]:
-        """Sentences on what a case has otherwise than the fit, where it matters, and on bad draws."""
+    def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[str]:
+        """Sentences on what an impact has otherwise than the fit, where it matters, and on bad draws."""
         said = [] if self.converged else [f"{self.path}: the draws did not converge."]
         there = self.p.to(p.units)
         for name in _OF_METAL:
@@ -51,6 +57,10 @@ class Draws:
                 said.append(
                     f"{self.path}: the draws hold for {symbol} = {before:.6g}{unit}, but the case has {now:.6g}{unit}."
                 )
+        if self.own != (here := own_in_words(model, but=self.rows)):
+            said.append(f"{self.path}: the draws hold for {self.own}, but the model has {here}.")
+        if self.has_scale:
+            said.append(f"{self.path}: the tests had units of their own, so the size of the wear is that of the case.")
         if self.cutting_fraction is not None and not np.isclose(self.cutting_fraction, cutting_fraction):
             said.append(
                 f"{self.path}: the draws hold if {self.cutting_fraction:g} of the particles cut, but here "
@@ -99,4 +109,13 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         raise ValueError(f"{path}: must have draws of parameters of an impact, but has none.")
     fraction = None if FRACTION in columns else float(attrs.get(FRACTION, 1.0))
     rows = Rows(columns, str(path))
-    return Draws(rows, path, attrs["model"], parse_case(attrs["case"]), fraction, bool(attrs.get("converged", 1)))
+    return Draws(
+        rows,
+        path,
+        model=attrs["model"],
+        own=attrs.get("own_parameters", ""),
+        p=parse_case(attrs["case"]),
+        cutting_fraction=fraction,
+        has_scale=SCALE in dataset,
+        converged=bool(attrs.get("converged", 1)),
+    )

@@ -19,7 +19,7 @@ from erosion.files import require_writable, write_whole
 from erosion.joint_laws import Rows
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import with_values
+from erosion.models.own_parameters import own_in_words, with_values
 from erosion.models.registry import impact_to_dict
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.case_files import dump_case
@@ -305,6 +305,7 @@ class Posterior(Result):
             "model": model_name(self.model),
             "case": dump_case(self.p),
             "unit_system": self.p.units,
+            "own_parameters": own_in_words(self.model, but=self.names),
             **({} if FRACTION in self.names else {FRACTION: self.likelihood.forward.cutting_fraction}),
             "data": self.data.source,
             "seed": self.seed,

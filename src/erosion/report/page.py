@@ -5,7 +5,6 @@ import math
 import types
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from markupsafe import Markup
 
 from erosion.arguments import Progress, no_progress
 from erosion.files import write_whole
+from erosion.interrupts import unawaited_threads
 from erosion.language import Language, language
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.units import System, unit_name
@@ -73,8 +73,7 @@ def write_report(
     validate(p)
     require_scalars(p)
     out = Path(out)
-    make_folders(out)
-    with _naming(out):
+    with _naming(out), _folders(out):
         return _write(Case(p, case_name), keys, out, look, progress)
 
 
@@ -92,10 +91,24 @@ PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
 """What a report writes into its folder."""
 
 
-def make_folders(out: Path) -> None:
-    """Make the folders of a report; an `OSError` of one sentence where they cannot be made."""
-    with _naming(out):
-        (out / "figures").mkdir(parents=True, exist_ok=True)
+def require_folder(out: Path) -> None:
+    """Find out, before a long computation, whether a report can be written; an `OSError` of one sentence if not."""
+    with _naming(out), _folders(out):
+        pass
+
+
+@contextlib.contextmanager
+def _folders(out: Path) -> Iterator[None]:
+    """Make the folders of a report; of those made, the ones that hold nothing at the end go again."""
+    figures = out / "figures"
+    missing = [folder for folder in (figures, out, *out.parents) if not folder.exists()]
+    figures.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # it holds what is whole
+            for folder in missing:
+                folder.rmdir()
 
 
 @contextlib.contextmanager
@@ -107,22 +120,12 @@ def _naming(out: Path) -> Iterator[None]:
         raise type(error)(f"{out}: the report cannot be written there ({reason}).") from error
 
 
-@contextlib.contextmanager
-def _pool() -> Iterator[ThreadPoolExecutor]:
-    """Threads that start no new work after an error has ended the report."""
-    pool = ThreadPoolExecutor(_THREADS)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
 def _write(case: Case, keys: Sequence[str], out: Path, look: Look, progress: Progress) -> Path:
     numbers: Record = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
     # Filters are the process's, not the thread's: set once, around all threads.
-    with warnings.catch_warnings(), _pool() as pool:
+    with warnings.catch_warnings(), unawaited_threads(_THREADS) as pool:
         warnings.simplefilter("ignore", TurnWarning)  # the page says it in words
         case.prepare(pool, (need for key in keys for need in QUESTIONS[key].needs))
         for done, key in enumerate(keys):

@@ -39,7 +39,7 @@ class Stream(Result):
         nozzle: the stream's own best angle, or None where it was not asked for.
         sensitivities: by parameter, or by the parameters of a joint law ("alpha, v0"), the shares of the volume's
             variance that it causes alone (first order) and with its interactions (total), or None for a
-            single law or where nothing is removed.
+            single law, a joint one too, or where nothing is removed.
         per_mass: the share of the particles that cut, and the density of the target, for `erosion` and
             `erosion_ratio`; `dataclasses.replace(jet, per_mass=erosion.PerMass(2700, 0.5))`.
         uncertainty: the means for draws of the uncertain parameters; None where there are none.

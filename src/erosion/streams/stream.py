@@ -17,6 +17,7 @@ from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
 from erosion.files import Trace, require_writable, trace
+from erosion.interrupts import keeping_results
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
@@ -194,9 +195,10 @@ class StreamJob:
         """Compute the stream; progress and errors as of `stream`."""
         tally, ends = self.begun, (MISS, *end_names(self.particles.model))
         try:
-            for tally in self._tallies(ends):
-                progress("stream", tally.drawn * REPLICATES, self._total)
-            result = self._evaluated(tally, ends, progress)
+            with keeping_results():
+                for tally in self._tallies(ends):
+                    progress("stream", tally.drawn * REPLICATES, self._total)
+                result = self._evaluated(tally, ends, progress)
         except KeyboardInterrupt:
             raise self._interrupted(tally, ends) from None
         except Exception:

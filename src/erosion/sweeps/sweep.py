@@ -16,6 +16,7 @@ import xarray as xr
 
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
+from erosion.interrupts import keeping_results
 from erosion.models.registry import require_loadable
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
@@ -130,7 +131,8 @@ class SweepJob:
         try:
             advance(0)
             try:
-                self._compute(self.missing, advance)
+                with keeping_results():
+                    self._compute(self.missing, advance)
             finally:
                 # Also after an error, and a Ctrl-C meanwhile waits: to compute took longer than to write.
                 if count > begun:

@@ -2,10 +2,10 @@
 
 import warnings
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from erosion.arguments import Progress, no_progress
+from erosion.interrupts import unawaited_threads
 from erosion.models import available_models, load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.parameters.precision import require_xla
@@ -56,7 +56,7 @@ def verify(
         return checks
 
     # Filters are the process's, not the thread's.
-    with warnings.catch_warnings(), ThreadPoolExecutor(_THREADS) as pool:
+    with warnings.catch_warnings(), unawaited_threads(_THREADS) as pool:
         warnings.simplefilter("ignore", TurnWarning)  # only numbers count here
         for of_model in pool.map(examined, subjects):
             checks += of_model
