@@ -162,9 +162,12 @@ def _csv_head(path: Path) -> list[str]:
     if "\0" in start:
         raise ImpactsError(f"{path}: is no table of text.")
     try:
-        return next(csv.reader(io.StringIO(start, newline="")))
+        heads = next(csv.reader(io.StringIO(start, newline="")))
     except csv.Error as error:
         raise ImpactsError(f"{path}: is no CSV file ({error}).") from error
+    if len(heads) == 1 and (";" in heads[0] or "\t" in heads[0]):
+        raise ImpactsError(f"{path}: must have commas between its columns, and points in its numbers.")
+    return heads
 
 
 def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:

@@ -64,11 +64,16 @@ def _prose(text: str) -> Iterator[Cell]:
             yield Cell("markdown", section.strip())
 
 
+def _plain(text: str) -> str:
+    """Text, of a file's name, that Markdown and its HTML show as it is."""
+    return re.sub(r"([!-/:-@\[-`{-~])", r"\\\1", text).replace("\\<", "&lt;").replace("\\&", "&amp;")
+
+
 def _filled(key: AnswerKey, title: str) -> str:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     best = key.with_spin
     return environment.from_string(TEXT.read_text("utf-8")).render(
-        title=title,
+        title=_plain(title),
         p=repr(key.p),
         alpha=f"{math.degrees(float(key.p.alpha)):g}",
         euler_steps=EULER_STEPS,

@@ -60,7 +60,9 @@ class Particle:
             SimulationError: where an impact fails.
         """
         growth = d / self.diameter
-        copies = self.p.replace(alpha=alpha, v0=v0, r=self.p.r * growth, b=self.p.b * growth, m=self.p.m * growth**3)
+        with np.errstate(over="ignore"):  # such an impact fails
+            mass = self.p.m * growth**3
+        copies = self.p.replace(alpha=alpha, v0=v0, r=self.p.r * growth, b=self.p.b * growth, m=mass)
         hits = impact(self.model, copies, rtol=_RTOL)
         volume = np.asarray(hits.volume)
         if not np.isfinite(volume).all():
