@@ -8,13 +8,18 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test coverage bench docs lint format clean
+.PHONY: report test test-newest coverage bench docs lint format clean
 
 report: $(STAMP)
 	.venv/bin/erosion report
 
 test: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist worksteal
+
+# JAX's newest versions need Python 3.12 or newer: what reads their jaxprs, with such a Python, beside .venv.
+test-newest: | $(UV)
+	UV_PROJECT_ENVIRONMENT=.venv-newest $(UV) sync --locked --all-extras --python $(PYTHON)
+	.venv-newest/bin/pytest --numprocesses 2 --dist worksteal -m "not slow" tests/lanes tests/engine tests/models tests/optimum
 
 # The lines of src/ that no test runs, by file.
 coverage: $(STAMP)
@@ -42,7 +47,7 @@ format: $(STAMP)
 	.venv/bin/ruff format .
 
 clean:
-	rm -rf .venv .uv report docs/_build docs/examples
+	rm -rf .venv .venv-newest .uv report docs/_build docs/examples
 
 $(STAMP): pyproject.toml uv.lock | $(UV)
 	$(UV) sync --locked --all-extras --compile-bytecode --python $(PYTHON)

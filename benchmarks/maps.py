@@ -1,6 +1,6 @@
 """How many impacts a second a map computes, beside `erosion.impact` on the same lanes, and the memory that it takes.
 
-    python benchmarks/maps.py [rows] [faces along]
+    python -m benchmarks.maps [rows] [faces along]
 
 Rows are made block by block, as a reader makes them, and the time of making them is taken off.
 """
@@ -16,20 +16,9 @@ import erosion
 from erosion.cfd.impacts import ImpactBlock, Impacts
 from erosion.cfd.surface import Surface
 from erosion.maps.erosion_map import erosion_map
+from tests.maps.tables import hump
 
 P = erosion.TABLE_1.to("si")
-
-
-def floor(along: int) -> Surface:
-    """A wavy floor of along × along/4 faces."""
-    across = along // 4
-    x, y = np.meshgrid(np.linspace(0, 0.2, along + 1), np.linspace(0, 0.05, across + 1), indexing="ij")
-    points = np.stack([x, y, 0.02 * np.sin(np.pi * x / 0.2) ** 2], axis=-1).reshape(-1, 3)
-    i, j = np.meshgrid(np.arange(along), np.arange(across), indexing="ij")
-    first = (i * (across + 1) + j).ravel()
-    corners = np.stack([first, first + 1, first + across + 2, first + across + 1], axis=1).ravel()
-    faces = along * across
-    return Surface("floor", points, corners, 4 * np.arange(1, faces + 1), ("floor",), np.zeros(faces, np.int64))
 
 
 class Rain(Impacts):
@@ -78,7 +67,8 @@ def lanes(rain: Rain) -> Iterator[erosion.Parameters]:
 def main() -> None:
     """Compute the map and its impacts alone, one after the other."""
     rows = int(float(sys.argv[1])) if len(sys.argv) > 1 else 10**7
-    rain = Rain(rows, floor(int(sys.argv[2]) if len(sys.argv) > 2 else 400))
+    along = int(sys.argv[2]) if len(sys.argv) > 2 else 400
+    rain = Rain(rows, hump(along, along // 4))
     erosion.impact("rotating", P.replace(alpha=np.full(8, 0.3)))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begin = time.perf_counter()

@@ -77,7 +77,9 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
         data |= {"uncertainty [in^3]": np.full(ROWS, error)} if known else {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erosion.ConvergenceWarning)  # R̂ of 125 draws passes 1.01 by chance
-            drawn = erosion.posterior(model, erosion.TABLE_1, data, free, priors=laws, draws=DRAWS, seed=i)
+            drawn = erosion.posterior(
+                model, erosion.TABLE_1, data, free, priors=laws, draws=DRAWS, seed=seed * sets + i
+            )
         intervals = drawn.intervals(LEVEL)
         for j, (name, value) in enumerate(truth.items()):
             draws = drawn.samples[name].values.ravel()[::THINNED]
@@ -92,6 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sets", type=int, default=200)
     parser.add_argument("--models", nargs="+", default=list(FREE))
+    parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     print(f"{arguments.sets} data sets of {ROWS} rows, {4 * DRAWS} draws of each posterior\n")
     print(
@@ -101,7 +104,7 @@ def main() -> None:
     for model in arguments.models:
         for known in (True, False):
             begun = time.perf_counter()
-            result = calibrated(model, arguments.sets, known=known)
+            result = calibrated(model, arguments.sets, known=known, seed=arguments.seed)
             seconds = (time.perf_counter() - begun) / arguments.sets
             for name, probability, share in zip(
                 result.names, result.probabilities, result.covered.mean(axis=0), strict=True

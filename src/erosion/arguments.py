@@ -26,6 +26,13 @@ def check_whole(name: str, value: Any, least: int) -> int:
     return int(value)
 
 
+def check_level(level: float) -> float:
+    """The level of an interval; a `ValueError` where it is no probability in (0, 1)."""
+    if not 0 < level < 1:
+        raise ValueError(f"Argument `level` must be in (0, 1), but is {level:g}.")
+    return level
+
+
 def check_scalars(values: Mapping[str, Any], instead: str = "") -> None:
     """A `ValueError` that names the first argument that is an array; `instead` ends it: what takes arrays."""
     for name, value in values.items():

@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-try:
+from erosion.extras import extra
+
+with extra("dask"):
     from distributed import Client, LocalCluster, Worker, WorkerPlugin, as_completed, default_client
-except ImportError as error:
-    raise ImportError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
 
 _AHEAD = 3
 """Blocks that each worker has in its queue, so that it never waits for the client."""

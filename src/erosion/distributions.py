@@ -113,8 +113,8 @@ class LogNormal(Distribution):
 
 
 @dataclasses.dataclass(frozen=True)
-class Uniform(Distribution):
-    """All values from `low` to `high` alike."""
+class _Between(Distribution):
+    """A law of values from `low` to `high`."""
 
     low: Number
     high: Number
@@ -123,6 +123,11 @@ class Uniform(Distribution):
         super().__post_init__()
         if self.low >= self.high:
             raise ValueError(f"Argument `low` must be less than `high`, {self.high:g}, but is {self.low:g}.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Uniform(_Between):
+    """All values from `low` to `high` alike."""
 
     def ppf(self, u: np.ndarray) -> np.ndarray:
         return self.low + (self.high - self.low) * u
@@ -132,17 +137,10 @@ class Uniform(Distribution):
 
 
 @dataclasses.dataclass(frozen=True)
-class LogUniform(Distribution):
+class LogUniform(_Between):
     """All factors from `low` > 0 to `high` alike: the logarithm has the uniform law."""
 
-    low: Number
-    high: Number
     positive: ClassVar[tuple[str, ...]] = ("low", "high")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.low >= self.high:
-            raise ValueError(f"Argument `low` must be less than `high`, {self.high:g}, but is {self.low:g}.")
 
     def ppf(self, u: np.ndarray) -> np.ndarray:
         return self.low * np.exp(math.log(self.high / self.low) * u)

@@ -78,6 +78,17 @@ def uninterrupted() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def readable(path: Path, kind: type[ValueError] = ValueError) -> Iterator[None]:
+    """Read a text within; an error of that kind says where it cannot be read, or is not in UTF-8."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{path}: cannot be read ({error.strerror or error}).") from error
+    except UnicodeDecodeError as error:
+        raise kind(f"{path}: is not a text file in UTF-8.") from error
+
+
+@contextlib.contextmanager
 def claimed(folder: Path, *, alone: bool = False) -> Iterator[bool]:
     """Hold a folder as its user, one of several or `alone`; gives whether that was possible.
 

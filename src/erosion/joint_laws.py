@@ -1,16 +1,18 @@
 """How several parameters vary together: laws with a correlation, and rows of a table.
 
-A joint law is a mapping of parameters to laws, which is given to a stream as such::
+A joint law is a mapping of parameters to laws, which is given to a stream or a map as such::
 
     erosion.stream("rotating", p, **Rows({"alpha": angles, "v0": speeds}))
     laws = {"v0": LogNormal(4400, 0.1), "r": Normal(0.04, 0.004)}
     erosion.stream("rotating", p, **Correlated(laws, {("v0", "r"): -0.5}))
+    erosion.erosion_map("rotating", p, impacts, surface, uncertain=posterior.rows_of_draws())
 """
 
 import abc
 import dataclasses
+import functools
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,10 @@ from scipy import special
 
 from erosion.arguments import check_unmasked
 from erosion.distributions import Distribution, Samples, column_names, read_column
-from erosion.parameters.quantities import Quantity
+from erosion.parameters.quantities import QUANTITIES, Quantity
 from erosion.parameters.units import Dimension, System
+
+_POSITIVE = tuple(name for name in QUANTITIES if name not in ("alpha", "phidot0"))
 
 
 class JointLaw(Mapping[str, Any], abc.ABC):
@@ -136,6 +140,11 @@ class Rows(JointLaw):
     @property
     def marginals(self) -> Mapping[str, Distribution]:
         """The values of each column."""
+        return self._samples
+
+    @functools.cached_property
+    def _samples(self) -> dict[str, Samples]:
+        """The same, sorted once."""
         return {name: Samples(values, self.source) for name, values in self.columns.items()}
 
     @property
@@ -226,6 +235,81 @@ class Correlated(JointLaw):
         """The pairs."""
         pairs = ", ".join(f"{first} with {second} by {value:g}" for (first, second), value in self.correlation.items())
         return f"correlated: {pairs}"
+
+
+@dataclasses.dataclass(frozen=True)
+class LawSet:
+    """Laws of parameters, single and joint ones, drawn together.
+
+    Args:
+        laws: by parameter, its `Distribution`; those of a joint law all together. Laws of positive parameters of the
+            case are restricted to x > 0; the range of an own parameter is not known, so its law is taken as it is.
+        known: the parameters that there are.
+
+    Raises:
+        TypeError, ValueError: naming the first law that makes no sense.
+    """
+
+    laws: Mapping[str, Any]
+    known: Collection[str]
+
+    def __post_init__(self) -> None:
+        for name, law in self.laws.items():
+            if name not in self.known:
+                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(self.known)}.")
+            if not isinstance(law, Distribution):
+                raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
+            if self._least_share(name) > 0.01:
+                raise ValueError(
+                    f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
+                )
+        for joint in self._joints:
+            if missing := [name for name in joint if name not in self.laws]:
+                raise ValueError(f"Arguments must include all of a joint law, but {missing[0]} is missing.")
+
+    @functools.cached_property
+    def _joints(self) -> list[JointLaw]:
+        """The joint laws, each once."""
+        joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
+        return [joint for i, joint in enumerate(joints) if all(joint is not other for other in joints[:i])]
+
+    @functools.cached_property
+    def inputs(self) -> dict[tuple[str, ...], int]:
+        """What varies independently of all else: the parameters of a law or a joint law, and its uniform numbers."""
+        alone = {(name,): 1 for name, law in self.laws.items() if not isinstance(law, Member)}
+        return alone | {tuple(joint): joint.dimension for joint in self._joints}
+
+    @property
+    def dimension(self) -> int:
+        """How many uniform numbers all parameters together are made from."""
+        return sum(self.inputs.values())
+
+    def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Values by name, shape (…), from uniform numbers in (0, 1), shape (…, dimension)."""
+        values, begin = {}, 0
+        joints = {tuple(joint): joint for joint in self._joints}
+        for names, size in self.inputs.items():
+            part, begin = points[..., begin : begin + size], begin + size
+            least = {name: self._least_share(name) for name in names}
+            if names in joints:
+                values |= joints[names].draw(part, least)
+            else:
+                values[names[0]] = self._value(names[0], part[..., 0])
+        return values
+
+    @property
+    def middle(self) -> dict[str, np.ndarray]:
+        """Each parameter at the median of its law, shape (1,)."""
+        return {name: self._value(name, np.array([0.5])) for name in self.laws}
+
+    def _value(self, name: str, share: np.ndarray) -> np.ndarray:
+        """The value of one law at a share of the part in range."""
+        least = self._least_share(name)
+        return self.laws[name].ppf(least + (1 - least) * share)
+
+    def _least_share(self, name: str) -> float:
+        """The share of a law that lies below the parameter's range."""
+        return self.laws[name].cdf(0.0) if name in _POSITIVE else 0.0
 
 
 def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: System) -> Rows:

@@ -1,12 +1,14 @@
 """Results as a person or a program reads them: tables in text and HTML, JSON."""
 
 import abc
+import csv
 import dataclasses
 import html
+import io
 import json
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -196,6 +198,15 @@ def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] =
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in headings)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><caption>{html.escape(title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def to_csv(columns: Mapping[str, Iterable[Any]]) -> str:
+    """Comma-separated values: the headings, then a line for each row; Python's own floats are exact to the last bit."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue()
 
 
 def to_json(content: Mapping[str, Any]) -> str:

@@ -179,6 +179,16 @@ ROWS = [
         "Argument `p` must be Parameters, but is None.",
     ),
     ("erosion.stream('finnie', P, v0=3)", "TypeError", "Argument `v0` must be a distribution such as Normal(1, 0.1)"),
+    (
+        "erosion.stream('finnie', P, uncertain=Normal(2, 0.1))",
+        "TypeError",
+        "Argument `uncertain` must be a mapping of parameters to laws, but is Normal(",
+    ),
+    (
+        "erosion.stream('finnie', P, uncertain={'k': 3})",
+        "TypeError",
+        "Argument `k` must be a distribution such as Normal(1, 0.1)",
+    ),
     ("erosion.stream('finnie', P, n=1e6, v0=Normal(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
     ("erosion.stream('finnie', P, n=True, v0=Normal(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
     (

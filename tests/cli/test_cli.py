@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from erosion.cli import _status
-from erosion.cli.options import CaseOptions, InputError
+from erosion.cli.errors import InputError
+from erosion.cli.options import CaseOptions
 from erosion.cli.output import print_table
 from erosion.parameters.quantities import QUANTITIES
 from tests.documents import result_of

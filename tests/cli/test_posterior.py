@@ -1,5 +1,7 @@
 """`erosion calibrate --posterior` as a user types it."""
 
+import sys
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -26,7 +28,7 @@ def table(tmp_path_factory):
 def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")  # so that no cell takes two lines
     names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
-    options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "--write-draws")
+    options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
     prior = ["--prior", "psi=uniform(0.01, 0.2)"]
     assert _status(["calibrate", str(table), "--posterior", "--draws", "125", "--seed", "3", *prior, *files]) == 0
@@ -38,6 +40,15 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     with xr.open_datatree(tmp_path / "draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
         assert tree["posterior"]["psi"].shape == (4, 125)
+
+
+def test_without_arviz_it_says_what_to_install(table, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "arviz_stats.base.array", None)
+    assert _status(["calibrate", str(table), "--posterior", "--free", "psi", "--draws", "125"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "erosion: The package arviz_stats is not installed: pip install 'erosion[posterior]'.\n"
+    )
 
 
 def test_several_models_as_json(table, capsys):
@@ -52,17 +63,39 @@ def test_several_models_as_json(table, capsys):
     assert printed["ranking"][0]["model"] == "linearized"
 
 
+def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path, capsys):
+    line = ["calibrate", str(table), "--posterior", "--free", "psi", "--draws", "125"]
+    more = ["--next-speeds", "60 m/s,110 m/s", "--plot-next-experiment", str(tmp_path / "next.svg")]
+    assert _status([*line, *more]) == 0
+    out = capsys.readouterr().out
+    assert "what one more row says, 68 candidates: linearized" in out
+    sentence = out.splitlines()[-1]
+    # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°, and at the greater speed.
+    assert sentence.startswith("Measure next at 32.5° and 4331 in/s: one row there is expected to say ")
+    assert (tmp_path / "next.svg").stat().st_size > 1000
+    assert _status([*line, "--next-experiment", "--json"]) == 0
+    printed = result_of(capsys.readouterr().out)["next_experiment"]
+    assert printed["sentence"].startswith("Measure next at 32.5° and 4400 in/s: ")
+    assert len(printed["information"]) == 34
+    assert _status([*line, "--json"]) == 0
+    assert "next_experiment" not in result_of(capsys.readouterr().out)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--prior", "psi=uniform(0, 1)"], "Option `--prior` needs `--posterior`."),
+        (["-o", "d.nc"], "Option `--output` needs `--posterior`."),
         (["--seed", "0"], "Option `--seed` needs `--posterior`."),
+        (["--next-experiment"], "Option `--next-experiment` needs `--posterior`."),
+        (["--posterior", "--next-speeds", "60 kg"], "Option `--next-speeds` must be a speed such as"),
+        (["--posterior", "--next-speeds", "0 m/s"], "Option `--next-speeds` must list positive speeds, but is 0 m/s."),
         (["--posterior", "--prior", "r=uniform(0, 1)"], "of k, psi, but is 'r=uniform(0, 1)'."),
         (["--posterior", "--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
         (["--posterior", "--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
         (["--posterior", "--prior", "psi=normal(0, 1)"], "Option `--prior` must give psi values above 0, but 50.0%"),
         (["--posterior", "--draws", "5"], "Option `--draws` must be a whole number of at least 125, but is 5."),
-        (["--posterior", "--write-draws", "d.csv"], "Option `--write-draws` must end in .nc, but is d.csv."),
+        (["--posterior", "--write-draws", "d.csv"], "Option `--output` must end in .nc, but is d.csv."),
         (["--posterior", "--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
     ],
 )

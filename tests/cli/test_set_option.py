@@ -9,7 +9,7 @@ import pytest
 
 import erosion
 from erosion.cli import _status
-from erosion.cli.options import InputError
+from erosion.cli.errors import InputError
 from erosion.cli.set_option import in_full, load_set, read_settings, settings
 from erosion.parameters.units import read_quantity
 

@@ -118,14 +118,19 @@ def test_impacts_that_fail_among_others_are_a_warning(tmp_path, capsys):
         (
             "zarr",
             ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr"],
-            'need the extra `dask`: pip install "erosion[dask]".',
+            "The package zarr is not installed: pip install 'erosion[dask]'.",
         ),
         (
             "distributed",
             ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr", "--workers", "2"],
-            "A cluster needs the extra",
+            "The package distributed is not installed: pip install 'erosion[dask]'.",
         ),
-        ("nicegui", ["explore", "--no-browser"], "The explorer needs nicegui: pip install 'erosion[explorer]'."),
+        (
+            "nicegui",
+            ["explore", "--no-browser"],
+            "The package nicegui is not installed: pip install 'erosion[explorer]'.",
+        ),
+        ("nbformat", ["exercise"], "The package nbformat is not installed: pip install 'erosion[classroom]'."),
     ],
 )
 def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, capsys, absent, arguments, message):

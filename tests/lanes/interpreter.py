@@ -12,6 +12,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from erosion.lanes.functions import FUNCTIONS
+from erosion.lanes.jax_versions import carried_by_scan
 
 _ROUNDS = 100_000
 
@@ -91,8 +92,8 @@ def _cond(params: Any, given: list[np.ndarray]) -> list[Any]:
 
 
 def _scan(params: Any, given: list[np.ndarray]) -> list[Any]:
-    first, last = params["num_consts"], params["num_consts"] + params["num_carry"]
-    fixed, carried, rows = given[:first], given[first:last], given[last:]
+    constants, carries = carried_by_scan(params)
+    fixed, carried, rows = given[:constants], given[constants : constants + carries], given[constants + carries :]
     closed, made = params["jaxpr"], []
     order = range(params["length"])
     for i in reversed(order) if params["reverse"] else order:

@@ -92,6 +92,10 @@ def _places(x, y):
         "update": lax.dynamic_update_slice(a, a[:2], (i,)),
         "set": a.at[i].set(-1.0),
         "add": a.at[i].add(y),
+        "subtract": a.at[i].subtract(y),
+        "least": a.at[i].min(y),
+        "apply": a.at[i].apply(jnp.sin),
+        "power": a.at[i].power(3),
         "row": jnp.outer(a, a)[i],
         "column": jnp.outer(a, a)[:, i],
         "pair": jnp.outer(a, a)[i, 1],
@@ -101,7 +105,20 @@ def _places(x, y):
     }
 
 
-FUNCTIONS = [_root, _nested, _switch, _scan, _swapped, _arrays, _places]
+def _expanded(x, y):
+    """Functions that newer versions of JAX write as primitives of their own."""
+    return {
+        "polyval": jnp.polyval(jnp.asarray([y, x, 2.0, 1.0]), x),
+        "polyval of an array": jnp.polyval(jnp.arange(12.0), jnp.stack([x, y])),
+        "log2": jnp.log2(2 + x),
+        "tanh": jax.hessian(lambda u: jnp.tanh(u) + jnp.atanh(u / 4))(x / 8),
+        "acos": jax.grad(jnp.acos)(x / 8),
+        "searchsorted": jnp.searchsorted(TABLE, x),
+        "einsum": jnp.einsum("i,ij->j", jnp.stack([x, y]), jnp.ones((2, 3))),
+    }
+
+
+FUNCTIONS = [_root, _nested, _switch, _scan, _swapped, _arrays, _places, _expanded]
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 import erosion
-from erosion.distributions import Normal
+from erosion.distributions import LogNormal, Normal
+from erosion.joint_laws import Rows
 from erosion.maps.bodies import Bodies
 from erosion.maps.erosion_map import erosion_map, prepare_map
 from erosion.maps.options import MapOptions
@@ -44,6 +45,18 @@ def test_a_cluster_computes_the_same_bits(client: object) -> None:
         patch.setattr("erosion.cluster.active_client", lambda: None)
         here = erosion_map("rotating", P, TABLE, SURFACE, spin=LAW)
     assert there.identical(here)
+
+
+def test_a_cluster_draws_the_same_metal(client: object) -> None:
+    metal = Rows({"k": [1.8, 2.0, 2.2], "psi": [0.05, 0.04, 0.03]})
+    there = erosion_map("rotating", P, TABLE, SURFACE, uncertain=metal, draws=4, sigma=LogNormal(float(P.sigma), 0.1))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("erosion.cluster.active_client", lambda: None)
+        here = erosion_map(
+            "rotating", P, TABLE, SURFACE, uncertain=metal, draws=4, sigma=LogNormal(float(P.sigma), 0.1)
+        )
+    assert there.identical(here)
+    assert float(here["total_parameter_error"]) > 0.1
 
 
 def test_workers_load_a_plug_in_by_its_path(client: object) -> None:

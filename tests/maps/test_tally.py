@@ -23,7 +23,7 @@ def test_many_equal_rows_of_one_face_lose_no_digit() -> None:
     tally, portion = Tally(1, 1, 1), 2**16
     struck = hits(portion, np.zeros(portion, np.int64))
     zeros = np.zeros(portion, np.int64)
-    part = portion_of(struck, struck, np.full(portion, 0.1), zeros, zeros > 0, 1, 1)
+    part = portion_of(struck, struck, np.full((1, portion), 0.1), zeros[None], zeros > 0, 1, 1)
     for _ in range(160):
         tally.add(part)
     assert tally.sums["volume"][0] == pytest.approx(math.fsum([0.1] * 160 * portion), rel=1e-15)
@@ -34,14 +34,14 @@ def test_a_small_portion_after_a_large_one_is_not_lost() -> None:
     tally, none = Tally(1, 1, 1), np.zeros(1, np.int64)
     one = hits(1, none)
     for volume in (1.0, 1e-20, 1e-20, -1.0):
-        tally.add(portion_of(one, one, np.array([volume]), none, none > 0, 1, 1))
+        tally.add(portion_of(one, one, np.array([[volume]]), none[None], none > 0, 1, 1))
     assert tally.sums["volume"][0] == 2e-20
 
 
 def test_rows_without_a_volume_count_in_no_sum() -> None:
     tally, face = Tally(3, 1, 2), np.array([2, 0, 2])
     rows = hits(3, face)
-    tally.add(portion_of(rows, rows, np.array([1.0, np.nan, 2.0]), np.array([0, 1, 0]), face > 5, 1, 2))
+    tally.add(portion_of(rows, rows, np.array([[1.0, np.nan, 2.0]]), np.array([[0, 1, 0]]), face > 5, 1, 2))
     assert list(tally.impacts) == [0, 0, 2]
     assert list(tally.sums["volume"]) == [0.0, 0.0, 3.0]
     assert tally.ends.tolist() == [[2, 1]]
@@ -51,7 +51,7 @@ def test_the_median_of_distances_is_that_of_the_rows() -> None:
     distance = np.random.default_rng(0).lognormal(-8, 1.5, 10001)
     rows, zeros = hits(10001, np.zeros(10001, np.int64), distance=distance), np.zeros(10001, np.int64)
     tally = Tally(1, 1, 1)
-    tally.add(portion_of(rows, rows, np.ones(10001), zeros, zeros > 0, 1, 1))
+    tally.add(portion_of(rows, rows, np.ones((1, 10001)), zeros[None], zeros > 0, 1, 1))
     assert tally.median_distance == pytest.approx(np.median(distance), rel=6e-3)
     assert tally.farthest == distance.max()
     assert tally.unnamed == 10001

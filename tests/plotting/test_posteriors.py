@@ -7,8 +7,8 @@ import pytest
 
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
-from erosion.plotting.posteriors import plot_best_angles, plot_pairs, plot_prediction, plot_traces
-from erosion.posteriors import posterior
+from erosion.plotting.posteriors import plot_best_angles, plot_next_experiment, plot_pairs, plot_prediction, plot_traces
+from erosion.posteriors import next_experiment, posterior, rank_posteriors
 
 pytestmark = pytest.mark.slow
 
@@ -58,3 +58,29 @@ def test_best_angles_are_coloured_by_kind(result):
     bars: list[Any] = list(upper.patches)
     assert sum(bar.get_height() for bar in bars) == pytest.approx(50)
     np.testing.assert_allclose(np.sort(lower.lines[0].get_xdata()), np.sort(np.rad2deg(best.alpha)))
+
+
+def test_the_next_experiment_has_a_curve_for_each_speed_and_a_star(result):
+    angles = np.deg2rad([20.0, 60.0, 40.0])
+    answer = next_experiment(result, {"alpha": angles[:, None], "v0": [8800.0, 4400.0]})
+    (ax,) = plot_next_experiment(answer).axes
+    slow, fast, star = ax.lines
+    assert [line.get_label() for line in ax.lines[:2]] == ["4400 in/s", "8800 in/s"]
+    np.testing.assert_allclose(np.asarray(slow.get_xdata()), [20, 40, 60])
+    np.testing.assert_allclose(np.asarray(fast.get_ydata()), answer.information[[0, 4, 2]])
+    assert star.get_ydata() == answer.information.max()
+    assert str(star.get_label()).startswith("best: ")
+    assert str(star.get_label()).endswith(", 8800 in/s")
+
+
+def test_of_several_models_the_next_experiment_has_a_panel_on_the_model():
+    degrees = np.linspace(8.0, 80.0, 4)
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(4, 2e-5)}
+    both = rank_posteriors(TABLE_1, data, ["psi"], models=["linearized", "tan-alpha"], draws=125)
+    answer = next_experiment(both, {"alpha": np.deg2rad([20.0, 40.0])})
+    fig = plot_next_experiment(answer)
+    upper, lower = fig.axes
+    np.testing.assert_array_equal(np.asarray(upper.lines[0].get_ydata()), answer.information)
+    np.testing.assert_array_equal(np.asarray(lower.lines[0].get_ydata()), answer.discrimination)
+    assert [text.get_text() for text in fig.legends[0].get_texts()] == [upper.lines[1].get_label()]

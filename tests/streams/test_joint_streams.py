@@ -59,12 +59,25 @@ def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
     assert first["sigma"] == pytest.approx(0.5, abs=0.02)
     assert first["v0, m"] == pytest.approx(0.5, abs=0.02)
     assert "S(v₀, m)" in str(result)
+    alone = stream("linearized", TABLE_1, n=2**12, best_angle=False, **joint)
+    assert alone.sensitivities is None
+    assert "sensitivity" not in str(alone)
     again = stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1),
                    **Correlated(laws, {("v0", "m"): -0.5}), store=tmp_path / "jet.nc")  # fmt: skip
     assert again.mean_volume == result.mean_volume
     with pytest.raises(ValueError, match="another distributions"):
         stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1),
                **Correlated(laws, {("v0", "m"): -0.4}), store=tmp_path / "jet.nc")  # fmt: skip
+
+
+def test_a_store_knows_which_values_stand_in_one_row(tmp_path):
+    angle, speed = np.linspace(0.2, 0.6, 8), np.linspace(4000.0, 5000.0, 8)
+    first = stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed}), store=tmp_path / "jet.nc")
+    with pytest.raises(ValueError, match="another distributions"):
+        stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed[::-1]}),
+               store=tmp_path / "jet.nc")  # fmt: skip
+    again = stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed}), store=tmp_path / "jet.nc")
+    assert again.mean_volume == first.mean_volume
 
 
 def test_sobols_indices_are_those_of_ishigami():
@@ -97,3 +110,58 @@ def test_normal_laws_of_a_joint_law_are_cut_off_at_zero():
     laws = {"v0": Normal(4400.0, 1850.0), "r": Normal(0.04, 0.001)}
     result = stream("linearized", TABLE_1, n=2**12, **FEW, **Correlated(laws, {("v0", "r"): 0.5}))
     assert set(result.shares) <= {"rebound", "stop"}
+
+
+def test_what_is_uncertain_does_not_average_out():
+    # V of the linearized cut goes with 1/σψ: all means scale alike with it, whatever the particles are.
+    rng = np.random.default_rng(3)
+    sigma, psi = 2e5 * np.exp(0.2 * rng.standard_normal(500)), 0.05 * np.exp(0.1 * rng.standard_normal(500))
+    particles: dict[str, Any] = {"v0": LogNormal(4400.0, 0.2), "r": Normal(0.04, 0.002)}
+    metal = Rows({"sigma": sigma, "psi": psi})
+    few, many = (stream("linearized", TABLE_1, n=n, **FEW, **particles, uncertain=metal) for n in (2**8, 2**15))
+    exact = np.std(1 / (sigma * psi)) / np.mean(1 / (sigma * psi))
+    for jet in (few, many):
+        assert jet.uncertainty is not None
+        assert len(jet.uncertainty.volume) == 256
+        errors = jet.parameter_errors
+        # 256 draws know a standard deviation to 4 %; Sobol's points are better than random ones.
+        assert errors["erosion"] / jet.erosion.value == pytest.approx(exact, rel=0.1)
+        assert errors["mean_volume"] / jet.mean_volume.value == pytest.approx(exact, rel=0.1)
+    assert many.mean_volume.error < few.mean_volume.error / 5
+    ratio = many.mean_volume.value / stream("linearized", TABLE_1, n=2**15, **FEW, **particles).mean_volume.value
+    mean = np.mean(1 / (sigma * psi)) * float(TABLE_1.sigma * TABLE_1.psi)
+    assert ratio == pytest.approx(mean, rel=0.005)
+    assert "of E, by uncertain σ, ψ; ± is by sampling alone" in str(many)
+    assert many.to_dict()["mean_volume_parameter_error"] == many.parameter_errors["mean_volume"]
+
+
+def test_what_varies_from_particle_to_particle_averages_out():
+    law: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
+    varied = stream("linearized", TABLE_1, n=2**15, **FEW, **law)
+    assert varied.parameter_errors == {}
+    assert varied.mean_volume.error < 0.001 * varied.mean_volume.value
+    unknown = stream("linearized", TABLE_1, n=2**15, **FEW, uncertain=law)
+    assert unknown.parameter_errors["mean_volume"] == pytest.approx(
+        unknown.mean_volume.value * np.sqrt(np.exp(0.3**2) - 1), rel=0.05
+    )
+    assert "sigma uncertain lognormal" in unknown.title
+
+
+def test_uncertain_parameters_are_inputs_of_the_sensitivities(tmp_path):
+    metal = Correlated({"sigma": LogNormal(2e5, 0.1), "psi": LogNormal(0.05, 0.1)}, {("sigma", "psi"): -0.9})
+    options: dict[str, Any] = {"n": 2**12, "best_angle": False, "v0": LogNormal(4400.0, 0.05)}
+    jet = stream("linearized", TABLE_1, **options, uncertain=metal, store=tmp_path / "jet.nc")
+    assert jet.sensitivities is not None
+    # log V = 2 log v0 - log σψ: variances 4·0.0025 and 0.01 + 0.01 - 2·0.9·0.01 = 0.002.
+    assert jet.sensitivities["sigma, psi"][0].value == pytest.approx(1 / 6, abs=0.02)
+    with pytest.raises(ValueError, match="another distributions"):
+        stream("linearized", TABLE_1, **options, **metal, store=tmp_path / "jet.nc")
+
+
+def test_a_parameter_varies_or_is_uncertain():
+    law: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
+    with pytest.raises(ValueError, match="`uncertain` must name parameters without another law, but sigma has one"):
+        stream("linearized", TABLE_1, n=64, **law, uncertain=law)
+    rows = Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]})
+    with pytest.raises(ValueError, match="must include all of a joint law, but psi is missing"):
+        stream("linearized", TABLE_1, n=64, k=rows["k"], uncertain={"psi": rows["psi"]})

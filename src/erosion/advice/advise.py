@@ -83,13 +83,8 @@ def advise(
     metal = None if target is None else read_target(target)
     p = p if grit is None else p.with_particle(grit)
     p = p if metal is None else p.with_target(metal)
-    return advise_case(
-        p, grit, metal, (spread, speed_spread), _per_mass(metal, density, cutting_fraction), models, progress
-    )
-
-
-def _per_mass(metal: Target | None, density: float | int | None, cutting_fraction: float) -> PerMass:
-    return PerMass(metal.density if density is None and metal is not None else density, cutting_fraction)
+    per_mass = PerMass(metal.density if density is None and metal is not None else density, cutting_fraction)
+    return advise_case(p, grit, metal, (spread, speed_spread), per_mass, models, progress)
 
 
 def advise_case(

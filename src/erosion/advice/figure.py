@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees
 from erosion.plotting.colors import DIM, FAINT, INK, STYLES
@@ -88,11 +89,5 @@ def _table(fig: Figure, advice: Advice, left: float, y: float) -> float:
         y -= 0.019
         for x, cell in zip(columns, row, strict=True):
             fig.text(x, y, cell, fontsize=8.5, weight="bold" if i == 0 else "normal")
-        fig.add_artist(_rule(left, y - 0.006))
+        fig.add_artist(Line2D([left, 0.93], [y - 0.006, y - 0.006], color=FAINT, linewidth=0.7))
     return y - 0.012
-
-
-def _rule(left: float, y: float) -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([left, 0.93], [y, y], color=FAINT, linewidth=0.7)

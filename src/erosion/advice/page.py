@@ -4,7 +4,6 @@ import tempfile
 from pathlib import Path
 
 import jinja2
-from markupsafe import Markup
 
 from erosion.advice.figure import plot_advice, sheet
 from erosion.advice.result import Advice, degrees
@@ -51,14 +50,11 @@ def _html(advice: Advice, notes: list[tuple[str, str]]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("page.html").render(
-        advice=advice, degrees=degrees, notes=notes, figure=_figure(advice), themes=THEMES, version=__version__
-    )
-
-
-def _figure(advice: Advice) -> Markup:
     with tempfile.TemporaryDirectory() as folder:
-        return inline_svg(save_plot(plot_advice(advice), Path(folder) / "curves.svg"), _DESCRIPTION)
+        figure = inline_svg(save_plot(plot_advice(advice), Path(folder) / "curves.svg"), _DESCRIPTION)
+    return environment.get_template("page.html").render(
+        advice=advice, degrees=degrees, notes=notes, figure=figure, themes=THEMES, version=__version__
+    )
 
 
 def _notes(advice: Advice) -> list[tuple[str, str]]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import MM3_PER_KG, PerMass
+from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
+from erosion.parameters.scales import Scale
 from erosion.tables import Record, Result, to_plain
 
 NOZZLE_ANGLES = np.deg2rad(np.arange(1.0, 90.5, 0.5))
@@ -129,7 +130,11 @@ class Advice(Result):
     @property
     def unit(self) -> str:
         """Of erosion in the table, "g/kg", or "mm³/kg" where the density is not known."""
-        return "mm³/kg" if self.per_mass.density is None else "g/kg"
+        return self._scale.unit
+
+    @property
+    def _scale(self) -> Scale:
+        return PER_MASS_SCALES["specific_volume" if self.per_mass.density is None else "erosion_ratio"]
 
     def rows(self) -> list[tuple[str, ...]]:
         """What varies, the range of best angles, and what the advised angle gives."""
@@ -157,8 +162,7 @@ class Advice(Result):
         """The least and the greatest erosion of curves at the advised angle, as text."""
         if not curves:
             return "–"
-        size = MM3_PER_KG if self.per_mass.density is None else 1e-3
-        ends = [curve.at(self.alpha) / size for curve in curves]
+        ends = [curve.at(self.alpha) / self._scale.size for curve in curves]
         low, high = (f"{float(f'{end:.2g}'):g}" for end in (min(ends), max(ends)))
         return low if low == high else f"{low} to {high}"
 

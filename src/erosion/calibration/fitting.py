@@ -15,7 +15,7 @@ from erosion.models import load_model
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.units import UnitError, example, has_unit, read_quantity, shown
+from erosion.parameters.units import about, example, has_unit, read_quantity, shown
 
 _GREATEST = 1e100  # m³ or m³/kg
 
@@ -120,10 +120,8 @@ def _density(density: float | str | None, data: Measurements, p: Parameters) -> 
         if not has_unit(density):
             such_as = example("density", p.units)
             raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {shown(density)}.")
-        try:
+        with about("Argument `density`"):
             density = read_quantity(density, "density", p.units)
-        except UnitError as error:
-            raise ValueError(f"Argument `density` {error}.") from error
     if not isinstance(density, (int, float, np.number)) or not (np.isfinite(density) and density > 0):
         raise ValueError(f"Argument `density` must be positive and finite, but is {density!r}.")
     return float(density)

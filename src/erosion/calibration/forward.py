@@ -19,11 +19,17 @@ from erosion.engine.impact import Impact, impact
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters.quantities import Quantity
 
 SCALE = "scale"
 """The free parameter of data in units of its own: measured erosion over the model's volume."""
 FRACTION = "cutting_fraction"
 """The share of the particles that cut as the model says, by which its volume is multiplied (Finnie 1960)."""
+FACTORS: Mapping[str, Quantity] = {
+    FRACTION: Quantity("c", "share of the particles that cut", "1"),
+    SCALE: Quantity("s", "measured over computed volume", "1"),
+}
+"""Symbols of the free parameters that no impact has."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,9 +20,10 @@ import numpy as np
 
 from erosion.arguments import check_unmasked
 from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
+from erosion.files import readable
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import Dimension, System, check_system
+from erosion.parameters.units import Dimension, System, ascii_unit, check_system, unit_name
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
@@ -70,6 +71,11 @@ class Measurements:
     def quantity(self) -> Quantity:
         """Symbol and meaning of `erosion`, for labels."""
         return RESULTS[_QUANTITY_OF[self.dimension]]
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of `erosion`, as programs read it."""
+        return ascii_unit(unit_name(self.dimension, self.units))
 
     @property
     def free_scale(self) -> bool:
@@ -157,13 +163,8 @@ def _read_columns(table: dict[str, Any], system: System) -> Measurements:
 
 
 def _read_file(path: Path, system: System) -> Measurements:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return _read_text(file, path, system)
-    except OSError as error:
-        raise MeasurementError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    except UnicodeDecodeError as error:
-        raise MeasurementError(f"{path}: is not a text file in UTF-8.") from error
+    with readable(path, MeasurementError), path.open(encoding="utf-8-sig", newline="") as file:
+        return _read_text(file, path, system)
 
 
 def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import Progress, no_progress
-from erosion.calibration.doubts import is_poor
+from erosion.calibration.doubts import LEVEL, is_poor
 from erosion.calibration.fitting import calibrate
 from erosion.calibration.forward import FRACTION
 from erosion.calibration.least_squares import CalibrationError
@@ -105,7 +105,7 @@ class Ranking(Result):
         """The unit in which errors read well."""
         return table_scale(self.best.data.dimension, self.best.p.units, self.best.leave_one_out)
 
-    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""
         fits = [
             {**fit.to_dict(level), "weight": weight, "tied_with": self.tied_with(name)}
@@ -147,13 +147,9 @@ def rank_models(
     """
     measured = read_measurements(data, p.units)
     fits, failures = [], []
-    wanted = usable_models() if models is None else list(models)
-    names = [str(model) for model in wanted if isinstance(model, (str, Path))]
-    if not wanted or len(set(names)) != len(names):
-        raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
-    loaded = [load_model(source) for source in wanted]
-    for done, (model, own_free) in enumerate(zip(loaded, free_in_each(loaded, free), strict=True)):
-        progress(f"fitting {model_name(model)}", done, len(wanted))
+    ranked = models_with_free(models, free)
+    for done, (model, own_free) in enumerate(ranked):
+        progress(f"fitting {model_name(model)}", done, len(ranked))
         # Bounds of what no model has are refused by `calibrate`.
         within = {name: pair for name, pair in (bounds or {}).items() if name in own_free or name not in free}
         try:
@@ -167,12 +163,24 @@ def rank_models(
     return Ranking(tuple(fits), _ties(fits), tuple(failures))
 
 
-def free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[Sequence[str]]:
-    """Of the free parameters, those that each model has.
+def models_with_free(
+    models: Sequence[CuttingModel | str | Path] | None, free: Sequence[str]
+) -> list[tuple[CuttingModel, Sequence[str]]]:
+    """Models, all registered ones without names, each with those of the free parameters that it has.
 
     Raises:
-        ValueError: for a name that no model has, and for a model that has none of them.
+        ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none of them.
     """
+    wanted = usable_models() if models is None else list(models)
+    names = [str(model) for model in wanted if isinstance(model, (str, Path))]
+    if not wanted or len(set(names)) != len(names):
+        raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
+    loaded = [load_model(source) for source in wanted]
+    return list(zip(loaded, _free_in_each(loaded, free), strict=True))
+
+
+def _free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[Sequence[str]]:
+    """Of the free parameters, those that each model has; errors as of `models_with_free`."""
     if len(models) == 1 or isinstance(free, str) or not isinstance(free, Sequence):
         return [free] * len(models)
     known = [{*quantities(model), FRACTION} for model in models]

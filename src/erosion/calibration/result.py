@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from erosion.arguments import check_level
 from erosion.calibration import doubts
 from erosion.calibration.conditions import conditions
 from erosion.calibration.doubts import LEVEL
-from erosion.calibration.forward import FRACTION, SCALE
+from erosion.calibration.forward import FACTORS, FRACTION
 from erosion.calibration.identifiability import Identifiability, identify
 from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
@@ -22,15 +23,9 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import Quantity
 from erosion.parameters.scales import table_scale
-from erosion.parameters.units import ascii_unit, unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
-_FACTORS = {
-    FRACTION: Quantity("c", "share of the particles that cut", "1"),
-    SCALE: Quantity("s", "measured over computed volume", "1"),
-}
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
 
 
@@ -114,7 +109,7 @@ class Calibration(Result):
 
     def rise(self, level: float = LEVEL) -> float:
         """The rise of χ² from the minimum to the ends of the intervals of `level`."""
-        tail = (1 + _checked_level(level)) / 2
+        tail = (1 + check_level(level)) / 2
         if self.data.uncertainty is not None:
             return float(stats.norm.ppf(tail)) ** 2
         return float(stats.t.ppf(tail, self.degrees_of_freedom)) ** 2
@@ -265,7 +260,7 @@ class Calibration(Result):
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Estimates with standard errors and intervals of `level`."""
-        quantity_of = {**quantities(self.model), **_FACTORS}
+        quantity_of = {**quantities(self.model), **FACTORS}
         rows = []
         for name in self.names:
             quantity = quantity_of[name]
@@ -312,15 +307,10 @@ class Calibration(Result):
             "patterns": [{**dataclasses.asdict(pattern), "seen": pattern.seen} for pattern in self.patterns],
             "aicc": self.aicc,
             "leave_one_out": self.leave_one_out,
-            "erosion_unit": self.erosion_unit,
+            "erosion_unit": self.data.erosion_unit,
             "warnings": self.statements,
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
-
-    @property
-    def erosion_unit(self) -> str:
-        """The unit of the data in the case's system, as programs read it."""
-        return ascii_unit(unit_name(self.data.dimension, self.p.units))
 
     @property
     def covariance_of_theta(self) -> np.ndarray:
@@ -381,9 +371,3 @@ class Calibration(Result):
         straight = np.eye(len(self.names))[at]
         path = straight if self.names[at] in self.undetermined else together / together[at]
         return Ridge(self.problem, self.solution, at, path)
-
-
-def _checked_level(level: float) -> float:
-    if not 0 < level < 1:
-        raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
-    return level

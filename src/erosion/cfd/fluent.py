@@ -6,13 +6,12 @@ the age of the particle.
 """
 
 import dataclasses
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
-from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, block, require_columns
-from erosion.cfd.text import batches, head
+from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, blocks, require_columns
+from erosion.cfd.text import batches, head, header_names
 
 SUFFIXES = (".dpm",)
 _COLUMNS = {
@@ -50,11 +49,8 @@ class FluentImpacts(Impacts):
             columns = {ours: batch[name] for ours, name in self.columns.items()}
             if self.is_steady:
                 columns["parcel_mass"] = columns["parcel_mass"] * (self.duration or 1.0)
-            length = len(columns["diameter"])
-            for start in range(0, length, rows):
-                part = {name: values[start : start + rows] for name, values in columns.items()}
-                yield block(str(self.path), first + start, part)
-            first += length
+            yield from blocks(str(self.path), first, columns, rows)
+            first += len(columns["diameter"])
 
 
 def open_fluent(path: Path, density: float | None, duration: float | None) -> FluentImpacts:
@@ -69,10 +65,7 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Fl
     numbers = [number for number, line in enumerate(lines[:10]) if "diameter" in line and line.lstrip().startswith("(")]
     if not numbers:
         raise ImpactsError(f"{path}: has no header of Fluent, a line such as (x y z u v w diameter t … name).")
-    names = tuple(re.sub(r"[()]", " ", lines[numbers[0]]).split())
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise ImpactsError(f"{path}: the header repeats {', '.join(repeated)}.")
+    names = header_names(path, lines[numbers[0]])
     columns = {ours: name for name, ours in _COLUMNS.items() if name in names}
     is_steady = "mass-flow" in names and not {"count", "parcel_mass"} & columns.keys()
     notes = []

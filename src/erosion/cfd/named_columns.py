@@ -3,22 +3,20 @@
 import csv
 import dataclasses
 import io
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from erosion.cfd.extra import library
 from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
-from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, block, require_columns
-from erosion.cfd.text import open_table
-from erosion.parameters.units import Dimension, UnitError, header_parts, read_quantity
+from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, blocks, require_columns
+from erosion.cfd.text import beginning, open_table
+from erosion.extras import library
+from erosion.parameters.units import Dimension, about, header_parts, read_quantity
 
 SUFFIXES = (".csv", ".parquet")
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
-_HEAD = 1 << 16
 _DIMENSIONS: Mapping[str, Dimension] = {
     "count": "1", "parcel_mass": "mass", "mass": "mass", "density": "density", "diameter": "length",
     **dict.fromkeys(VELOCITY, "speed"), "speed": "speed", "angle": "angle", "spin": "angular speed",
@@ -72,11 +70,8 @@ class NamedImpacts(Impacts):
         first = 0
         for batch in self._batches():
             columns = {name: self._numbers(batch, name, first) for name in self.columns}
-            length = batch.num_rows
-            for start in range(0, length, rows):
-                part = {name: values[start : start + rows] for name, values in columns.items()}
-                yield block(self.title, first + start, part, self.density)
-            first += length
+            yield from blocks(self.title, first, columns, rows, self.density)
+            first += batch.num_rows
         if not first:
             raise ImpactsError(f"{self.path}: has no rows.")
 
@@ -145,24 +140,14 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
         raise ImpactsError(
             f"{path}: column {head!r} must carry its unit in brackets, as `{head.strip()} [{_EXAMPLES[dimension]}]`."
         )
-    try:
+    with about(f"{path}: the unit of column {head!r}", ImpactsError):
         return read_quantity(unit if unit[0].isdigit() else f"1 {unit}", dimension, "si")
-    except UnitError as error:
-        raise ImpactsError(f"{path}: the unit of column {head!r} {error}.") from error
 
 
 def _csv_head(path: Path) -> list[str]:
-    with open_table(path) as file:
-        try:
-            start = file.read(_HEAD).decode("utf-8-sig", errors="replace")
-        except (OSError, EOFError, zlib.error) as error:
-            raise ImpactsError(f"{path}: cannot be read ({error}).") from error
-    if not start.strip():
-        raise ImpactsError(f"{path}: is empty.")
-    if "\0" in start:
-        raise ImpactsError(f"{path}: is no table of text.")
+    text = beginning(path).decode(errors="replace")
     try:
-        heads = next(csv.reader(io.StringIO(start, newline="")))
+        heads = next(csv.reader(io.StringIO(text, newline="")))
     except csv.Error as error:
         raise ImpactsError(f"{path}: is no CSV file ({error}).") from error
     if len(heads) == 1 and (";" in heads[0] or "\t" in heads[0]):
@@ -171,7 +156,7 @@ def _csv_head(path: Path) -> list[str]:
 
 
 def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
-    arrow, reader = library("pyarrow"), library("pyarrow.csv")
+    arrow, reader = library("pyarrow", "cfd"), library("pyarrow.csv", "cfd")
     heads = _csv_head(path)
     wrong: list[Any] = []
 
@@ -190,8 +175,6 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
                 ),
             )
             yield from batches
-        except (EOFError, zlib.error, OSError) as error:
-            raise ImpactsError(f"{path}: cannot be read ({error}).") from error
         except arrow.ArrowInvalid as error:
             if wrong:
                 row = wrong[0]
@@ -217,7 +200,7 @@ def _wrong_number(path: Path, heads: Sequence[str], wanted: Sequence[str]) -> st
 
 def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
     """Columns, units from the columns' metadata, and the number of rows."""
-    arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+    arrow, parquet = library("pyarrow", "cfd"), library("pyarrow.parquet", "cfd")
     try:
         with parquet.ParquetFile(path) as file:
             schema, rows = file.schema_arrow, file.metadata.num_rows
@@ -232,7 +215,7 @@ def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
 
 
 def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
-    arrow, parquet = library("pyarrow"), library("pyarrow.parquet")
+    arrow, parquet = library("pyarrow", "cfd"), library("pyarrow.parquet", "cfd")
     try:
         # By default pyarrow keeps all that it has read until the end.
         with parquet.ParquetFile(path, pre_buffer=False) as file:

@@ -12,8 +12,8 @@ import numpy as np
 
 from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
 from erosion.cfd.openfoam_mesh import Mesh, case_of, dictionary, open_case
-from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, block, require_columns
-from erosion.cfd.text import batches, head
+from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, blocks, require_columns
+from erosion.cfd.text import batches, head, header_names
 
 SUFFIXES = (".post", ".dat")
 _FIELDS = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "Time": "time",
@@ -89,9 +89,7 @@ class OpenFoamImpacts(Impacts):
                     _require_later(table, columns["time"], last.get(table.patch))
                     latest = max(latest, float(columns["time"].max()))
                 stored = self._require_complete(table, stored, columns)
-                for start in range(0, len(columns["diameter"]), rows):
-                    part = {name: values[start : start + rows] for name, values in columns.items()}
-                    yield block(str(table.path), first + start, part, self.density)
+                yield from blocks(str(table.path), first, columns, rows, self.density)
                 first += len(columns["diameter"])
             if first:
                 last[table.patch] = (table.path, latest)
@@ -237,12 +235,9 @@ def _tables(path: Path) -> list[Table]:
 def _table(path: Path) -> Table:
     lines = head(path)
     header = [number for number, line in enumerate(lines) if line.startswith("#")]
-    names = tuple(re.sub(r"[#()]", " ", lines[header[-1]]).split()) if header else ()
+    names = header_names(path, lines[header[-1]]) if header else ()
     if "Time" not in names:
         raise ImpactsError(f"{path}: has no header of OpenFOAM, a line that starts with '# Time'.")
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise ImpactsError(f"{path}: the header repeats {', '.join(repeated)}.")
     window = path.parent.name if _in_window(path) else ""
     return Table(path, _plain_name(path).stem, window, header[-1] + 1, names)
 

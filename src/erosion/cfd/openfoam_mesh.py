@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from erosion.cfd.extra import library
 from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.surface import Surface
+from erosion.extras import library
 
 _MESH = Path("constant") / "polyMesh"
 _ADDRESSING = "faceProcAddressing"
@@ -150,7 +150,7 @@ def dictionary(path: Path) -> Any:
     if not _present(path):
         return None
     try:
-        return library("foamlib").FoamFile(_stored(path)).as_dict()
+        return library("foamlib", "cfd").FoamFile(_stored(path)).as_dict()
     except (OSError, EOFError, ValueError):
         return None
 
@@ -172,7 +172,7 @@ def _stored(path: Path) -> Path:
 
 def _content(path: Path) -> Any:
     """What a file of OpenFOAM holds beside its header."""
-    foamlib, stored = library("foamlib"), _stored(path)
+    foamlib, stored = library("foamlib", "cfd"), _stored(path)
     try:
         return foamlib.FoamFile(stored)[None]
     except FileNotFoundError as error:

@@ -11,7 +11,7 @@ from erosion.cfd import fluent, named_columns, openfoam_impacts, surface_files
 from erosion.cfd.impacts import Impacts, ImpactsError
 from erosion.cfd.openfoam_mesh import case_of, open_case
 from erosion.cfd.surface import Surface
-from erosion.parameters.units import UnitError, read_quantity
+from erosion.parameters.units import about, read_quantity
 
 _IMPACTS = ".post, .dat, .dpm, .csv or .parquet"
 _SURFACES = ".vtp, .stl or .vtu"
@@ -110,10 +110,8 @@ def _existing(name: str, value: Any) -> Path:
 def _density(density: float | int | str | None) -> float | None:
     if density is None:
         return None
-    try:
+    with about("Argument `density`", ImpactsError):
         value = read_quantity(density, "density", "si") if isinstance(density, str) else float(density)
-    except UnitError as error:
-        raise ImpactsError(f"Argument `density` {error}.") from error
     if not (np.isfinite(value) and value > 0):
         raise ImpactsError(f"Argument `density` must be positive and finite, but is {density!r}.")
     return value

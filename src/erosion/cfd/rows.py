@@ -1,7 +1,7 @@
 """From columns of a table to blocks of impacts: the same names and checks for all formats."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -49,19 +49,26 @@ def require_columns(source: str, names: Collection[str], *, has_density: bool = 
         )
 
 
-def block(source: str, first: int, columns: Columns, density: float | None = None) -> ImpactBlock:
+def blocks(source: str, first: int, columns: Columns, rows: int, density: float | None = None) -> Iterator[ImpactBlock]:
     """The rows of a table whose columns `require_columns` accepts.
 
     Args:
         source: the file, for messages.
         first: number of the first row in the file, from 0.
         columns: see `NAMES`; one of `face` and `mesh_face` at most.
+        rows: of a block, at most.
         density: of particles [kg/m³], where no column gives it.
 
     Raises:
         ImpactsError: naming file, row and column of a number that is not finite or too great, or of a face that is no
             number of one.
     """
+    for start in range(0, len(next(iter(columns.values()))), rows):
+        part = {name: values[start : start + rows] for name, values in columns.items()}
+        yield _block(source, first + start, part, density)
+
+
+def _block(source: str, first: int, columns: Columns, density: float | None) -> ImpactBlock:
     for name, values in columns.items():
         small = np.abs(values) <= GREATEST
         if not small.all():

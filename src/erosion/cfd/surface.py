@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from erosion.array_types import Indices, Numbers, Vectors
-from erosion.cfd.extra import library
 from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.rows import GREATEST
+from erosion.extras import library
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Surface:
         """
         _, *corners = self._triangles
         cells = np.arange(3 * len(corners[0])).reshape(3, -1).T
-        return library("pyvista").PolyData.from_regular_faces(np.concatenate(corners), cells)
+        return library("pyvista", "cfd").PolyData.from_regular_faces(np.concatenate(corners), cells)
 
 
 def _sums(face: np.ndarray, vectors: np.ndarray, faces: int) -> np.ndarray:

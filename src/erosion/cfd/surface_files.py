@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from erosion.cfd.extra import library
 from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.surface import Surface
+from erosion.extras import library
 
 SUFFIXES = (".vtp", ".stl", ".vtu")
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
@@ -22,7 +22,7 @@ def open_surface(path: Path) -> Surface:
     Raises:
         ImpactsError: for a file that cannot be read, or that holds no polygons.
     """
-    pyvista = library("pyvista")
+    pyvista = library("pyvista", "cfd")
     try:
         with _quiet(), pyvista.vtk_verbosity("off"):
             mesh = pyvista.read(path)

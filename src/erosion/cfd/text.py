@@ -1,5 +1,7 @@
 """Tables of numbers between spaces and parentheses, as OpenFOAM and Fluent write them."""
 
+import codecs
+import contextlib
 import gzip
 import io
 import re
@@ -10,46 +12,65 @@ from typing import Any
 
 import numpy as np
 
-from erosion.cfd.extra import library
 from erosion.cfd.impacts import ImpactsError
+from erosion.extras import library
 
 _CHUNK = 1 << 22  # bytes that are read and parsed at once
 _HEAD = 1 << 16  # bytes in which a header must end
 _SPACES = bytes.maketrans(b"\t\r", b"  ")
 
 
-def open_table(path: Path) -> io.BufferedIOBase:
-    """The file for reading, decompressed where its name ends in ".gz".
+@contextlib.contextmanager
+def open_table(path: Path) -> Iterator[io.BufferedIOBase]:
+    """The file for reading within, decompressed where its name ends in ".gz".
 
     Raises:
-        ImpactsError: where it cannot be opened.
+        ImpactsError: where it cannot be opened or read.
     """
     try:
-        return gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")
-    except OSError as error:
-        raise ImpactsError(f"{path}: cannot be read ({error.strerror or error}).") from error
+        with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
+            yield file
+    except (OSError, EOFError, zlib.error) as error:
+        raise ImpactsError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
 
 
-def head(path: Path) -> list[str]:
-    """The first lines of a file, complete ones.
+def beginning(path: Path) -> bytes:
+    """The bytes in which a header must end.
 
     Raises:
         ImpactsError: for a file that cannot be read, an empty one, and one that is no text.
     """
     with open_table(path) as file:
-        try:
-            start = file.read(_HEAD)
-        except (OSError, EOFError, zlib.error) as error:
-            raise ImpactsError(f"{path}: cannot be read ({error}).") from error
+        start = file.read(_HEAD).removeprefix(codecs.BOM_UTF8)
     if not start.strip():
         raise ImpactsError(f"{path}: is empty.")
-    try:
-        text = start.decode() if len(start) < _HEAD else start[: start.rfind(b"\n") + 1].decode()
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text or not text:
+    if b"\0" in start:
         raise ImpactsError(f"{path}: is no table of text.")
-    return text.splitlines()
+    return start
+
+
+def head(path: Path) -> list[str]:
+    """The first lines of a file, complete ones; errors as of `beginning`."""
+    start = beginning(path)
+    try:
+        lines = (start if len(start) < _HEAD else start[: start.rfind(b"\n") + 1]).decode().splitlines()
+    except UnicodeDecodeError:
+        lines = []
+    if not lines:
+        raise ImpactsError(f"{path}: is no table of text.")
+    return lines
+
+
+def header_names(path: Path, line: str) -> tuple[str, ...]:
+    """The columns that a header of OpenFOAM or Fluent names.
+
+    Raises:
+        ImpactsError: where it repeats one.
+    """
+    names = tuple(re.sub(r"[#()]", " ", line).split())
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ImpactsError(f"{path}: the header repeats {', '.join(repeated)}.")
+    return names
 
 
 def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str]) -> Iterator[dict[str, np.ndarray]]:
@@ -64,7 +85,7 @@ def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str
     Raises:
         ImpactsError: naming the first row that has another number of fields, or a field that is no number.
     """
-    csv, arrow = library("pyarrow.csv"), library("pyarrow")
+    csv, arrow = library("pyarrow.csv", "cfd"), library("pyarrow", "cfd")
     with open_table(path) as file:
         for _ in range(skipped):
             file.readline()
@@ -84,8 +105,6 @@ def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str
                     name: column.to_numpy(zero_copy_only=False)
                     for name, column in zip(wanted, batch.columns, strict=True)
                 }
-        except (EOFError, zlib.error, OSError) as error:
-            raise ImpactsError(f"{path}: cannot be read ({error}).") from error
         except arrow.ArrowInvalid as error:
             # A file without rows is one, too: pyarrow takes it for an error.
             if (message := _first_wrong_row(path, skipped, names, wanted)) is not None:

@@ -18,6 +18,7 @@ import cyclopts
 from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
 from erosion.cli.compare import compare
+from erosion.cli.errors import InputError, sentence
 from erosion.cli.exercise import exercise
 from erosion.cli.explore import explore
 from erosion.cli.export import export
@@ -26,7 +27,6 @@ from erosion.cli.materials import materials
 from erosion.cli.mistakes import explain
 from erosion.cli.models import models
 from erosion.cli.optimum import optimum
-from erosion.cli.options import InputError, sentence
 from erosion.cli.report import report
 from erosion.cli.run import run
 from erosion.cli.spelling import spell_out
@@ -34,6 +34,7 @@ from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
 from erosion.cli.validate import validate
 from erosion.cli.verify import verify
+from erosion.extras import MissingExtraError
 from erosion.interrupts import INTERRUPTED, between_imports
 from erosion.version import __version__
 
@@ -42,6 +43,7 @@ _PRESENT_NAMES = {
     "--models": "--model",
     "--out": "--output",
     "--material": "--target",
+    "--write-draws": "--output",
 }  # by the names of before, which stay accepted
 
 app = cyclopts.App(
@@ -86,7 +88,7 @@ def _status(arguments: Sequence[str]) -> int:
             sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         return _say(2, explain(error))
-    except InputError as error:
+    except (InputError, MissingExtraError) as error:
         return _say(2, str(error))
     except BrokenPipeError:
         # The reader has gone (`erosion models | head -1`): say nothing, and let Python close in peace.

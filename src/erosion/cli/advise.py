@@ -6,19 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import (
-    AllAngles,
-    CaseFile,
-    InputError,
-    JsonOption,
-    load,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, load, read_option, with_file
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import progress_bar
 
@@ -52,7 +44,7 @@ def advise(
     options = with_file(case, file)
     options.refuse_angle("all angles of the nozzle are compared")
     p = options.parameters()
-    deviation = _angle(spread)
+    deviation = read_option("spread", spread, "angle", "si")
     grit, metal = options.materials()
     from erosion.advice.advise import CUTTING_FRACTION, MODELS, advise_case
 
@@ -75,9 +67,7 @@ def advise(
         printed.document(advice.to_dict(), {name: load(name) for name in names}, UNITS)
         return
     print_table(advice.title, advice.rows(), advice.headings, (), advice.statements)
-    for path, content in ((plot, "figure"), (output, "page")):
-        if path is not None:
-            print(f"{content}: {path}")
+    print_paths(figure=plot, page=output)
 
 
 def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any]) -> None:
@@ -101,12 +91,3 @@ def _write(advice: "Advice", output: Path | None, plot: Path | None) -> None:
         from erosion.plotting.style import save_plot
 
         save_plot(plot_advice(advice), plot)
-
-
-def _angle(text: str) -> float:
-    from erosion.parameters.units import read_quantity
-
-    try:
-        return read_quantity(text, "angle", "si")
-    except ValueError as error:
-        raise InputError(f"Option `--spread` {error}.") from error

@@ -1,15 +1,18 @@
 """`erosion calibrate`: a model against measured erosion."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.draw_options import DrawOptions
+from erosion.cli.draw_options import Drawn, DrawOptions
+from erosion.cli.errors import InputError, user_errors
 from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, InputError, JsonOption, start_engine, user_errors, with_file
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, load_set, settings
@@ -17,7 +20,6 @@ from erosion.cli.set_option import SetOption, load_set, settings
 if TYPE_CHECKING:
     from erosion.calibration import Calibration, Ranking
     from erosion.calibration.profiles import Profile
-    from erosion.posteriors import PosteriorRanking
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or '
@@ -47,49 +49,60 @@ def calibrate(
     options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p = options.parameters()
-    _require_level(level)
     names = ["linearized"] if model is None else chosen_models(model)
     _require_one_model(own, names)
     files.require_writable(inputs=(data, options.case, *names))
-    draw.require_sense(files.paths, inputs=(data, options.case, *names))
+    draw.require_sense(p, files.paths, inputs=(data, options.case, *names))
     start_engine()
+    from erosion.arguments import check_level
     from erosion.calibration import rank_models, read_measurements
-    from erosion.calibration.export import command
 
     chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
+        check_level(level)
         measured = read_measurements(data, p.units)
         if measured.unused:
             output.warn(f"{data}: columns that are not used: {', '.join(map(repr, measured.unused))}.")
         bounds, along = fit.bounds_of(names, p.units, measured), fit.names(measured)
         laws = draw.laws(measured, chosen, fit)
-        if profile is not None and profile not in along:
-            raise InputError(f"Option `--profile` must be one of {', '.join(along)}, but is {profile!r}.")
+        _require_known(profile, along)
         ranking = rank_models(p, measured, fit.free, models=chosen, progress=progress, bounds=bounds, **fit.arguments())
         along_profile = None if profile is None else ranking.best.profile(profile)
-        posteriors = draw.drawn(p, measured, chosen, fit, laws, progress)
+        drawn = draw.drawn(p, measured, chosen, fit, laws, progress)
     try:
         written, warnings, refused = *files.write(ranking, level), None
-        written += [] if posteriors is None else draw.write(posteriors.best)
+        written += [] if drawn is None else draw.write(drawn)
     except InputError as error:
         # A fit takes longer than any file: it is shown first.
         written, warnings, refused = [], [], error
-    for statement in (*ranking.statements, *warnings, *_of_draws(posteriors)):
+    for statement in (*ranking.statements, *warnings, *_of_draws(drawn)):
         output.warn(statement)
     if json:
-        _document(output, ranking, level, along_profile, posteriors)
+        _document(output, ranking, level, along_profile, drawn)
     else:
-        case_file = None if refused else files.write_case
-        best_angle = None if case_file is None else command(ranking.best, str(case_file))
-        _print(_tables(ranking, level, along_profile, posteriors), written, best_angle)
+        sentences = _advice(ranking, None if refused else files.write_case, drawn)
+        _print(_tables(ranking, level, along_profile, drawn), written, sentences)
     if refused is not None:
         raise refused
 
 
-def _of_draws(posteriors: "PosteriorRanking | None") -> list[str]:
+def _require_known(profile: str | None, names: Sequence[str]) -> None:
+    if profile is not None and profile not in names:
+        raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
+
+
+def _of_draws(drawn: "Drawn | None") -> list[str]:
     """The sentences on posteriors, apart from those on fits."""
-    return [] if posteriors is None else [f"posterior: {sentence}" for sentence in posteriors.statements]
+    return [] if drawn is None else [f"posterior: {sentence}" for sentence in drawn.posteriors.statements]
+
+
+def _advice(ranking: "Ranking", case_file: Path | None, drawn: "Drawn | None") -> list[str]:
+    """The command for the best angle, where a case is written, and what to measure next, where that is asked for."""
+    from erosion.calibration.export import command
+
+    best_angle = [] if case_file is None else [f"the best angle of this fit: {command(ranking.best, str(case_file))}"]
+    return best_angle + ([] if drawn is None or drawn.experiment is None else [drawn.experiment.sentence])
 
 
 def _require_one_model(own: list[str] | None, names: list[str]) -> None:
@@ -97,13 +110,8 @@ def _require_one_model(own: list[str] | None, names: list[str]) -> None:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
 
 
-def _require_level(level: float) -> None:
-    if not 0 < level < 1:
-        raise InputError(f"Option `--level` must be in (0, 1), but is {level:g}.")
-
-
 def _tables(
-    ranking: "Ranking", level: float, profile: "Profile | None", posteriors: "PosteriorRanking | None"
+    ranking: "Ranking", level: float, profile: "Profile | None", drawn: "Drawn | None"
 ) -> list[tuple[Any, ...]]:
     """All tables, as arguments of `print_table`."""
     tables: list[tuple[Any, ...]] = []
@@ -112,20 +120,24 @@ def _tables(
     tables.append((ranking.best.title, ranking.best.rows(level)))
     if profile is not None:
         tables.append((f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), (0, 1)))
-    if posteriors is not None:
+    if drawn is not None:
+        posteriors, experiment = drawn
         if len(posteriors.posteriors) > 1:
             tables.append((posteriors.title, posteriors.rows(), posteriors.headings, (1, 2)))
         tables.append((posteriors.best.title, posteriors.best.rows(level)))
+        if experiment is not None:
+            columns = range(len(experiment.headings))
+            tables.append((experiment.title, experiment.rows(), experiment.headings, columns))
     return tables
 
 
-def _print(tables: list[tuple[Any, ...]], written: list[Path], best_angle: str | None) -> None:
+def _print(tables: list[tuple[Any, ...]], written: list[Path], sentences: list[str]) -> None:
     for table in tables:
         print_table(*table)
     for path in written:
         print(f"written: {path}")
-    if best_angle is not None:
-        print(f"the best angle of this fit: {best_angle}")
+    for sentence in sentences:
+        print(sentence)
 
 
 def _ranks_several(ranking: "Ranking") -> bool:
@@ -137,7 +149,7 @@ def _document(
     ranking: "Ranking",
     level: float,
     profile: "Profile | None",
-    posteriors: "PosteriorRanking | None",
+    drawn: "Drawn | None",
 ) -> None:
     """The best fit, the ranking of several models, the profile and the posteriors as JSON."""
     from erosion.models.own_parameters import quantities
@@ -150,13 +162,15 @@ def _document(
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
-    if posteriors is not None:
-        drawn = [_as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
-        content["posterior"], content["posteriors"] = drawn[0], drawn
+    if drawn is not None:
+        parts = [_as_json(part) for part in drawn.posteriors.to_dict(level)["posteriors"]]
+        content["posterior"], content["posteriors"] = parts[0], parts
+        if drawn.experiment is not None:
+            content["next_experiment"] = drawn.experiment.to_dict()
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
              for name, quantity in quantities(fit.model).items()}  # fmt: skip
-    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
+    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.data.erosion_unit)
     output.document(content, {name: fit.model for name, fit in fits.items()}, units)
 
 

@@ -3,7 +3,8 @@
 import contextlib
 from collections.abc import Iterator
 
-from erosion.cli.options import InputError
+from erosion.cli.errors import InputError
+from erosion.extras import extra
 
 
 @contextlib.contextmanager
@@ -14,12 +15,10 @@ def dask_cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
         return
     if workers is not None and scheduler is not None:
         raise InputError("Give `--workers` or `--scheduler`, but not both.")
-    try:
+    with extra("dask"):
         from distributed import Client
+    from erosion.cluster import local_cluster
 
-        from erosion.cluster import local_cluster
-    except ImportError as error:
-        raise InputError('A cluster needs the extra `dask`: pip install "erosion[dask]".') from error
     if workers is not None and workers < 1:
         raise InputError(f"Option `--workers` must be 1 or more, but is {workers}.")
     with contextlib.ExitStack() as stack:

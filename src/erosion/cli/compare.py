@@ -8,19 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    JsonOption,
-    load,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, load, with_file
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 
@@ -30,6 +22,7 @@ if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
+    from erosion.parameters.scales import Scale
 
 _COMPARISON = {"result": "a comparison of models"}
 
@@ -90,9 +83,7 @@ def compare(
         said.document({"models": lines, "statements": statements}, models, _units(p))
         return
     _print(lines, p, statements)
-    for path, content in ((plot, "figure"), (output, "curves")):
-        if path is not None:
-            print(f"{content}: {path}")
+    print_paths(figure=plot, curves=output)
 
 
 def _models(names: list[str] | None) -> "dict[str, CuttingModel]":
@@ -190,7 +181,7 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
     def volume(value: float) -> str:
         return f"{value / scale.size:.5g}"
 
-    key, size, unit = _weighed(lines)
+    key, (size, unit) = _weighed(lines)
     rows = [
         (
             line["model"],
@@ -212,13 +203,12 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
     print_table(title, rows, headings, (1, 2, 4, 5, 6), statements)
 
 
-def _weighed(lines: list[dict[str, Any]]) -> tuple[str, float, str]:
-    """The erosion per mass of abrasive that every line has: its key, its unit's size, and the unit."""
-    from erosion.parameters.per_mass import MM3_PER_KG
+def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, Scale]":
+    """The erosion per mass of abrasive that every line has: its key, and its unit."""
+    from erosion.parameters.per_mass import PER_MASS_SCALES
 
-    if all("erosion_ratio" in line for line in lines):
-        return "erosion_ratio", 1e-3, "g/kg"
-    return "specific_volume", MM3_PER_KG, "mm³/kg"
+    key = "erosion_ratio" if all("erosion_ratio" in line for line in lines) else "specific_volume"
+    return key, PER_MASS_SCALES[key]
 
 
 def _spread(lines: list[dict[str, Any]]) -> list[str]:

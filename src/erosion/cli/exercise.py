@@ -5,15 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.options import CaseFile, CaseOptions, with_file
+from erosion.cli.output import require_outputs
 from erosion.cli.progress import working
 
 
@@ -46,10 +41,7 @@ def exercise(
     name = options.title()
     with user_errors(), working("solving the tasks"):
         key = AnswerKey(p)
-        try:
-            texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
-        except ModuleNotFoundError as error:
-            raise InputError(f"A notebook needs {error.name}: pip install 'erosion[classroom]'.") from error
+        texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
         for path, text in texts.items():
             write_whole(path, text.encode())
     print(f"{output.resolve()}: {len(key.tasks)} tasks about {name}")

@@ -4,8 +4,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption
-from erosion.cli.options import CaseFile, CaseOptions, InputError, start_engine, user_errors, with_file
+from erosion.cli.options import CaseFile, CaseOptions, with_file
+from erosion.extras import extra
 
 _PORT = 8080
 
@@ -37,9 +40,7 @@ def explore(
     if port is not None and not 0 <= port < 65536:
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
     start_engine()
-    try:
+    with extra("explorer"):
         from erosion.explorer.server import free_address, offer, serve
-    except ModuleNotFoundError as error:
-        raise InputError(f"The explorer needs {error.name}: pip install 'erosion[explorer]'.") from error
     with user_errors():
         serve(offer(p, model or []), free_address(host, port), show=browser)

@@ -7,18 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import (
-    AllAngles,
-    CaseFile,
-    InputError,
-    JsonOption,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, read_option, with_file
+from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
 from erosion.parameters.quantities import QUANTITIES, RESULTS
@@ -88,7 +81,7 @@ def export(
         p = options.parameters()
         chosen = load_set(model, settings(own), p.units)
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
-        density = _density(erodent_density, p)
+        density = read_option("erodent-density", erodent_density, "density", p.units)
         require_outputs(*outputs, inputs=(options.case, model))
         start_engine()
         from erosion.files import write_whole
@@ -161,22 +154,9 @@ def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:
     for name, text in texts.items():
         if text is None:
             continue
-        try:
+        with reading(f"Option `--{_OWN_NAMES[name]}`"):
             axes[name] = read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--{_OWN_NAMES[name]}` {error}.") from error
     return axes
-
-
-def _density(text: str | None, p: "Parameters") -> float | None:
-    from erosion.parameters.units import read_quantity
-
-    if text is None:
-        return None
-    try:
-        return read_quantity(text, "density", p.units)
-    except ValueError as error:
-        raise InputError(f"Option `--erodent-density` {error}.") from error
 
 
 @contextlib.contextmanager

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import require_outputs, user_errors
+from erosion.cli.errors import user_errors
+from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
     from erosion.calibration import Ranking
@@ -43,14 +44,11 @@ class FitFiles:
         texts: list[tuple[Path, str]] = []
         # What cannot be represented is refused before anything is written.
         with user_errors(CalibrationError):
-            if self.openfoam is not None:
-                coefficients = to_openfoam(best)
-                texts.append((self.openfoam, coefficients.text()))
-                warnings += [coefficients.warning] if coefficients.warning else []
-            if self.fluent is not None:
-                shape = to_fluent(best)
-                texts.append((self.fluent, shape.text()))
-                warnings += [shape.warning] if shape.warning else []
+            for path, to_form in ((self.openfoam, to_openfoam), (self.fluent, to_fluent)):
+                if path is not None:
+                    form = to_form(best)
+                    texts.append((path, form.text()))
+                    warnings += [form.warning] if form.warning else []
             if self.write_case is not None:
                 texts.append((self.write_case, to_case(best, str(self.write_case))))
                 if {*best.names} & {*own_parameters(best.model)}:

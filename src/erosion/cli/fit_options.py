@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading
 from erosion.cli.lists import LISTED
-from erosion.cli.options import InputError, WholeOption
+from erosion.cli.options import WholeOption
 from erosion.cli.set_option import load_set
 
 if TYPE_CHECKING:
@@ -76,12 +77,10 @@ def _read_bounds(
         # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
         shared = unit_of(least) or unit_of(greatest)
         ends_read = {}
-        try:
+        with reading(f"Option `--bounds`, {name},"):
             for end in sorted({least, greatest}, key=unit_of, reverse=True):
                 ends_read[end] = read_quantity(end if unit_of(end) else end + shared, dimension, units)
             bounds[name] = ends_read[least], ends_read[greatest]
-        except ValueError as error:
-            raise InputError(f"Option `--bounds`, {name}, {error}.") from error
         if not bounds[name][0] < bounds[name][1]:
             raise InputError(f"Option `--bounds` must give {name} two ascending values, but is {text!r}.")
     return bounds

@@ -57,3 +57,16 @@ def _remove_damaged(folder: Path) -> None:
             file.unlink(missing_ok=True)
 
     warnings.showwarning = show
+
+
+def start_engine() -> None:
+    """Make ready to compute: what XLA compiles is kept for the next start."""
+    silence_matplotlib()
+    keep_programs()
+
+
+def silence_matplotlib() -> None:
+    """Where it has no place for its settings matplotlib says so in two lines, but needs none; before it is imported."""
+    import logging
+
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)

@@ -7,20 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.clusters import dask_cluster
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, ModelOption
-from erosion.cli.options import (
-    EachRow,
-    InputError,
-    JsonOption,
-    WholeOption,
-    load,
-    require_outputs,
-    start_engine,
-    user_errors,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import EachRow, JsonOption, WholeOption, read_option
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar, working
-from erosion.cli.set_option import SetOption, read_settings, settings
+from erosion.cli.set_option import SetOption
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,7 +58,11 @@ class _Rows:
     spin: Annotated[
         str | None, Parameter(help='"column" of the table, "case" (--phidot0), "none", or a law: "normal(0, 1e4)".')
     ] = None
-    seed: Annotated[WholeOption, Parameter(help="Of a law of the spin.")] = None
+    seed: Annotated[WholeOption, Parameter(help="Of laws.")] = None
+    draws: Annotated[WholeOption, Parameter(help="Of what is uncertain; 64 without it, for each the whole map.")] = None
+    cutting_fraction: Annotated[float | None, Parameter(help="Share of the particles that cut; Finnie: about 0.5.")] = (
+        None
+    )
     restitution: Annotated[
         str | None, Parameter(help="e,μ of the wall, if velocities are those after the rebound: 0.8,0.1.")
     ] = None
@@ -74,19 +73,37 @@ class _Rows:
     duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
     density: Annotated[str | None, Parameter(help='Of the particles, where no column gives it: "2650 kg/m^3".')] = None
 
-    def options(self, p: "Parameters") -> "MapOptions":
+    def options(
+        self, p: "Parameters", laws: dict[str, Any], uncertain: dict[str, Any], cutting_fraction: float
+    ) -> "MapOptions":
         """The same as numbers in the units of the case.
+
+        Args:
+            p: the case.
+            laws: of what varies from impact to impact.
+            uncertain: laws of what is one number for all impacts.
+            cutting_fraction: the share of the particles that cut, of the case where no option gives it.
 
         Raises:
             InputError: one sentence naming the option.
         """
-        from erosion.maps.bodies import Bodies
+        from erosion.maps.bodies import FRACTION, Bodies
         from erosion.maps.options import MapOptions
 
         with user_errors(TypeError):
             spin = self._spin(p)
             return MapOptions(
-                bodies=Bodies(p, self.scaling, self.number("diameter", "length", p), spin, self.seed or 0),
+                bodies=Bodies(
+                    p,
+                    self.scaling,
+                    self.number("diameter", "length", p),
+                    spin,
+                    self.seed or 0,
+                    laws,
+                    uncertain,
+                    64 if self.draws is None else self.draws,
+                    1.0 if FRACTION in uncertain and self.cutting_fraction is None else cutting_fraction,
+                ),
                 restitution=self._restitution(),
                 target_density=self.number("target_density", "density", p),
                 limit=self.number("limit", "length", p),
@@ -94,29 +111,14 @@ class _Rows:
 
     def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
         """The number of an option, in the units of the case."""
-        from erosion.parameters.units import read_quantity
-
-        text = getattr(self, name)
-        try:
-            return None if text is None else read_quantity(text, dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--{name.replace('_', '-')}` {error}.") from error
+        return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
 
     def _spin(self, p: "Parameters") -> Any:
         from erosion.distributions import read_distribution
 
-        try:
+        with reading("Option `--spin`"):
             law = None if self.spin is None else read_distribution(self.spin, "phidot0", "angular speed", p.units)
-        except ValueError as error:
-            raise InputError(f"Option `--spin` {error}.") from error
         return self.spin if law is None else law
-
-    def law_in_words(self, job: "MapJob") -> str | None:
-        """The law of the spin, if it has one."""
-        from erosion.distributions import Distribution
-
-        bodies = job.task.options.bodies
-        return bodies.spin.in_words("angular speed", bodies.p.units) if isinstance(bodies.spin, Distribution) else None
 
     def _restitution(self) -> tuple[float, float] | None:
         if self.restitution is None:
@@ -195,8 +197,9 @@ def map_(
     *,
     target: _Surface | None = None,
     case: EachRow | None = None,
-    model: ModelOption = "linearized",
+    model: ModelOption | None = None,
     own: SetOption = None,
+    joint: LawOptions | None = None,
     rows: _Rows | None = None,
     output: Annotated[
         Path | None, Parameter(name=("--output", "-o"), help="map.vtp (for ParaView), map.csv, or map.nc (netCDF).")
@@ -211,21 +214,28 @@ def map_(
     IMPACTS is an OpenFOAM case, a table of its cloud functions (.post, .dat),
     a sample of Fluent (.dpm), or a table with named columns (.csv, .parquet).
     Speed, angle and mass are those of its rows; the case gives the rest.
+
+    A parameter may vary from impact to impact: --k "normal(2, 0.2)". What is
+    one number for all impacts but not known is --uncertain: its error does not
+    average out. A case file gives the same in a table [map]; options win.
     """
     target, options, rows, picture = target or _Surface(), case or EachRow(), rows or _Rows(), picture or _Picture()
-    _refuse_replaced(options)
-    p = options.parameters()
-    chosen = read_settings(model, load(model), settings(own), p.units, _read)
+    section = options.section("map", ("model", "set", *LAW_FIELDS))
+    _refuse_replaced(options, section)
+    sand = case_and_laws(options, "map", section, model, own, joint)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
         from erosion.maps.export import require_map_path
 
         with user_errors():
             require_map_path(output, has_surface=target.surface is not None)
-    require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, options.case, model))
+    require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
     start_engine()
+    varied, uncertain, draws = sand.read_laws()
+    share = weighing(sand.model, PerMassOptions(cutting_fraction=rows.cutting_fraction), options).cutting_fraction
+    made = rows.options(sand.p, varied, uncertain, share)
     with dask_cluster(workers, scheduler):
-        job = _job(impacts, target, rows, p, (model, chosen))
+        job = _job(impacts, target, rows, made, (sand.name, sand.numbers))
         picture.check_surface(job.surface)
         dataset = _computed(job)
     if output is not None:
@@ -234,39 +244,36 @@ def map_(
         with user_errors():
             write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
-    law = rows.law_in_words(job)
-    printed = Output("map", p, options.case, json=json, seed=None if law is None else job.task.options.bodies.seed)
-    _show(dataset, job, printed, model, {} if law is None else {"phidot0": law})
+    printed = Output("map", sand.p, options.case, json=json, seed=made.bodies.seed_used)
+    printed.warn_all(part.doubts(sand.model, sand.p, share) for part in draws)
+    _show(dataset, job, printed, sand.name)
     if not json:
-        for name, path in (("map", output), ("figure", picture.plot)):
-            if path is not None:
-                print(f"{name}: {path}")
+        print_paths(map=output, figure=picture.plot)
 
 
-def _refuse_replaced(options: EachRow) -> None:
+def _refuse_replaced(options: EachRow, section: dict[str, Any]) -> None:
     """Refuse what each row has of its own."""
     options.refuse_angle("each row of the table has its own")
     if "v0" in options.given():
         raise InputError("Option `--v0` has no meaning here: each row of the table has its own.")
-
-
-def _read(name: str, text: Any, dimension: "Dimension", units: Any) -> float:
-    from erosion.parameters.units import read_quantity
-
-    return read_quantity(str(text), dimension, units)
+    for name in ("alpha", "v0"):
+        if name in section:
+            raise InputError(
+                f"{options.case}: field `{name}` of [map] has no meaning here: each row of the table has its own."
+            )
 
 
 def _job(
-    impacts: Path, target: _Surface, rows: _Rows, p: "Parameters", model: tuple[str, dict[str, float]]
+    impacts: Path, target: _Surface, rows: _Rows, options: "MapOptions", model: tuple[str, dict[str, float]]
 ) -> "MapJob":
     """Open the table and the surface, and check the map."""
     from erosion.cfd.read import read_impacts, read_surface
     from erosion.maps.erosion_map import prepare_map
 
-    options, name = rows.options(p), target.surface
+    name, p = target.surface, options.bodies.p
     if name is None and (target.patch is not None or target.reverse):
         raise InputError("Options `--patch` and `--reverse` need `--surface`, which has the patches and the normals.")
-    with user_errors(), working("reading"):
+    with user_errors(TypeError), working("reading"):
         surface = None if name is None else read_surface(name, patch=target.patch, reverse=target.reverse)
         case = name if name is not None and name.is_dir() else None
         duration = rows.number("duration", "time", p)
@@ -286,7 +293,7 @@ def _computed(job: "MapJob") -> "xr.Dataset":
                 raise
 
 
-def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str, laws: dict[str, str]) -> None:
+def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> None:
     """Print the totals; sentences on what is left out are warnings."""
     from erosion.maps.result import MapSummary
 
@@ -297,6 +304,6 @@ def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str, laws
         content = summary.to_dict()
         units = content.pop("units")
         each = dict.fromkeys(("alpha", "v0"), "each row's")
-        output.document(content, {model: job.task.model}, units, {**each, **laws})
+        output.document(content, {model: job.task.model}, units, {**each, **job.laws_in_words()})
     else:
         print_table(summary.title, summary.rows())

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import JsonOption, user_errors
+from erosion.cli.errors import user_errors
+from erosion.cli.options import JsonOption
 from erosion.cli.output import Output, print_table
 
 if TYPE_CHECKING:

@@ -7,18 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption, read_list
-from erosion.cli.options import (
-    AllAngles,
-    CaseFile,
-    InputError,
-    JsonOption,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, read_option, with_file
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
@@ -90,20 +83,14 @@ def optimum(
     _print(model, best, per_mass)
     if sensitivities:
         _print_sensitivities(best)
-    if plot is not None:
-        print(f"figure: {plot}")
+    print_paths(figure=plot)
 
 
 def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
-    from erosion.parameters.units import read_quantity
-
     texts = read_list(",".join(texts).replace(":", ","))
     if len(texts) != 2:
         raise InputError(f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(texts)}.')
-    try:
-        low, high = (read_quantity(text, "angle", p.units) for text in texts)
-    except ValueError as error:
-        raise InputError(f"Option `--alpha-range` {error}.") from error
+    low, high = (read_option("alpha-range", text, "angle", p.units) for text in texts)
     return low, high
 
 

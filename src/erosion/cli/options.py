@@ -1,15 +1,15 @@
-"""What all verbs share: the case, its overrides, the model, and how results are printed."""
+"""Options that verbs share: the case and its overrides, whole numbers, the model."""
 
 import contextlib
 import dataclasses
 import functools
-import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, overload
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import example
 
@@ -17,13 +17,10 @@ if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.materials import Particle, Target
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.units import Dimension, System
 
 
 _Options = TypeVar("_Options")
-
-
-class InputError(ValueError):
-    """Something the user gave that cannot be used; the message is one sentence."""
 
 
 def _with_quantities(options: type[_Options], hidden: Collection[str] = ()) -> type[_Options]:
@@ -71,7 +68,6 @@ class CaseOptions:
         """
         from erosion.parameters.case_files import load_case
         from erosion.parameters.parameters import TABLE_1, validate
-        from erosion.parameters.units import read_quantity
 
         with user_errors():
             p = TABLE_1 if self.case is None else load_case(self.case)
@@ -81,12 +77,8 @@ class CaseOptions:
                 p = p.with_particle(self.particle)
             if self.target is not None:
                 p = p.with_target(self.target)
-        changes = {}
-        for name, text in self.given().items():
-            try:
-                changes[name] = read_quantity(text, QUANTITIES[name].dimension, p.units)
-            except ValueError as error:
-                raise InputError(f"Option `--{name}` {error}.") from error
+        changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units)
+                   for name, text in self.given().items()}  # fmt: skip
         with user_errors():
             p = p.replace(**changes)
             validate(p)
@@ -189,53 +181,6 @@ def read_whole(number: Any) -> int:
 WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: read_whole(tokens[0].value))]
 
 
-def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Sequence[Any] = ()) -> None:
-    """Know before computing that what a verb is to write can be written, each into a file of its own.
-
-    Args:
-        outputs: files that are replaced.
-        plot: a figure's file.
-        inputs: what the verb reads, whose files must stay as they are: paths, models by name or path, texts of laws.
-
-    Raises:
-        InputError: one sentence naming the file.
-    """
-    from erosion.files import require_writable
-
-    with user_errors():
-        if plot is not None:
-            _silence_matplotlib()
-            from erosion.plotting.style import require_plot_path
-
-            require_plot_path(plot)
-        for path in outputs:
-            if path is not None:
-                require_writable(path)
-    written = [path for path in (plot, *outputs) if path is not None]
-    require_apart(written, inputs)
-    named = [path.resolve() for path in written]
-    for i, path in enumerate(named):
-        if path in named[:i]:
-            raise InputError(f"{path}: is named twice, but every file must be another.")
-
-
-def require_apart(outputs: Sequence[Path], inputs: Sequence[Any]) -> None:
-    """Refuse to write a file, or into a folder, that the verb reads; arguments as of `require_outputs`.
-
-    Raises:
-        InputError: one sentence naming the file.
-    """
-    texts = [
-        re.sub(r"\s*samples\s*\((.*)\)\s*", r"\1", str(given), flags=re.S) for given in inputs if given is not None
-    ]
-    # What is too long for a path, as a long list of values, is none.
-    read = [Path(text.strip()) for text in texts if len(text) < 4096 and "\0" not in text]
-    for path in outputs:
-        for file in read:
-            if path.resolve() in (file.resolve(), *file.resolve().parents):
-                raise InputError(f"{path}: must not be written, because {file} is read.")
-
-
 def load(name: str) -> "CuttingModel":
     """The model by name or path."""
     from erosion.models import load_model
@@ -244,52 +189,13 @@ def load(name: str) -> "CuttingModel":
         return load_model(name)
 
 
-@contextlib.contextmanager
-def user_errors(*also: type[Exception]) -> Iterator[None]:
-    """Errors of what the user gave become `InputError`; Python's arguments are options here."""
-    try:
-        yield
-    except (ValueError, OSError, *also) as error:
-        raise InputError(re.sub(r"\bArgument `(\w+)`", _as_option, sentence(error))) from error
+@overload
+def read_option(name: str, text: str, dimension: "Dimension", units: "System") -> float: ...
+@overload
+def read_option(name: str, text: str | None, dimension: "Dimension", units: "System") -> float | None: ...
+def read_option(name: str, text: str | None, dimension: "Dimension", units: "System") -> float | None:
+    """The number of an option in a unit system; None where it is not given."""
+    from erosion.parameters.units import read_quantity
 
-
-def sentence(error: Exception) -> str:
-    """What an error says, without Python's "[Errno 2]"."""
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename or 'The output cannot be written'}: {error.strerror}."
-    return str(error) or type(error).__name__
-
-
-_OPTIONS = {
-    "models": "Option `--model`",
-    "priors": "Option `--prior`",
-    "store": "Option `--output`",
-    "data": "The table",
-}
-"""Python's arguments that have another name on the command line."""
-
-
-def _as_option(argument: re.Match[str]) -> str:
-    return _OPTIONS.get(argument[1], f"Option `--{argument[1].replace('_', '-')}`")
-
-
-def start_engine() -> None:
-    """Make ready to compute: what XLA compiles is kept for the next start."""
-    from erosion.cli.kept_programs import keep_programs
-
-    _silence_matplotlib()
-    keep_programs()
-
-
-def _silence_matplotlib() -> None:
-    """Where it has no place for its settings matplotlib says so in two lines, but needs none; before it is imported."""
-    import logging
-
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)
-
-
-def print_json(content: Mapping[str, Any]) -> None:
-    """JSON on stdout; NaN, which JSON lacks, as null."""
-    from erosion.tables import to_json
-
-    print(to_json(content))
+    with reading(f"Option `--{name}`"):
+        return None if text is None else read_quantity(text, dimension, units)

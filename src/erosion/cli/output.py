@@ -1,11 +1,14 @@
-"""What a verb says: tables, one JSON document of the same form for all verbs, and warnings."""
+"""What a verb says, tables, one JSON document of the same form for all verbs, warnings; and the files it may write."""
 
 import os
+import re
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import silence_matplotlib
 from erosion.parameters.quantities import QUANTITIES
 from erosion.version import __version__
 
@@ -13,6 +16,53 @@ if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
+
+
+def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Sequence[Any] = ()) -> None:
+    """Know before computing that what a verb is to write can be written, each into a file of its own.
+
+    Args:
+        outputs: files that are replaced.
+        plot: a figure's file.
+        inputs: what the verb reads, whose files must stay as they are: paths, models by name or path, texts of laws.
+
+    Raises:
+        InputError: one sentence naming the file.
+    """
+    from erosion.files import require_writable
+
+    with user_errors():
+        if plot is not None:
+            silence_matplotlib()
+            from erosion.plotting.style import require_plot_path
+
+            require_plot_path(plot)
+        for path in outputs:
+            if path is not None:
+                require_writable(path)
+    written = [path for path in (plot, *outputs) if path is not None]
+    require_apart(written, inputs)
+    named = [path.resolve() for path in written]
+    for i, path in enumerate(named):
+        if path in named[:i]:
+            raise InputError(f"{path}: is named twice, but every file must be another.")
+
+
+def require_apart(outputs: Sequence[Path], inputs: Sequence[Any]) -> None:
+    """Refuse to write a file, or into a folder, that the verb reads; arguments as of `require_outputs`.
+
+    Raises:
+        InputError: one sentence naming the file.
+    """
+    texts = [
+        re.sub(r"\s*samples\s*\((.*)\)\s*", r"\1", str(given), flags=re.S) for given in inputs if given is not None
+    ]
+    # What is too long for a path, as a long list of values, is none.
+    read = [Path(text.strip()) for text in texts if len(text) < 4096 and "\0" not in text]
+    for path in outputs:
+        for file in read:
+            if path.resolve() in (file.resolve(), *file.resolve().parents):
+                raise InputError(f"{path}: must not be written, because {file} is read.")
 
 
 class Output:
@@ -46,6 +96,12 @@ class Output:
         """A warning: on stderr at once, and in the document."""
         self.warnings.append(message)
         warn(message)
+
+    def warn_all(self, groups: Iterable[Sequence[str]]) -> None:
+        """Warnings, in groups."""
+        for group in groups:
+            for message in group:
+                self.warn(message)
 
     def judge(self, per_mass: "PerMass", volume: Any, p: "Parameters") -> None:
         """A warning where the erosion ratio of these volumes is far from what tests find."""
@@ -148,6 +204,13 @@ def print_table(
         for statement in statements:
             console.print(statement, markup=False, width=width)
     print(captured.get(), end="")
+
+
+def print_paths(**paths: Path | None) -> None:
+    """Where the files are that a verb has written, those that there are."""
+    for content, path in paths.items():
+        if path is not None:
+            print(f"{content}: {path}")
 
 
 def warn(message: str) -> None:

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import CaseOptions, InputError, user_errors
+from erosion.cli.errors import reading, user_errors
+from erosion.cli.options import CaseOptions
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -42,10 +43,8 @@ class PerMassOptions:
                 of_case = load_per_mass(options.case, usual_fraction)
             density = of_case.density if options.target is None else target(options.target).density
         if self.density is not None:
-            try:
+            with reading("Option `--density`"):
                 density = read_density(self.density)
-            except ValueError as error:
-                raise InputError(f"Option `--density` {error}.") from error
         fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         with user_errors():
             return PerMass(density, fraction)

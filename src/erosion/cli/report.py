@@ -5,8 +5,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED
-from erosion.cli.options import CaseFile, CaseOptions, require_apart, start_engine, user_errors, with_file
+from erosion.cli.options import CaseFile, CaseOptions, with_file
+from erosion.cli.output import require_apart
 from erosion.cli.progress import progress_bar
 
 

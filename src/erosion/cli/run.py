@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import user_errors
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, require_outputs, user_errors, with_file
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, with_file
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, load_set, settings
@@ -62,8 +63,7 @@ def run(
     print_table(
         f"{in_full(model, chosen)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory, per_mass)
     )
-    if plot is not None:
-        print(f"figure: {plot}")
+    print_paths(figure=plot)
 
 
 def _rows(trajectory: "Trajectory", per_mass: "PerMass") -> "list[Row]":

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.options import InputError, load
+from erosion.cli.errors import InputError, reading
+from erosion.cli.options import load
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -52,7 +53,7 @@ def read_settings(
     model: "CuttingModel",
     given: Settings,
     units: "System",
-    read: "Callable[[str, Any, Dimension, System], Any]",
+    read: "Callable[[str, Any, Dimension, System], Any] | None" = None,
 ) -> dict[str, Any]:
     """The values of settings.
 
@@ -62,7 +63,7 @@ def read_settings(
         given: see `settings`.
         units: of bare numbers and of the result.
         read: takes an own parameter's name, its text, its dimension and the units; gives its value, or
-            several, or its law.
+            several, or its law; without it a number.
 
     Raises:
         InputError: one sentence naming the option or the field.
@@ -70,16 +71,16 @@ def read_settings(
     import numpy as np
 
     from erosion.models.own_parameters import own_parameters
+    from erosion.parameters.units import read_quantity
 
     own, values = own_parameters(model), {}
     for key, (source, text) in given.items():
         if key not in own:
             has = f"has {', '.join(own)}" if own else "has none"
             raise InputError(f"{source} must name an own parameter of {name}, which {has}.")
-        try:
-            values[key] = read(key, text, own[key].quantity.dimension, units)
-        except ValueError as error:
-            raise InputError(f"{source} {error}.") from error
+        with reading(source):
+            of = own[key].quantity.dimension, units
+            values[key] = read_quantity(str(text), *of) if read is None else read(key, text, *of)
         if isinstance(values[key], (float, np.ndarray)) and not np.all(np.isfinite(values[key])):
             raise InputError(f"{source} must be finite, but is {text}.")
         if isinstance(values[key], (float, np.ndarray)) and np.any(values[key] < own[key].least):
@@ -89,11 +90,8 @@ def read_settings(
 
 def load_set(name: str, given: Settings, units: "System") -> "CuttingModel":
     """The model by name or path, with the own parameters that are set."""
-    from erosion.parameters.units import read_quantity
-
     model = load(name)
-    changes = read_settings(name, model, given, units, lambda _, text, *of: read_quantity(str(text), *of))
-    return model.replace(**changes)
+    return model.replace(**read_settings(name, model, given, units))
 
 
 def in_full(name: str, model: "CuttingModel") -> str:
@@ -102,11 +100,3 @@ def in_full(name: str, model: "CuttingModel") -> str:
 
     own = own_in_words(model)
     return f"{name} ({own})" if own else name
-
-
-def model_as_json(name: str, model: "CuttingModel") -> dict[str, Any]:
-    """A model's name, and its own parameters as plain numbers."""
-    from erosion.models.own_parameters import own_parameters
-
-    own = {key: float(parameter.value) for key, parameter in own_parameters(model).items()}
-    return {"model": name, "own_parameters": own}

@@ -6,31 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    JsonOption,
-    WholeOption,
-    load,
-    read_whole,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, read_whole, with_file
+from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption, Settings, read_settings, settings
-from erosion.parameters.quantities import QUANTITIES
+from erosion.cli.set_option import SetOption
 
 if TYPE_CHECKING:
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
-    from erosion.parameters.units import Dimension, System
     from erosion.streams.result import Stream
     from erosion.streams.stream import StreamJob
 
@@ -42,6 +29,7 @@ def stream(
     case: CaseOptions | None = None,
     model: ModelOption | None = None,
     own: SetOption = None,
+    joint: LawOptions | None = None,
     abrasive: PerMassOptions | None = None,
     n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
     seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None,
@@ -59,42 +47,37 @@ def stream(
     --v0 "lognormal(110 m/s, 0.1)", --phidot0 "uniform(-1e4, 1e4)",
     --m "weibull(50ug, 3)", --r "rosin-rammler(1mm, 3, 0.2mm)",
     --v0 "samples(jet.csv)". A model's own parameters may vary as well:
-    --set "friction=normal(0.2, 0.02)". A case file gives the same in a table
-    [stream]; options overrule it.
+    --set "friction=normal(0.2, 0.02)". What is one number for all particles but
+    not known is --uncertain: its error does not average out. A case file gives
+    the same in a table [stream]; options win.
     """
     if output is not None and output.suffix != ".nc":
         raise InputError(f"Option `--output` must end in .nc, but is {output}.")
     options = with_file(case, file)
-    section = options.section("stream", ("model", "n", "seed", "points", "set"))
-    p, laws = _case_and_laws(options, section)
+    section = options.section("stream", ("model", "n", "seed", "points", "set", *LAW_FIELDS))
+    jet = case_and_laws(options, "stream", section, model, own, joint)
     count = _count(options, section) if n is None else n
-    given = settings(own, section, f"{options.case}: `set` of [stream]")
-    name = model or section.get("model", "linearized")
-    texts = {**options.texts("stream", section), **given}.values()
-    require_outputs(plot=plot, inputs=(options.case, name, *(text for _, text in texts)))
-    chosen, own_laws = _model_and_laws(name, given, p)
+    require_outputs(plot=plot, inputs=jet.inputs)
     number = section.get("seed", 0) if seed is None else seed
-    printed = Output("stream", p, options.case, json=json, seed=number)
+    printed = Output("stream", jet.p, options.case, json=json, seed=number)
     start_engine()
     from erosion.streams.stream import StreamOptions, prepare_stream
 
+    varied, uncertain, draws = jet.read_laws()
     with user_errors(TypeError):
-        job = prepare_stream(
-            chosen,
-            p,
-            {**laws, **own_laws},
-            StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output),
-        )
-    per_mass = weighing(chosen, abrasive, options)
-    result = _weighed(_run(job, name, printed, per_mass), per_mass)
-    printed.judge(per_mass, result.mean_volume.value, p.replace(m=result.mean_mass.value))
+        made = StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
+        job = prepare_stream(jet.model, jet.p, varied, made, uncertain)
+    per_mass = weighing(jet.model, abrasive, options)
+    printed.warn_all(part.doubts(jet.model, jet.p, per_mass.cutting_fraction) for part in draws)
+    result = _weighed(_run(job, jet.name, printed, per_mass), per_mass)
+    printed.judge(per_mass, result.mean_volume.value, jet.p.replace(m=result.mean_mass.value))
     if plot is not None:
         from erosion.plotting.streams import plot_stream
         from erosion.plotting.style import save_plot
 
         with user_errors():
             save_plot(plot_stream(result), plot)
-    _show(result, name, printed)
+    _show(result, jet.name, printed)
 
 
 def _weighed(result: "Stream", per_mass: "PerMass") -> "Stream":
@@ -116,44 +99,8 @@ def _run(job: "StreamJob", name: str, output: Output, per_mass: "PerMass") -> "S
 
 def _count(options: CaseOptions, section: dict[str, Any]) -> int:
     """The number of particles that the case file gives; 2^20 without it."""
-    try:
+    with reading(f"{options.case}: field `n` of [stream]"):
         return read_whole(section.get("n", 2**20))
-    except ValueError as error:
-        raise InputError(f"{options.case}: field `n` of [stream] {error}.") from error
-
-
-def _case_and_laws(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
-    """The case's scalars, and the laws of what varies, from its [stream] and the options; options win."""
-    p = options.without_changes().parameters()
-    values: dict[str, Any] = {}
-    for name, (source, text) in options.texts("stream", section).items():
-        try:
-            values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"{source} {error}.") from error
-    numbers, laws = _split(values)
-    return p.replace(**numbers), laws
-
-
-def _model_and_laws(name: str, given: Settings, p: "Parameters") -> "tuple[CuttingModel, dict[str, Any]]":
-    """The model with the own parameters that are set, and the laws of those that vary."""
-    model = load(name)
-    numbers, laws = _split(read_settings(name, model, given, p.units, _number_or_law))
-    return model.replace(**numbers), laws
-
-
-def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System") -> Any:
-    from erosion.distributions import read_distribution
-    from erosion.parameters.units import read_quantity
-
-    law = read_distribution(str(text), name, dimension, units)
-    return read_quantity(str(text), dimension, units) if law is None else law
-
-
-def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
-    """Numbers apart from laws."""
-    numbers = {name: value for name, value in values.items() if isinstance(value, float)}
-    return numbers, {name: value for name, value in values.items() if name not in numbers}
 
 
 def _show(result: "Stream", name: str, output: Output) -> None:

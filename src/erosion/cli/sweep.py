@@ -7,20 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.clusters import dask_cluster
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
-from erosion.cli.options import (
-    CaseFile,
-    CaseOptions,
-    InputError,
-    JsonOption,
-    WholeOption,
-    load,
-    require_outputs,
-    start_engine,
-    user_errors,
-    with_file,
-)
-from erosion.cli.output import Output, print_table
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, load, with_file
+from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings
@@ -135,10 +126,8 @@ def _output(grid: "Grid", options: CaseOptions, *, json: bool) -> Output:
 def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
     """A list of the case file, which may be a text as at the command line."""
     value = section.get(name)
-    try:
+    with reading(f"{options.case}: field `{name}` of [sweep]"):
         return read(value) if isinstance(value, str) else value
-    except ValueError as error:
-        raise InputError(f"{options.case}: field `{name}` of [sweep] {error}.") from error
 
 
 def _require_store(output: Path, *, clustered: bool) -> None:
@@ -158,10 +147,8 @@ def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Para
     p = options.without_changes().parameters()
     values: dict[str, Any] = {}
     for name, (source, value) in given.items():
-        try:
+        with reading(source):
             values[name] = read_axis(value, QUANTITIES[name].dimension, p.units)
-        except ValueError as error:
-            raise InputError(f"{source} {error}.") from error
     p = p.replace(**{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}
 
@@ -254,16 +241,14 @@ def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -
 
 
 def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":
-    from erosion.parameters.per_mass import MM3_PER_KG
+    from erosion.parameters.per_mass import PER_MASS_SCALES
     from erosion.parameters.quantities import RESULTS
     from erosion.tables import Row
 
-    units = {"specific_volume": ("mm³/kg", MM3_PER_KG), "erosion_ratio": ("g/kg", 1e-3)}
     rows = []
     for name, value in of_mass.items():
         quantity, _, end = name.rpartition("_")
-        unit, size = units[quantity]
-        known = RESULTS[quantity]
+        (size, unit), known = PER_MASS_SCALES[quantity], RESULTS[quantity]
         rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}"))
     return rows
 

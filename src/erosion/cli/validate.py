@@ -5,8 +5,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.options import JsonOption, require_outputs, start_engine, user_errors
-from erosion.cli.output import Output, print_table
+from erosion.cli.errors import user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.options import JsonOption
+from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.progress import working
 
 
@@ -39,5 +41,4 @@ def validate(
         Output("validate", json=True).document(validation.to_dict())
         return
     print_table(validation.title, validation.rows(), validation.headings, (1, 2, 4), validation.statements)
-    if plot is not None:
-        print(f"figure: {plot}")
+    print_paths(figure=plot)

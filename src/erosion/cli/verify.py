@@ -4,8 +4,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import JsonOption, load, start_engine
+from erosion.cli.options import JsonOption, load
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 

@@ -5,6 +5,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jax.core import Tracer
@@ -85,6 +86,11 @@ def warn_outside(title: str, ranges: Mapping[str, Range], **values: Values) -> N
                           OutOfRangeWarning, stacklevel=3)  # fmt: skip
 
 
+def masks_outside(ranges: Mapping[str, Range], values: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Which values lie outside of the range of their argument, for each argument that has a range."""
+    return {name: ranges[name].excludes(value) for name, value in values.items() if name in ranges}
+
+
 def outside_in_words(
     name: str, ranges: Mapping[str, Range], values: Mapping[str, np.ndarray], counted: np.ndarray | None = None
 ) -> str | None:
@@ -97,7 +103,7 @@ def outside_in_words(
         counted: which impacts count, of their broadcast shape; all of them without it.
     """
     counts = np.asarray(True) if counted is None else counted
-    masks = {key: ranges[key].excludes(value) & counts for key, value in values.items() if key in ranges}
+    masks = {key: mask & counts for key, mask in masks_outside(ranges, values).items()}
     crossed = {key: mask for key, mask in masks.items() if mask.any()}
     if not crossed:
         return None

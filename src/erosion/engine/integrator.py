@@ -255,7 +255,7 @@ def _increment(weights: tuple[float, ...]) -> Callable[[Scalar, Scalar, Sequence
     return jax.jit(lambda u, h, slopes: u + h * _weighted(weights, slopes))
 
 
-def _weighted(weights: Iterable[float], slopes: Sequence[Scalar]) -> Scalar:
+def _weighted(weights: Iterable[float] | np.ndarray, slopes: Sequence[Scalar]) -> Scalar:
     terms = [float(weight) * k for weight, k in zip(weights, slopes, strict=True) if weight != 0]
     return sum(terms[1:], terms[0])
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jinja2
 
 from erosion.exercises.answer_key import EULER_STEPS, RK4_STEPS, AnswerKey
+from erosion.extras import library
 
 TEXT = Path(__file__).with_name("tasks.md")
 _CODE = re.compile(r"^```python(?P<kind>| task| solution)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -33,16 +34,16 @@ def notebook(key: AnswerKey, *, title: str, solved: bool = False) -> str:
         The notebook's JSON, the same for the same case.
 
     Raises:
-        ModuleNotFoundError: where nbformat is not installed.
+        MissingExtraError: where nbformat is not installed.
     """
-    from nbformat import v4, writes
-
+    nbformat = library("nbformat", "classroom")
+    v4 = nbformat.v4
     cells = []
     for number, (kind, source) in enumerate(cells_of(_filled(key, title), solved=solved)):
         make: Any = v4.new_markdown_cell if kind == "markdown" else v4.new_code_cell
         cells.append(make(source, id=f"cell-{number:02}"))
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    return writes(v4.new_notebook(cells=cells, metadata={"kernelspec": kernel})) + "\n"
+    return nbformat.writes(v4.new_notebook(cells=cells, metadata={"kernelspec": kernel})) + "\n"
 
 
 def cells_of(text: str, *, solved: bool) -> Iterator[Cell]:

@@ -1,7 +1,5 @@
 """The exports of a tab: figures, data, the case, and Python lines that compute the same numbers."""
 
-import csv
-import io
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +12,7 @@ from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import Dimension, unit_name
-from erosion.tables import to_json
+from erosion.tables import to_csv, to_json
 
 FIGURES: Mapping[str, str] = {
     "cut": "The cut and its histories",
@@ -128,9 +126,4 @@ def _heading(name: str, dimension: Dimension, state: State) -> str:
 
 
 def _csv(columns: Mapping[str, Any]) -> bytes:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    # Python writes its own floats exact to the last bit.
-    writer.writerows(zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True))
-    return buffer.getvalue().encode()
+    return to_csv({heading: np.asarray(column).tolist() for heading, column in columns.items()}).encode()

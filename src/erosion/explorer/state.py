@@ -12,7 +12,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import System, conversion_factor, read_quantity
+from erosion.parameters.units import System, about, conversion_factor, read_quantity
 
 _NAMES = tuple(QUANTITIES)
 _TEXTS = {True: "true", False: "false"}
@@ -46,10 +46,8 @@ class OwnNumber(NamedTuple):
         Raises:
             ValueError: one sentence that says what is wrong with the text.
         """
-        try:
+        with about(f"Field `{self.key}`"):
             value = read_quantity(text, self.quantity.dimension, units)
-        except ValueError as error:
-            raise ValueError(f"Field `{self.key}` {error}.") from error
         return self.with_value(value)
 
     def with_value(self, value: float) -> "OwnNumber":

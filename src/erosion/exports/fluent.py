@@ -6,7 +6,7 @@ import numpy as np
 
 from erosion.array_types import Broadcast
 from erosion.exports.particle import ExportError, Particle, commented
-from erosion.exports.reach import ANGLES, NEAR, Losses, Reach, losses, more_than_own
+from erosion.exports.reach import ANGLES, NEAR, Losses, Reach, losses, more_than_own, own_curve
 from erosion.models import model_name
 
 _MOST_POINTS = 30  # a piecewise-linear profile of Fluent has no more
@@ -84,10 +84,8 @@ def angle_table(particle: Particle, reach: Reach, comment: str, points: int) -> 
     """
     if not 2 <= points <= _MOST_POINTS:
         raise ValueError(f"Argument `points` must be from 2 to {_MOST_POINTS}, but is {points}.")
-    erosion = particle.erosion(ANGLES, particle.speed, particle.diameter)
+    erosion = own_curve(particle)
     greatest = float(erosion.max())
-    if greatest <= 0:
-        raise ExportError(f"{model_name(particle.model)} removes nothing at any angle: it has no curve to export.")
     angles, curve = np.append(0.0, ANGLES), np.append(0.0, erosion / greatest)
     nodes, misfit = _nodes(angles, curve, points)
     exponent = _exponent(particle, more_than_own(reach.speeds, particle.speed), curve[1:])

@@ -9,7 +9,7 @@ from scipy import optimize
 from erosion.array_types import Broadcast
 from erosion.correlations import finnie_angle
 from erosion.exports.particle import ExportError, Particle, commented
-from erosion.exports.reach import ANGLES, FAR, NEAR, Losses, Reach, losses
+from erosion.exports.reach import ANGLES, FAR, NEAR, Losses, Reach, losses, own_curve
 from erosion.models import model_name
 
 _GREATEST_RATIO = 1e3  # K; with more, Finnie's curve no longer changes its shape
@@ -76,10 +76,8 @@ def coefficients(particle: Particle, reach: Reach, comment: str) -> ParticleEros
         ExportError: where the model's curve is not of Finnie's shape, or the reach asks for more than they hold.
     """
     case = particle.p
-    erosion = particle.erosion(ANGLES, particle.speed, particle.diameter)
+    erosion = own_curve(particle)
     greatest = erosion.max()
-    if greatest <= 0:
-        raise ExportError(f"{model_name(particle.model)} removes nothing at any angle: it has no curve to export.")
     scale = float(case.v0**2 / case.psi)
 
     def curve(coefficients: Any) -> np.ndarray:

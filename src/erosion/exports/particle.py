@@ -59,11 +59,9 @@ class Particle:
         Raises:
             SimulationError: where an impact fails.
         """
-        growth = d / self.diameter
         with np.errstate(over="ignore"):  # such an impact fails
-            mass = self.p.m * growth**3
-        copies = self.p.replace(alpha=alpha, v0=v0, r=self.p.r * growth, b=self.p.b * growth, m=mass)
-        hits = impact(self.model, copies, rtol=_RTOL)
+            copies = self.p.similar(d / self.diameter)
+        hits = impact(self.model, copies.replace(alpha=alpha, v0=v0), rtol=_RTOL)
         volume = np.asarray(hits.volume)
         if not np.isfinite(volume).all():
             lost = np.count_nonzero(~np.isfinite(volume))

@@ -8,6 +8,7 @@ import numpy as np
 
 from erosion.array_types import Broadcast
 from erosion.exports.particle import ExportError, Particle, in_si
+from erosion.models import model_name
 from erosion.parameters.parameters import Parameters
 
 ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
@@ -79,6 +80,18 @@ class Losses:
             f"{self.misfit[own_size, ends].max():.2%} of the maximum there, at half and at twice the diameter by up to "
             f"{self.misfit[ends, own_speed].max():.2%}."
         )
+
+
+def own_curve(particle: Particle) -> np.ndarray:
+    """The volume removed per mass of particles at `ANGLES`, the case's speed and diameter [m³/kg].
+
+    Raises:
+        ExportError: where nothing is removed.
+    """
+    erosion = particle.erosion(ANGLES, particle.speed, particle.diameter)
+    if erosion.max() <= 0:
+        raise ExportError(f"{model_name(particle.model)} removes nothing at any angle: it has no curve to export.")
+    return erosion
 
 
 def losses(code: str, form: _Erosion, particle: Particle, reach: Reach) -> Losses:

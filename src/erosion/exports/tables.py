@@ -1,22 +1,18 @@
 """Tables over angle, speed and diameter for codes that interpolate, as labelled arrays and as CSV."""
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from erosion import tables
 from erosion.exports.particle import Particle, angles, in_si, particle_of
-from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words
-from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, RESULTS
 from erosion.parameters.units import System, ascii_unit, conversion_factor, unit_name
-from erosion.version import __version__
+from erosion.storage.identity import model_in_words, provenance
 
 SHARES = np.linspace(0.5, 2, 7)  # of the case's speed and diameter: from half to twice
 _ANGLES = np.deg2rad(np.arange(2.5, 91, 2.5))
@@ -86,25 +82,16 @@ def labelled(
         axes: values by name, in the order of the dimensions.
         arrays: by name, each over all axes.
     """
-    own = own_in_words(particle.model)
-    attributes = {
-        "Conventions": "CF-1.11",
-        "title": f"Solid particle erosion: {content}",
-        "source": f"erosion {__version__}",
-        "model": model_name(particle.model),
-        **({"own_parameters": own} if own else {}),
-        "unit_system": p.units,
-        "case": dump_case(p),
-        "particle_diameter": particle.diameter * conversion_factor("length", "si", p.units),
-    }
+    described = provenance(content, p, **model_in_words(particle.model))
+    attributes = {**described, "particle_diameter": particle.diameter * conversion_factor("length", "si", p.units)}
     known = {**QUANTITIES, **RESULTS}
 
-    def described(name: str, values: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
+    def in_units(name: str, values: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
         return values * conversion_factor(known[name].dimension, "si", p.units), known[name].attributes(p.units)
 
-    dataset = xr.Dataset(attrs=attributes, coords={name: (name, *described(name, v)) for name, v in axes.items()})
+    dataset = xr.Dataset(attrs=attributes, coords={name: (name, *in_units(name, v)) for name, v in axes.items()})
     for name, values in arrays.items():
-        dataset[name] = (tuple(axes), *described(name, values))
+        dataset[name] = (tuple(axes), *in_units(name, values))
     return dataset
 
 
@@ -114,12 +101,7 @@ def to_csv(dataset: xr.Dataset) -> str:
     "volume [m^3]" and the like are in the first row. The last axis varies fastest.
     """
     system, names = dataset.attrs["unit_system"], [str(name) for name in (*dataset.dims, *dataset.data_vars)]
-    columns = [_column(name, dataset, system) for name in names]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heading for heading, _ in columns)
-    writer.writerows(zip(*(values for _, values in columns), strict=True))
-    return text.getvalue()
+    return tables.to_csv(dict(_column(name, dataset, system) for name in names))
 
 
 def _column(name: str, dataset: xr.Dataset, system: System) -> tuple[str, list[str]]:

@@ -14,12 +14,14 @@ from jax.typing import ArrayLike
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
+from erosion.lanes.jax_versions import carried_by_scan, expansion
 from erosion.lanes.passes import finish
-from erosion.lanes.places import PLACES
+from erosion.lanes.places import PLACES, SCATTERS, scatter
 from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
 _CALLS = {
-    "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "jit", "pjit", "remat", "checkpoint", "remat2",
+    "closed_call", "composite", "core_call", "custom_jvp_call", "custom_vjp_call", "eval_jaxpr", "jit", "pjit", "remat",
+    "checkpoint", "remat2",
 }  # fmt: skip
 _DOUBLE = np.dtype(np.float64)
 _Result = TypeVar("_Result")
@@ -109,6 +111,10 @@ class Flattener:
             return elementwise(self._function(name, len(equation.invars)), equation)
         if name in ARRAYS or name in PLACES:
             return (ARRAYS if name in ARRAYS else PLACES)[name](equation)
+        if name in SCATTERS:
+            return scatter(equation, self.call)
+        if (expanded := expansion(equation)) is not None:
+            return lambda _, inputs: self.closed(expanded, inputs)
         raise CannotCompileError(f"`{name}`")
 
     def _function(self, name: str, inputs: int) -> Callable[..., Value]:
@@ -186,7 +192,7 @@ class Flattener:
 
     def _scan(self, equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
         params = equation.params
-        constants, carries, length = params["num_consts"], params["num_carry"], params["length"]
+        (constants, carries), length = carried_by_scan(params), params["length"]
         fixed, carried, rows = (
             inputs[:constants],
             inputs[constants : constants + carries],

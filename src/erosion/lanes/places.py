@@ -4,6 +4,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from jax.extend.core import Jaxpr
+from jax.typing import ArrayLike
 
 from erosion.lanes.arrays import Elements, Part, Work, kind_of, part, whole
 from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
@@ -150,45 +152,48 @@ def _fill(fill: float | None, dtype: np.dtype) -> float:
     return True if dtype.kind == "b" else np.iinfo(dtype).min if dtype.kind == "i" else np.iinfo(dtype).max
 
 
-def _scatter(name: str) -> Callable[[Equation], Work]:
-    rules = {"scatter-add": "add", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
+def scatter(equation: Equation, call: Callable[[Jaxpr, Sequence[ArrayLike], Sequence[Part]], list[Part]]) -> Work:
+    """Changes elements of an array: each becomes what a function makes of it and of its update.
 
-    def of(equation: Equation) -> Work:
-        numbers, mode = equation.params["dimension_numbers"], equation.params["mode"].name
-        kind, dtype = kind_of(equation), kind_of(equation).inputs[1]
-        if numbers.operand_batching_dims:
-            raise CannotCompileError(f"`{name}` in a batch")
+    Args:
+        equation: of one of `SCATTERS`.
+        call: gives a function's results.
+    """
+    params, kind = equation.params, kind_of(equation)
+    numbers, function = params["dimension_numbers"], params["update_jaxpr"]
+    if numbers.operand_batching_dims:
+        raise CannotCompileError(f"`{equation.primitive.name}` in a batch")
 
-        def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
-            array, indices, updates = whole(inputs[0]).copy(), whole(inputs[1]), whole(inputs[2])
-            kept = [axis for axis in range(array.ndim) if axis not in numbers.inserted_window_dims]
-            for index in np.ndindex(updates.shape):
-                batch = tuple(i for axis, i in enumerate(index) if axis not in numbers.update_window_dims)
-                offset, sizes = [0] * array.ndim, [1] * array.ndim
-                for axis, to in zip(numbers.update_window_dims, kept, strict=True):
-                    offset[to], sizes[to] = index[axis], updates.shape[axis]
-                starts = _starts(graph, numbers.scatter_dims_to_operand_dims, array.ndim, indices[batch], dtype)
-                most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
-                if mode == "CLIP":
-                    starts = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
-                inside, update = _within(graph, starts, most), updates[index]
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
+        array, indices, updates = whole(inputs[0]).copy(), whole(inputs[1]), whole(inputs[2])
+        kept = [axis for axis in range(array.ndim) if axis not in numbers.inserted_window_dims]
+        for index in np.ndindex(updates.shape):
+            batch = tuple(i for axis, i in enumerate(index) if axis not in numbers.update_window_dims)
+            offset, sizes = [0] * array.ndim, [1] * array.ndim
+            for axis, to in zip(numbers.update_window_dims, kept, strict=True):
+                offset[to], sizes[to] = index[axis], updates.shape[axis]
+            starts = _starts(graph, numbers.scatter_dims_to_operand_dims, array.ndim, indices[batch], kind.inputs[1])
+            most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
+            if params["mode"].name == "CLIP":
+                starts = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
+            inside, update = _within(graph, starts, most), updates[index]
 
-                def new(old: Value, inside: Value = inside, update: Value = update) -> Value:
-                    value = update if name == "scatter" else SCALARS[rules[name]](graph, kind, old, update)
-                    return graph.select(inside, value, old)
+            def new(old: Value, inside: Value = inside, update: Value = update) -> Value:
+                value = whole(call(function, params["update_consts"], [old, update])[0])[()] if function else update
+                return graph.select(inside, value, old)
 
-                _changed(graph, array, starts, offset, new)
-            return [part(array)]
+            _changed(graph, array, starts, offset, new)
+        return [part(array)]
 
-        return work
-
-    return of
+    return work
 
 
 PLACES: Mapping[str, Callable[[Equation], Work]] = {
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update_slice,
     "gather": _gather,
-    **{name: _scatter(name) for name in ("scatter", "scatter-add", "scatter-mul", "scatter-min", "scatter-max")},
 }
-"""What computes each primitive that reads or changes elements at computed places, by its name."""
+"""What computes each primitive that reads or changes a slice at a computed place, by its name."""
+
+SCATTERS = {"scatter", "scatter-add", "scatter-sub", "scatter-mul", "scatter-min", "scatter-max"}
+"""Names of the primitives that `scatter` computes."""

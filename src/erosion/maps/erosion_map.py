@@ -7,6 +7,7 @@ process portions follow one another, each on all cores; the workers of a Dask cl
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -40,15 +41,18 @@ def erosion_map(
     limit: float | None = None,
     seed: int = 0,
     rtol: float = 1e-9,
+    uncertain: Mapping[str, Any] | None = None,
+    draws: int = 64,
+    cutting_fraction: float = 1.0,
     progress: Progress = no_progress,
+    **distributions: Any,
 ) -> xr.Dataset:
     """Compute the wear of each face of a surface by the impacts of a CFD run.
 
-        impacts, surface = erosion.read_impacts("bend"), erosion.read_surface("bend", patch="wall")
-        wear = erosion.erosion_map("rotating", p, impacts, surface)
+        wear = erosion.erosion_map("rotating", p, erosion.read_impacts("bend"), erosion.read_surface("bend"))
 
-    Speed, angle of attack and mass are each row's, the rest is the case's. Rows that name no face go to the nearest
-    one. While a Dask cluster is active, its workers compute; the result has the same bits.
+    Speed, angle and mass are each row's, the rest is the case's. Rows without a face go to the nearest one. An active
+    Dask cluster computes the same bits.
 
     Args:
         model: a model, its name or path; a correlation such as "dnv:duplex" too.
@@ -56,27 +60,31 @@ def erosion_map(
         impacts: see `read_impacts`.
         surface: see `read_surface`; None for totals alone, of speeds and angles.
         scaling: "similar": a particle g times as large as the case's has g times its r and b. "none": all have these.
-        diameter: of the case's particle as a sphere of the CFD run [length]. Without it g is the cube root of the
-            ratio of masses.
-        spin: "column" of the table, "case" (its φ̇₀), "none", or a law from `erosion.distributions`. Without it the
-            table's spin, and the case's if the table has none.
+        diameter: of the case's particle as a sphere of the CFD run [length]; else g is the cube root of mass ratios.
+        spin: "column" of the table, "case" (its φ̇₀), "none", or a law; else the table's, the case's if there is none.
         restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
-        target_density: for mass [density]; without it that of a correlation, else no mass is computed.
+        target_density: for mass [density]; without it that of a correlation, else there is no mass.
         limit: greatest distance between a face and a row that names none [length]; farther rows are left out.
-        seed: of the numbers drawn from a law of the spin.
+        seed: of the numbers drawn from laws.
         rtol: see `impact`.
+        uncertain: laws of what is one number for all impacts but not known, {"k": Normal(2, 0.1)}, "cutting_fraction"
+            too, or `posterior.rows_of_draws()`. What it does to the wear does not average out over impacts.
+        draws: of what is uncertain; for each all impacts are computed. 64 know an error to 9 %.
+        cutting_fraction: the share of the particles that cut, by which volumes are multiplied.
         progress: called with "map", the number of rows that are done, and of all (0 if not known).
+        **distributions: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
 
     Returns:
         Over "face": volume, depth, impacts, particles, erodent (mass that hits), erosion, alpha_mean, v0_mean,
         relative_error (of the volume, √(Σ(wV)²)/ΣwV); mass, depth_rate, depth_per_year and mass_flux where density and
         the table's duration are known. Over "patch" the totals, over "end" how impacts end. In the units of `p`.
+        If something is uncertain: means over the draws, and `relative_error` = √(sampling_error² + parameter_error²).
 
     Raises:
         ValueError: for arguments that make no sense, and a table (`ImpactsError`, with file and row) of no use.
         SimulationError: where no impact could be computed.
     """
-    bodies = Bodies(p, scaling, diameter, spin, seed)
+    bodies = Bodies(p, scaling, diameter, spin, seed, distributions, uncertain or {}, draws, cutting_fraction)
     options = MapOptions(bodies, restitution, target_density, limit, rtol)
     return prepare_map(model, impacts, surface, options).run(progress)
 
@@ -104,6 +112,7 @@ def prepare_map(
         raise TypeError(f"Argument `surface` must be what `read_surface` returns, but is {surface!r}.")
     loaded = load_model(model).replace(**(own or {}))
     require_one_impact(loaded, options.bodies.p)
+    options.bodies.check_laws(loaded)
     if isinstance(loaded, Correlated) and options.target_density is None:
         factor = conversion_factor("density", "si", options.bodies.p.units)
         options = dataclasses.replace(options, target_density=float(loaded.density) * factor)

@@ -1,52 +1,46 @@
 """Maps in files: VTP for ParaView, CSV, netCDF."""
 
-import csv
-import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_path
-from erosion.cfd.extra import library
+from erosion.extras import library
 from erosion.files import write_whole
-from erosion.parameters.units import Dimension, conversion_factor
+from erosion.maps.result import FACES
+from erosion.parameters.units import conversion_factor
 from erosion.storage.identity import code_version
 from erosion.storage.netcdf import write_netcdf
+from erosion.tables import to_csv
 
 SUFFIXES = (".vtp", ".csv", ".nc")
 
 
-class _Column(NamedTuple):
-    """A column of a file: its name with the unit, the variable, its dimension, and the SI unit over the file's."""
-
-    name: str
-    variable: str
-    dimension: Dimension
-    size: float
-
-
-# Units that fit to the surface, which is in metres, whatever the units of the case. ASCII, as ParaView's filters are.
-_COLUMNS = (
-    _Column("depth [mm]", "depth", "length", 1e3),
-    _Column("volume [mm^3]", "volume", "volume", 1e9),
-    _Column("mass [kg]", "mass", "mass", 1.0),
-    _Column("depth rate [m/s]", "depth_rate", "speed", 1.0),
-    _Column("depth rate [mm/year]", "depth_per_year", "1", 1.0),
-    _Column("mass flux [kg/(m^2 s)]", "mass_flux", "mass flux", 1.0),
-    _Column("erosion [mm^3/kg]", "erosion", "volume per mass", 1e9),
-    _Column("erosion ratio [kg/kg]", "erosion_ratio", "mass per mass", 1.0),
-    _Column("erodent [kg]", "erodent", "mass", 1.0),
-    _Column("impacts", "impacts", "1", 1.0),
-    _Column("particles", "particles", "1", 1.0),
-    _Column("mean angle [deg]", "alpha_mean", "angle", 180 / math.pi),
-    _Column("mean speed [m/s]", "v0_mean", "speed", 1.0),
-    _Column("relative standard error", "relative_error", "1", 1.0),
-    _Column("area [mm^2]", "area", "area", 1e6),
-)
+# By variable its heading, and the SI unit over the file's. The units fit to the surface, which is in metres, whatever
+# those of the case are. ASCII, as ParaView's filters are.
+_COLUMNS: Mapping[str, tuple[str, float]] = {
+    "depth": ("depth [mm]", 1e3),
+    "volume": ("volume [mm^3]", 1e9),
+    "mass": ("mass [kg]", 1.0),
+    "depth_rate": ("depth rate [m/s]", 1.0),
+    "depth_per_year": ("depth rate [mm/year]", 1.0),
+    "mass_flux": ("mass flux [kg/(m^2 s)]", 1.0),
+    "erosion": ("erosion [mm^3/kg]", 1e9),
+    "erosion_ratio": ("erosion ratio [kg/kg]", 1.0),
+    "erodent": ("erodent [kg]", 1.0),
+    "impacts": ("impacts", 1.0),
+    "particles": ("particles", 1.0),
+    "alpha_mean": ("mean angle [deg]", 180 / math.pi),
+    "v0_mean": ("mean speed [m/s]", 1.0),
+    "relative_error": ("relative standard error", 1.0),
+    "sampling_error": ("relative error by sampling", 1.0),
+    "parameter_error": ("relative error by parameters", 1.0),
+    "area": ("area [mm^2]", 1e6),
+}
 
 
 def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str] | None = None) -> Path:
@@ -87,13 +81,13 @@ def to_polydata(dataset: xr.Dataset) -> Any:
     """The surface of a map as pyvista's `PolyData`, with names and units in the names of the arrays.
 
     Raises:
-        ImpactsError: where pyvista is not installed.
+        MissingExtraError: where pyvista is not installed.
     """
     points, corners, ends = (dataset[name].values for name in ("point", "corner", "corner_end"))
     sizes = np.diff(ends, prepend=0)
     # VTK's list of faces has the number of corners before each face's corners.
     cells = np.insert(corners, ends - sizes, sizes)
-    surface = library("pyvista").PolyData(points, faces=cells)
+    surface = library("pyvista", "cfd").PolyData(points, faces=cells)
     for name, values in _columns(dataset, "").items():
         surface.cell_data[name] = values
     surface.cell_data["patch"] = dataset["face_patch"].values
@@ -109,18 +103,17 @@ def to_polydata(dataset: xr.Dataset) -> Any:
 def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
     """The columns of the variables that the map has."""
     units, columns = dataset.attrs["unit_system"], {}
-    for column in _COLUMNS:
-        name = prefix + column.variable
-        if name in dataset:
-            factor = conversion_factor(column.dimension, units, "si") * column.size
-            values = dataset[name].values
-            columns[column.name] = values if factor == 1 else values * factor
+    for name, (heading, size) in _COLUMNS.items():
+        if prefix + name in dataset:
+            factor = conversion_factor(FACES[name].dimension, units, "si") * size
+            values = dataset[prefix + name].values
+            columns[heading] = values if factor == 1 else values * factor
     return columns
 
 
 def _write_vtp(dataset: xr.Dataset, path: Path) -> None:
     surface = to_polydata(dataset)
-    writer = library("vtkmodules.vtkIOXML").vtkXMLPolyDataWriter()
+    writer = library("vtkmodules.vtkIOXML", "cfd").vtkXMLPolyDataWriter()
     # VTK has words of its own for a full disk.
     writer.WriteToOutputStringOn()
     writer.SetInputData(surface)
@@ -131,20 +124,12 @@ def _write_vtp(dataset: xr.Dataset, path: Path) -> None:
 def _as_csv(dataset: xr.Dataset) -> str:
     """A line for each face, or for each patch if there are no faces."""
     patches = dataset["patch"].values
-    columns: dict[str, Sequence[Any]] = {}
-    if "face" in dataset.dims:
+    columns: dict[str, Any] = {}
+    prefix = "" if "face" in dataset.dims else "patch_"
+    if not prefix:
         columns["face"] = range(dataset.sizes["face"])
         columns["patch"] = [patches[i] for i in dataset["face_patch"].values]
         columns |= {f"{axis} [m]": dataset["centre"].values[:, i].tolist() for i, axis in enumerate("xyz")}
     else:
         columns["patch"] = list(patches)
-    columns |= {name: values.tolist() for name, values in _columns(dataset, _prefix(dataset)).items()}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return text.getvalue()
-
-
-def _prefix(dataset: xr.Dataset) -> str:
-    return "" if "face" in dataset.dims else "patch_"
+    return to_csv(columns | {name: values.tolist() for name, values in _columns(dataset, prefix).items()})

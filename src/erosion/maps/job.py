@@ -13,24 +13,23 @@ import xarray as xr
 from erosion.arguments import Progress, no_progress
 from erosion.cfd.impacts import Impacts, ImpactsError
 from erosion.cfd.surface import Surface
-from erosion.distributions import Distribution
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
-from erosion.maps.bodies import outside_range
+from erosion.maps.bodies import FRACTION, outside_range
 from erosion.maps.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence
 from erosion.maps.options import MapOptions
 from erosion.maps.result import MapSource, to_dataset
 from erosion.maps.tally import Portion, Tally, portion_of
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
-from erosion.models.registry import PLUG_IN
-from erosion.parameters.precision import require_float64
+from erosion.models.own_parameters import quantities
+from erosion.models.registry import require_loadable
 from erosion.parameters.units import conversion_factor
-from erosion.storage.fingerprint import digest
-from erosion.storage.identity import code_version, identity
+from erosion.storage.fingerprint import digest, fingerprint
+from erosion.storage.identity import code_version, identity, require_code
 from erosion.trajectory.trajectory import SimulationError
 
-_PORTION = 2**18  # rows: enough for all cores at once, a few tens of megabytes
+_PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
 _NAMED = 3  # rows that are too far are named, the others counted
 
@@ -61,14 +60,18 @@ class Task:
         """The sums of portion `number`."""
         model, bodies = self.model, self.options.bodies
         is_hit = hits.fate == HIT
-        spin, ends, struck = bodies.spins(hits, number), len(end_names(model)), hits
+        values, ends, struck = bodies.of_rows(model, hits, number), len(end_names(model)), hits
         if not is_hit.all():
-            struck, spin = hits.part(is_hit), spin[is_hit]
+            struck, values = hits.part(is_hit), {name: value[is_hit] for name, value in values.items()}
+        shape = (bodies.realisations, struck.rows)
         if not struck.rows:
-            return portion_of(hits, struck, spin, np.zeros(0, np.int64), np.zeros(0, bool), self.patches, ends)
-        each, p = bodies.impacts(model, struck, spin)
+            empty = np.zeros(shape)
+            return portion_of(hits, struck, empty, empty.astype(np.int64), np.zeros(0, bool), self.patches, ends)
+        common = bodies.common(model)
+        each, p = bodies.impacts(model, struck, values | common)
         results = impact(each, p, rtol=self.options.rtol)
-        volume, outcome = np.asarray(results.volume), np.asarray(results.outcome)
+        volume = np.asarray(results.volume) * common.get(FRACTION, bodies.cutting_fraction)
+        volume, outcome = np.broadcast_to(volume, shape), np.broadcast_to(results.outcome, shape)
         return portion_of(hits, struck, volume, outcome, outside_range(model, struck), self.patches, ends)
 
 
@@ -84,9 +87,7 @@ def compute_portion(task: Task, hits: Hits, number: int, code: str) -> tuple[int
     Raises:
         RuntimeError: where this process computes with other code than the map was begun with.
     """
-    require_float64()
-    if code_version() != code:
-        raise RuntimeError(f"A worker has {code_version()}, but the map was begun with {code}.")
+    require_code(code, "map")
     return number, task.compute(hits, number)
 
 
@@ -109,16 +110,26 @@ class MapJob:
             arrays = (self.surface.points, self.surface.corners, self.surface.ends, self.surface.patch)
             surface = digest(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
         table = f"{self.impacts.title} {self.impacts.identity()}"
-        options = f"{self._in_words()}; rtol = {self.task.options.rtol}"
-        return identity(
-            {"map": self.task.model}, self.task.options.bodies.p, table=table, surface=surface, options=options
-        )
+        bodies = self.task.options.bodies
+        laws = "".join(f" {fingerprint(law, name)}" for name, law in {**bodies.laws, **bodies.uncertain}.items())
+        options = f"{self._in_words()}; rtol = {self.task.options.rtol}{laws}"
+        return identity({"map": self.task.model}, bodies.p, table=table, surface=surface, options=options)
+
+    def laws_in_words(self) -> dict[str, str]:
+        """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
+        bodies, known = self.task.options.bodies, quantities(self.task.model)
+        words = {}
+        for name, law in {**bodies.laws, **bodies.uncertain}.items():
+            dimension = known[name].dimension if name in known else "1"
+            kind = "uncertain " if name in bodies.uncertain else ""
+            words[name] = kind + law.in_words(dimension, bodies.p.units)
+        return words
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Read and compute the table; progress and errors as of `erosion_map`."""
         task, faces = self.task, 1 if self.surface is None else self.surface.faces
         ends = end_names(task.model)
-        tally = Tally(faces, task.patches, len(ends))
+        tally = Tally(faces, task.patches, len(ends), task.options.bodies.realisations)
         far: list[str] = []
 
         def add(portion: Portion) -> None:
@@ -148,7 +159,7 @@ class MapJob:
         """The same by the workers of a cluster."""
         from erosion.cluster import run_blocks
 
-        self._require_path()
+        require_loadable(self.task.reference)
         code, waiting = code_version(), dict[int, Portion]()
         following = 0
 
@@ -167,7 +178,7 @@ class MapJob:
         factor = conversion_factor("length", options.bodies.p.units, "si")
         limit = None if options.limit is None else options.limit * factor
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, limit)
-        blocks = self.impacts.blocks(_PORTION)
+        blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.bodies.realisations)
         try:
             held, count, is_first = list[Hits](), 0, True
             for block in blocks:
@@ -175,10 +186,10 @@ class MapJob:
                 far += incidence.too_far(block, hits, _NAMED - len(far))
                 begin = 0
                 while begin < hits.rows:
-                    part = hits.part(slice(begin, begin + _PORTION - count))
+                    part = hits.part(slice(begin, begin + rows - count))
                     held.append(part)
                     begin, count = begin + part.rows, count + part.rows
-                    if count == _PORTION:
+                    if count == rows:
                         portion = Hits.joined(held)
                         if is_first:
                             self._require_right_way(np.bincount(portion.fate, minlength=1 + len(LEFT_OUT)))
@@ -227,16 +238,11 @@ class MapJob:
             "scaling": bodies.scaling if bodies.scaling != "similar" else None,
             "diameter": bodies.diameter,
             "spin": bodies.spin,
-            "seed": bodies.seed if isinstance(bodies.spin, Distribution) else None,
+            **bodies.laws,
+            **{f"uncertain {name}": law for name, law in bodies.uncertain.items()},
+            "draws": bodies.draws if bodies.uncertain else None,
+            "seed": bodies.seed_used,
+            "cutting_fraction": None if bodies.cutting_fraction == 1 else bodies.cutting_fraction,
             **{name: getattr(options, name) for name in ("restitution", "target_density", "limit")},
         }
         return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
-
-    def _require_path(self) -> None:
-        """A plug-in's class is known to this process alone: workers load the plug-in by its path."""
-        import cloudpickle
-
-        if isinstance(self.task.reference, CuttingModel) and PLUG_IN.encode() in cloudpickle.dumps(self.task.reference):
-            raise ValueError(
-                "Argument `model` must be the path of a plug-in where a cluster computes, but is a model of one."
-            )

@@ -27,11 +27,15 @@ class MapOptions:
     def __post_init__(self) -> None:
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
         check_whole("seed", self.bodies.seed, 0)
+        check_whole("draws", self.bodies.draws, 2)
         validate(self.bodies.p)
         numbers = {name: getattr(self, name) for name in ("target_density", "limit")}
         for name, value in {**numbers, "diameter": self.bodies.diameter}.items():
             if value is not None and not (isinstance(value, (int, float, np.number)) and 0 < value < np.inf):
                 raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
+        fraction = self.bodies.cutting_fraction
+        if not (isinstance(fraction, (int, float, np.number)) and 0 < fraction <= 1):
+            raise ValueError(f"Argument `cutting_fraction` must be above 0 and at most 1, but is {fraction!r}.")
         if self.restitution is not None:
             _check_restitution(self.restitution)
 

@@ -13,16 +13,13 @@ from erosion.cfd.surface import Surface
 from erosion.maps.bodies import Bodies
 from erosion.maps.incidence import LEFT_OUT
 from erosion.maps.tally import Tally
-from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
-from erosion.models.own_parameters import own_in_words
-from erosion.parameters.case_files import dump_case
 from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
+from erosion.storage.identity import model_in_words, provenance
 from erosion.tables import Record, Result, Row, to_plain, with_error
-from erosion.version import __version__
 
 YEAR = 365.25 * 86400.0
 """Seconds of a year (Julian)."""
@@ -42,11 +39,16 @@ FACES: Mapping[str, Quantity] = {
     "alpha_mean": Quantity("ᾱ", "mean angle of attack of the particles", "angle"),
     "v0_mean": Quantity("v̄₀", "mean impact speed of the particles", "speed"),
     "relative_error": Quantity("s", "relative standard error of the volume", "1"),
+    "sampling_error": Quantity("s", "relative standard error by the sample of impacts", "1"),
+    "parameter_error": Quantity("s", "relative standard error by uncertain parameters", "1"),
     "area": Quantity("A", "area", "area"),
 }
 """The variables over faces. `depth_per_year` is in mm/year in all unit systems."""
 
-TOTALS = ("volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "particles", "relative_error")
+TOTALS = (
+    "volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "particles",
+    "relative_error", "sampling_error", "parameter_error",
+)  # fmt: skip
 """Those that a patch, and the whole surface, have as well: `patch_volume`, `total_volume`, …"""
 
 
@@ -86,6 +88,9 @@ def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: fl
     """
     units, surface, duration = source.bodies.p.units, source.surface, source.impacts.duration
     sums = {**tally.sums, "impacts": tally.impacts.astype(float)}
+    draws = tally.of_draws if source.bodies.uncertain else None
+    if draws is not None:
+        sums["common"] = draws.var(axis=0, ddof=1)
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
     patches = ("all",) if surface is None else surface.patches
     patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
@@ -97,14 +102,22 @@ def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: fl
         for name in (name for name in FACES if name in numbers):
             variables[name] = ("face", numbers[name], _attributes(name, units))
     variables["patch"] = ("patch", np.array(patches, dtype=object))
-    grouped = {name: _by_patch(values, patch, len(patches)) for name, values in sums.items()}
+    grouped = {name: _by_patch(values, patch, len(patches)) for name, values in sums.items() if name != "common"}
     whole = {name: np.array(math.fsum(values)) for name, values in grouped.items()}
+    if draws is not None:
+        of_patches = np.array([_by_patch(volume, patch, len(patches)) for volume in draws])
+        # What is common to all faces does not average out: the variance of a sum is not the sum of variances.
+        grouped["common"], whole["common"] = of_patches.var(axis=0, ddof=1), of_patches.sum(axis=1).var(ddof=1)
+        total = {**_attributes("volume", units), "long_name": "removed volume of all faces for each draw"}
+        variables["total_volume_of_draw"] = ("draw", of_patches.sum(axis=1), total)
     for prefix, dims, of in (("patch", ("patch",), grouped), ("total", (), whole)):
         for name, value in _numbers(of, density).items():
             if name in TOTALS:
                 variables[f"{prefix}_{name}"] = (dims, value, _attributes(name, units))
     variables["end"] = ("end", np.array(ends, dtype=object))
-    variables["ends"] = (("patch", "end"), tally.ends, {"long_name": "rows by how their impact ends", "units": "1"})
+    # An impact may end in another way for another draw: then rows are shared out.
+    counts = tally.ends if draws is None else tally.ends / len(draws)
+    variables["ends"] = (("patch", "end"), counts, {"long_name": "rows by how their impact ends", "units": "1"})
     _add_rows(variables, tally, source, units)
     if duration is not None:
         variables["duration"] = ((), duration, {"long_name": "time that the impacts cover", "units": "s"})
@@ -113,7 +126,7 @@ def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: fl
 
 
 def _numbers(sums: Mapping[str, np.ndarray], density: float | None) -> dict[str, np.ndarray]:
-    """Variables from sums over rows, of faces, patches or all."""
+    """Variables from sums over rows, of faces, patches or all; "common" is the variance by uncertain parameters."""
     with np.errstate(invalid="ignore", divide="ignore"):
         numbers = {
             "volume": sums["volume"],
@@ -123,8 +136,11 @@ def _numbers(sums: Mapping[str, np.ndarray], density: float | None) -> dict[str,
             "particles": sums["particles"],
             "alpha_mean": sums["angle"] / sums["particles"],
             "v0_mean": sums["speed"] / sums["particles"],
-            "relative_error": np.sqrt(sums["squares"]) / sums["volume"],
+            "relative_error": np.sqrt(sums["squares"] + sums.get("common", 0.0)) / sums["volume"],
         }
+        if "common" in sums:
+            numbers["sampling_error"] = np.sqrt(sums["squares"]) / sums["volume"]
+            numbers["parameter_error"] = np.sqrt(sums["common"]) / sums["volume"]
     if density is not None:
         numbers["mass"] = numbers["volume"] * density
         numbers["erosion_ratio"] = numbers["erosion"] * density
@@ -192,21 +208,16 @@ def _add_rows(variables: Variables, tally: Tally, source: MapSource, units: Syst
 
 def _provenance(source: MapSource) -> dict[str, str]:
     """The attributes of a map."""
-    own, p = own_in_words(source.model), source.bodies.p
-    return {
-        "Conventions": "CF-1.11",
-        "title": "Solid particle erosion: a map",
-        "source": f"erosion {__version__}",
-        "model": model_name(source.model),
-        **({"own_parameters": own} if own else {}),
-        "table": source.impacts.title,
-        "surface": "" if source.surface is None else source.surface.title,
-        "options": source.options,
-        "far_rows": "; ".join(source.far),
-        "notes": " ".join(source.impacts.notes),
-        "unit_system": p.units,
-        "case": dump_case(p),
-    }
+    return provenance(
+        "a map",
+        source.bodies.p,
+        **model_in_words(source.model),
+        table=source.impacts.title,
+        surface="" if source.surface is None else source.surface.title,
+        options=source.options,
+        far_rows="; ".join(source.far),
+        notes=" ".join(source.impacts.notes),
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,6 +250,10 @@ class MapSummary(Result):
             hit = int((data["impacts"] > 0).sum())
             rows.append(Row("faces hit", "", f"{hit:,} of {data.sizes['face']:,}", "", "of the surface"))
         rows += self._totals("total", "", ())
+        for name in ("sampling_error", "parameter_error"):
+            if f"total_{name}" in data:
+                share = f"{100 * float(data[f'total_{name}']):.3g}"
+                rows.append(Row(name, "", share, "%", f"of V and E: {FACES[name].meaning}"))
         if data.sizes["patch"] > 1:
             for i, patch in enumerate(data["patch"].values):
                 rows += self._totals("patch", f" {patch}", (i,))[:1]
@@ -285,7 +300,7 @@ class MapSummary(Result):
             if count and name != "elsewhere":
                 named = f", such as {data.attrs['far_rows']}" if name == "too-far" else ""
                 sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{named}.")
-        failed = int(data["ends"].sum() - data["total_impacts"])
+        failed = round(float(data["ends"].sum() - data["total_impacts"]))
         if failed:
             sentences.append(f"{failed:,} impacts could not be computed, and are not counted.")
         if "beyond_range" in data and float(data["beyond_range"]) > 0:

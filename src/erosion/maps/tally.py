@@ -15,7 +15,8 @@ from erosion.maps.incidence import HIT, LEFT_OUT, Hits
 SUMS = ("particles", "erodent", "volume", "squares", "angle", "speed")
 """Of each face: Σw, Σwm [kg], ΣwV [volume], Σ(wV)² [volume²], Σwα [rad], Σwv₀ [m/s]; w is a row's number of particles.
 
-Rows without a volume ("failed", "unfinished") count in none of them.
+V and V² are means over the draws of uncertain parameters. Rows without a volume ("failed", "unfinished") in one of
+the draws count in none of them.
 """
 
 _SHORTEST, _LONGEST, _PER_DECADE = -12, 6, 400  # decades of a metre: bins of distances
@@ -30,7 +31,8 @@ class Portion:
         faces: those that are hit, in order.
         impacts: number of rows that have a volume, of each of these faces.
         sums: of each of `SUMS` and of these faces.
-        ends: rows that hit, by face's patch and by outcome.
+        of_draws: ΣwV of each draw of uncertain parameters and of these faces, shape (draws, faces) [volume].
+        ends: impacts, rows that hit times draws, by face's patch and by outcome.
         fates: rows by fate.
         lost_mass: of the rows of each fate [kg].
         outside_mass: of hits outside the range of a correlation [kg].
@@ -41,6 +43,7 @@ class Portion:
     faces: np.ndarray
     impacts: np.ndarray
     sums: np.ndarray
+    of_draws: np.ndarray
     ends: np.ndarray
     fates: np.ndarray
     lost_mass: np.ndarray
@@ -63,19 +66,21 @@ def portion_of(
     Args:
         hits: all rows.
         struck: those that hit.
-        volume: of one particle of each row that hits, in the order of the rows [volume].
-        outcome: of these rows.
+        volume: of one particle for each draw of uncertain parameters, or one, and each row that hits, in the order of
+            the rows; shape (draws, rows) [volume].
+        outcome: of these impacts, of the same shape.
         outside: whether these rows are outside the range of a correlation.
         patches: number of patches.
         ends: number of outcomes.
     """
-    faces, impacts, sums = _by_face(struck, volume)
-    code = struck.patch * ends + outcome
+    faces, impacts, sums, of_draws = _by_face(struck, volume)
+    code = (struck.patch * ends + outcome).ravel()
     near = hits.distance[np.isfinite(hits.distance)]
     return Portion(
         faces=faces,
         impacts=impacts,
         sums=sums,
+        of_draws=of_draws,
         ends=np.bincount(code, minlength=patches * ends).reshape(patches, ends),
         fates=np.bincount(hits.fate, minlength=1 + len(LEFT_OUT)),
         lost_mass=np.bincount(hits.fate, hits.count * hits.mass, minlength=1 + len(LEFT_OUT)),
@@ -85,28 +90,30 @@ def portion_of(
     )
 
 
-def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The faces of rows that have a volume, the numbers of these rows, and their `SUMS`."""
-    known = np.isfinite(volume)
+def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The faces of rows that have a volume, the numbers of these rows, their `SUMS`, and ΣwV of each draw."""
+    known = np.isfinite(volume).all(axis=0)
     if not known.all():
-        struck, volume = struck.part(known), volume[known]
+        struck, volume = struck.part(known), volume[:, known]
     # Rows of one face stay in their order; numpy sorts numbers far faster than it finds their order.
     key = struck.face * struck.rows + np.arange(struck.rows)
     key.sort()
     face, order = np.divmod(key, max(struck.rows, 1))
     begins = np.flatnonzero(np.diff(face, prepend=-1))
-    count, removed = struck.count[order], struck.count[order] * volume[order]
+    count = struck.count[order]
+    removed = count * volume[:, order]
     columns = (
         count,
         count * struck.mass[order],
-        removed,
-        removed**2,
+        removed.mean(axis=0),
+        (removed**2).mean(axis=0),
         count * struck.alpha[order],
         count * struck.speed[order],
     )
     # `reduceat` adds the rows of a face in pairs.
     sums = np.array([np.add.reduceat(column, begins) if begins.size else column for column in columns])
-    return face[begins], np.diff(begins, append=struck.rows), sums
+    of_draws = np.add.reduceat(removed, begins, axis=1) if begins.size else removed
+    return face[begins], np.diff(begins, append=struck.rows), sums, of_draws
 
 
 class Tally:
@@ -114,13 +121,15 @@ class Tally:
 
     Attributes:
         impacts: rows with a volume, of each face.
+        of_draws: ΣwV of each draw of uncertain parameters and each face, shape (draws, faces) [volume].
         ends, fates, outside_mass, lost_mass, distances, farthest: as of `Portion`.
     """
 
-    def __init__(self, faces: int, patches: int, ends: int) -> None:
+    def __init__(self, faces: int, patches: int, ends: int, draws: int = 1) -> None:
         self._sums = np.zeros((len(SUMS), faces))
         self._errors = np.zeros((len(SUMS), faces))
         self.impacts = np.zeros(faces, np.int64)
+        self.of_draws = np.zeros((draws, faces))
         self.ends = np.zeros((patches, ends), np.int64)
         self.fates = np.zeros(1 + len(LEFT_OUT), np.int64)
         self.lost_mass = np.zeros(1 + len(LEFT_OUT))
@@ -137,6 +146,7 @@ class Tally:
         self._errors[:, faces] += np.where(larger, (before - after) + portion.sums, (portion.sums - after) + before)
         self._sums[:, faces] = after
         self.impacts[faces] += portion.impacts
+        self.of_draws[:, faces] += portion.of_draws
         self.ends += portion.ends
         self.fates += portion.fates
         self.lost_mass += portion.lost_mass

@@ -95,6 +95,20 @@ def _built_in() -> Mapping[str, ModelInfo]:
 BUILT_IN: Mapping[str, ModelInfo] = _built_in()
 
 
+def require_loadable(model: object, hint: str = "") -> None:
+    """Refuse a plug-in's model for a cluster: only this process knows its class, workers load it by its path.
+
+    Raises:
+        ValueError: for a model of a plug-in; `hint` ends the sentence.
+    """
+    import cloudpickle
+
+    if isinstance(model, CuttingModel) and PLUG_IN.encode() in cloudpickle.dumps(model):
+        raise ValueError(
+            f"Argument `model` must be the path of a plug-in where a cluster computes, but is a model of one{hint}."
+        )
+
+
 def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
     """Every model that `load_model` knows by name, with its description.
 

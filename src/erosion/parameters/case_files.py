@@ -12,20 +12,23 @@ may name the particle and the target:
     target = "aluminium 6061"
 """
 
+import contextlib
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from erosion.arguments import check_path
+from erosion.files import readable
 from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars
 from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.units import System, check_system, has_unit, shown, unit_name
+from erosion.parameters.units import System, about, check_system, has_unit, shown, unit_name
 
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
 """What only erosion per mass of abrasive needs; see `load_per_mass`."""
-SECTIONS = ("sweep", "stream")
+SECTIONS = ("sweep", "stream", "map")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
 
@@ -50,10 +53,17 @@ def load_case(path: str | Path) -> Parameters:
     """
     path = check_path("path", path)
     table = _read(path)
-    try:
+    with _in_file(path):
         return _parameters(table)
-    except ValueError as error:
-        raise CaseError(f"{path}: {_lower_first(str(error))}") from error
+
+
+def parse_case(text: str) -> Parameters:
+    """The parameters of the text of a case file, as `dump_case` writes it.
+
+    Raises:
+        ValueError: for another text.
+    """
+    return _parameters(tomllib.loads(text))
 
 
 def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:
@@ -62,12 +72,11 @@ def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:
     Raises:
         CaseError: for a file that cannot be read, or a name that is unknown.
     """
-    table = _read(check_path("path", path))
-    try:
+    path = check_path("path", path)
+    table = _read(path)
+    with _in_file(path):
         grit, metal = table.get("particle"), table.get("target")
         return None if grit is None else particle(grit), None if metal is None else target(metal)
-    except ValueError as error:
-        raise CaseError(f"{path}: {_lower_first(str(error).replace('Argument', 'Field'))}") from error
 
 
 def load_per_mass(path: str | Path, usual_fraction: float = 1.0) -> PerMass:
@@ -82,23 +91,15 @@ def load_per_mass(path: str | Path, usual_fraction: float = 1.0) -> PerMass:
     """
     path = check_path("path", path)
     table = _read(path)
-    try:
+    with _in_file(path):
         density = target(table["target"]).density if isinstance(table.get("target"), str) else None
         if "density" in table:
-            density = _density(table["density"])
+            with about("Field `density`"):
+                density = read_density(table["density"])
         fraction = table.get("cutting_fraction", usual_fraction)
         if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
             raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")
         return PerMass(density, float(fraction))
-    except ValueError as error:
-        raise CaseError(f"{path}: {_lower_first(str(error).replace('Argument', 'Field'))}") from error
-
-
-def _density(value: Any) -> float:
-    try:
-        return read_density(value)
-    except ValueError as error:
-        raise ValueError(f"Field `density` {error}.") from error
 
 
 def case_title(path: str | Path) -> str:
@@ -126,12 +127,10 @@ def load_section(path: str | Path, name: str) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
+    with readable(path, CaseError):
+        text = path.read_text(encoding="utf-8-sig")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise CaseError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    except UnicodeDecodeError as error:
-        raise CaseError(f"{path}: is not a text file in UTF-8.") from error
+        return tomllib.loads(text)
     except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
         raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
     except RecursionError as error:
@@ -178,20 +177,14 @@ def _parameters(table: dict[str, Any]) -> Parameters:
     if units is None:
         _require_units(quantities)
         units = "si"
-    try:
-        system = check_system(str(units))
-    except ValueError as error:
-        raise ValueError(str(error).replace("Argument", "Field")) from error
+    system = check_system(str(units))
     return Parameters.from_quantities(system, _named(table, system) | quantities)
 
 
 def _named(table: dict[str, Any], units: System) -> dict[str, float]:
     """What the particle and the target that the file names set."""
-    try:
-        of_particle = particle(table["particle"]).parameters(units) if "particle" in table else {}
-        of_target = target(table["target"]).parameters(units) if "target" in table else {}
-    except ValueError as error:
-        raise ValueError(str(error).replace("Argument", "Field")) from error
+    of_particle = particle(table["particle"]).parameters(units) if "particle" in table else {}
+    of_target = target(table["target"]).parameters(units) if "target" in table else {}
     return of_particle | of_target
 
 
@@ -206,8 +199,14 @@ def _require_units(quantities: dict[str, int | float | str]) -> None:
             )
 
 
-def _lower_first(sentence: str) -> str:
-    return sentence[0].lower() + sentence[1:]
+@contextlib.contextmanager
+def _in_file(path: Path) -> Iterator[None]:
+    """Errors of what a file says name the file; Python's arguments are fields there."""
+    try:
+        yield
+    except ValueError as error:
+        sentence = str(error).replace("Argument", "Field")
+        raise CaseError(f"{path}: {sentence[0].lower()}{sentence[1:]}") from error
 
 
 def _toml_string(text: str) -> str:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from erosion.parameters.units import Dimension, System, conversion_factor, read_quantity, shown
+from erosion.files import readable
+from erosion.parameters.units import Dimension, System, about, conversion_factor, read_quantity, shown
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
     {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
@@ -153,10 +154,8 @@ def particle(text: "str | Particle") -> Particle:
             f'Argument `particle` must be a material and a size such as "garnet 0.3 mm", but is {shown(text)}.'
         )
     entry = _entry("particle", match["name"], "particles", file)
-    try:
+    with about("Argument `particle`"):
         size = read_quantity(match["size"], "length", "si")
-    except ValueError as error:
-        raise ValueError(f"Argument `particle` {error}.") from error
     if size <= 0:
         raise ValueError(f"Argument `particle` must have a positive size, but is {shown(text)}.")
     if not _SMALLEST <= size <= _LARGEST:
@@ -256,12 +255,10 @@ def _table(file: Path | None) -> Mapping[str, Mapping[str, dict[str, Any]]]:
         return _built_in()
     if file.exists() and not file.is_file():  # a pipe waits for its writer
         raise ValueError(f"{file}: is no file.")
+    with readable(file):
+        text = file.read_text(encoding="utf-8-sig")
     try:
-        return _checked(tomllib.loads(file.read_text(encoding="utf-8-sig")))
-    except OSError as error:
-        raise ValueError(f"{file}: cannot be read ({error.strerror or error}).") from error
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{file}: is not a text file in UTF-8.") from error
+        return _checked(tomllib.loads(text))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{file}: {str(error).rstrip('.')}.") from error
 

@@ -23,7 +23,7 @@ from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.parameters.ranges import STEEPEST
-from erosion.parameters.units import System, check_system, conversion_factor, read_quantity
+from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity
 from erosion.tables import Result, Row, abbreviate
 
 if TYPE_CHECKING:
@@ -108,10 +108,8 @@ class Parameters(Result, eqx.Module):
         values: dict[str, float] = {}
         for name, value in quantities.items():
             if isinstance(value, str):
-                try:
+                with about(f"Field `{name}`"):
                     values[name] = read_quantity(value, QUANTITIES[name].dimension, system)
-                except ValueError as error:
-                    raise ValueError(f"Field `{name}` {error}.") from error
             elif isinstance(value, (int, float)) and not isinstance(value, bool):
                 try:
                     values[name] = float(value)
@@ -133,6 +131,10 @@ class Parameters(Result, eqx.Module):
             hint = '; use `p.to("si")` to convert units' if unknown[0] == "units" else ""
             raise TypeError(f"Argument `{unknown[0]}` is not a parameter{hint}; they are {', '.join(QUANTITIES)}.")
         return dataclasses.replace(self, **changes)
+
+    def similar(self, growth: Broadcast) -> "Parameters":
+        """The same impact by similar bodies, `growth` times as large: r and b grow with it, m with its third power."""
+        return self.replace(r=self.r * growth, b=self.b * growth, m=self.m * growth**3)
 
     def with_particle(self, particle: str | Particle) -> "Parameters":
         """The same impact by another particle, in this unit system: r, b, m and β of a sphere.

@@ -1,5 +1,7 @@
 """From a removed volume to the erosion that engineers measure: volume, and mass, per mass of abrasive."""
 
+import types
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,11 +11,14 @@ from erosion.array_types import PerImpact
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import DIGITS, RESULTS
-from erosion.parameters.units import System, conversion_factor, has_unit, read_quantity, shown
+from erosion.parameters.scales import Scale
+from erosion.parameters.units import conversion_factor, has_unit, read_quantity, shown
 from erosion.tables import Row, format_number, largest_of
 
-MM3_PER_KG = 1e-9
-"""1 mm³/kg [m³/kg]."""
+PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
+    {"specific_volume": Scale(1e-9, "mm³/kg"), "erosion_ratio": Scale(1e-3, "g/kg")}
+)
+"""The units in which erosion per mass of abrasive reads well, whatever the units of the case."""
 
 # DNVGL-RP-O501 (2015), table 3-1, fits K vⁿ to tests: at 100 m/s 0.23 g/kg for aluminium, 0.32 g/kg for steels.
 # n is 2.3 and 2.6 there. Tests of single alloys and grits spread about that by a factor of three.
@@ -63,7 +68,8 @@ class PerMass:
 
     def specific_volume(self, volume: Any, p: Parameters) -> PerImpact:
         """Removed volume per mass of abrasive [m³/kg], of volumes in the units of `p`; they broadcast with p.m."""
-        return self._per_mass(np.asarray(volume) / np.asarray(p.m), p.units)
+        ratio = np.asarray(volume) / np.asarray(p.m)
+        return self.cutting_fraction * ratio * conversion_factor("volume per mass", p.units, "si")
 
     def erosion_ratio(self, volume: Any, p: Parameters) -> PerImpact:
         """Mass loss per mass of abrasive [kg/kg], of volumes in the units of `p`; they broadcast with p.m.
@@ -77,15 +83,16 @@ class PerMass:
 
     def rows(self, volume: Any, p: Parameters) -> list[Row]:
         """Volume and, where the density is known, mass per mass of abrasive, as table rows in mm³/kg and g/kg."""
-        some = "" if self.cutting_fraction == 1 else f"; {self.cutting_fraction:g} of the particles cut"
-        specific = self.specific_volume(volume, p)
-        numbers = [("specific_volume", specific, MM3_PER_KG, "mm³/kg")]
-        if self.density is not None:
-            numbers.append(("erosion_ratio", self.density * specific, 1e-3, "g/kg"))
+        numbers = {name: (value, PER_MASS_SCALES[name]) for name, value in self.to_dict(volume, p).items()}
         return [
-            Row(name, RESULTS[name].symbol, format_number(value, DIGITS, size), unit, RESULTS[name].meaning + some)
-            for name, value, size, unit in numbers
+            Row(name, RESULTS[name].symbol, format_number(value, DIGITS, scale.size), scale.unit, self.meaning_of(name))
+            for name, (value, scale) in numbers.items()
         ]
+
+    def meaning_of(self, name: str) -> str:
+        """What a result per mass of abrasive is, and the share of the particles that cut, where it is not all."""
+        some = "" if self.cutting_fraction == 1 else f"; {self.cutting_fraction:g} of the particles cut"
+        return RESULTS[name].meaning + some
 
     def to_dict(self, volume: Any, p: Parameters) -> dict[str, Any]:
         """`specific_volume` [m³/kg] and, where the density is known, `erosion_ratio` [kg/kg]."""
@@ -108,9 +115,6 @@ class PerMass:
             f"{low * 1e3:.2g} to {high * 1e3:.2g} g/kg (fits to tests: DNVGL-RP-O501, 2015, table 3-1); "
             "only some particles cut, and the product of σ and ψ is known to a factor of two at best."
         )
-
-    def _per_mass(self, ratio: Any, units: System) -> PerImpact:
-        return self.cutting_fraction * ratio * conversion_factor("volume per mass", units, "si")
 
 
 PER_MASS_UNITS = {name: RESULTS[name].unit("si") for name in ("specific_volume", "erosion_ratio")}

@@ -5,13 +5,14 @@ carries the name of its system. Units appear at the edges: case files, the comma
 tables and axis labels.
 """
 
+import contextlib
 import functools
 import math
 import re
 import tokenize
 import types
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
@@ -62,6 +63,15 @@ _INCH_POUND_IN_SI: Mapping[Dimension, float] = types.MappingProxyType(
 )  # fmt: skip
 
 _SUPERSCRIPTS = {"**2": "²", "**3": "³"}
+
+
+@contextlib.contextmanager
+def about(what: str, kind: type[ValueError] = ValueError) -> Iterator[None]:
+    """What a reader says of a text, "must be …", becomes an error of that kind, a sentence about `what`."""
+    try:
+        yield
+    except ValueError as error:
+        raise kind(f"{what} {error}.") from error
 
 
 class UnitError(ValueError):

@@ -17,7 +17,7 @@ from matplotlib.colors import LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from erosion.cfd.extra import library
+from erosion.extras import library
 from erosion.maps.export import to_polydata
 from erosion.maps.result import FACES
 from erosion.parameters.scales import Scale, readable_scale, table_scale
@@ -64,7 +64,7 @@ def plot_map(
     Raises:
         ValueError: for a map without a surface, an unknown variable or view, and a view that shows nothing.
         RuntimeError: on a machine where nothing can be drawn.
-        ImpactsError: where pyvista, of the extra `cfd`, is not installed.
+        MissingExtraError: where pyvista, of the extra `cfd`, is not installed.
     """
     require_view(view, zoom)
     if "face" not in wear.dims:
@@ -168,7 +168,7 @@ def require_renderer() -> None:
 
 def _picture(wear: xr.Dataset, colours: np.ndarray, camera: _Camera) -> np.ndarray:
     """The surface as pixels."""
-    pyvista = library("pyvista")
+    pyvista = library("pyvista", "cfd")
     require_renderer()
     longer = max(camera.width, camera.height)
     size = [max(1, round(_PIXELS * length / longer)) for length in (camera.width, camera.height)]

@@ -1,6 +1,7 @@
-"""Figures of posteriors: pairs of parameters, traces, predictions with their jumps, and best angles."""
+"""Figures of posteriors: pairs, traces, predictions with their jumps, best angles, and the next experiment."""
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,16 @@ from erosion.models import model_name
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import unit_name
-from erosion.plotting.colors import ENDS, INK, PALETTE
+from erosion.plotting.colors import ENDS, INK, PALETTE, STYLES
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
-from erosion.posteriors import Posterior
+from erosion.posteriors import NextExperiment, Posterior
 from erosion.posteriors.best_angles import BestAngles
 
 _ANGLES = np.deg2rad(np.linspace(0.5, 89.5, 179))
 _DRAWS = 400  # of a band: its 95 % ends are known to some percents of its width
 _DECADE = 10.0  # of an interval, from which on the axis is logarithmic
 _BINS = 40
+_LEAST_BITS = 0.01  # of an axis: ten times the accuracy
 _BANDS = ((0.95, 0.18), (0.5, 0.4))  # probability, opacity
 
 
@@ -138,6 +140,53 @@ def plot_best_angles(best: BestAngles) -> Figure:
     lower.set_ylabel(f"{typeset(RESULTS['volume_max'].symbol)}  [{scale.unit}]")
     fig.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return fig
+
+
+@house_style()
+def plot_next_experiment(answer: NextExperiment) -> Figure:
+    """What one more row is expected to say over its angle, a curve for each speed, with the best one marked.
+
+    Of several models the upper panel is about their parameters, and the lower one about which model is right. The best
+    candidate is that of the greatest sum.
+    """
+    panels = {"about the parameters": answer.information}
+    if len(answer.names) > 1:
+        panels["about the model"] = answer.discrimination
+    fig = new_figure(6.2, 1.2 + 2.6 * len(panels))
+    axes = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
+    for ax, (meaning, information) in zip(axes, panels.items(), strict=True):
+        for (label, candidates), (color, line) in zip(_by_conditions(answer), cycle(STYLES)):
+            order = candidates[np.argsort(degrees[candidates])]
+            ax.plot(degrees[order], information[order], color=color, linestyle=line, marker=".", label=label)
+        ax.plot(degrees[best], information[best], "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
+                markeredgewidth=0.7, zorder=5, label=_best_in_words(answer))  # fmt: skip
+        ax.set_ylabel(f"{meaning}  [bit]")
+        # What is less than the accuracy of the sums is not shown at large.
+        ax.set_ylim(0, max(1.05 * float(np.nanmax(information)), _LEAST_BITS))
+    angle_axis(axes[-1])
+    axes[0].set_title(f"what one more row is expected to say: {', '.join(answer.names)}", fontsize=8.5, loc="left")
+    fig.align_ylabels(axes)
+    handles, labels = axes[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
+    return fig
+
+
+def _by_conditions(answer: NextExperiment) -> list[tuple[str, np.ndarray]]:
+    """The candidates with the same conditions but for the angle, by words for these."""
+    others = {name: values for name, values in answer.candidates.items() if name != "alpha"}
+    rows = np.stack([*others.values(), np.zeros(len(answer.total))], axis=1)
+    kinds, number = np.unique(rows, axis=0, return_inverse=True)
+    words = [
+        ", ".join(answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False))
+        for kind in kinds
+    ]
+    return [(words[i] or "_one condition", np.flatnonzero(number.ravel() == i)) for i in range(len(kinds))]
+
+
+def _best_in_words(answer: NextExperiment) -> str:
+    """The best candidate's conditions."""
+    return "best: " + ", ".join(answer.condition_in_words(name, value) for name, value in answer.best.items())
 
 
 class _Column:

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from erosion.calibration.doubts import LEVEL
 from erosion.optimum.alpha_max import Optimum
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import table_scale
 from erosion.tables import Result, Row, to_plain
-
-_LEVEL = 0.95
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,9 +43,9 @@ class BestAngles(Result):
         rows = []
         for name, values in (("alpha_max", self.alpha), ("volume_max", np.atleast_1d(self.optimum.volume))):
             quantity = RESULTS[name]
-            low, middle, high = np.nanquantile(values, [(1 - _LEVEL) / 2, 0.5, (1 + _LEVEL) / 2])
+            low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
             scale = table_scale(quantity.dimension, self.optimum.p.units, float(middle))
-            ends = f"{_LEVEL:.0%}: {low / scale.size:.4g} … {high / scale.size:.4g}"
+            ends = f"{LEVEL:.0%}: {low / scale.size:.4g} … {high / scale.size:.4g}"
             rows.append(Row(name, quantity.symbol, f"{middle / scale.size:.4g}", scale.unit, f"the median; {ends}"))
         rows += [Row(kind, "", f"{share:.1%}", "", "of the draws") for kind, share in self.kinds.items()]
         return rows

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from erosion.extras import library
+
 RHAT = 1.01
 """The greatest R̂ of draws that agree (Vehtari et al. 2021)."""
 
@@ -25,11 +27,7 @@ def effective(draws: np.ndarray) -> np.ndarray:
 
 
 def _of_each(draws: np.ndarray, name: str) -> np.ndarray:
-    try:
-        from arviz_stats.base.array import array_stats
-    except ImportError as error:
-        raise ImportError('A posterior needs the extra `posterior`: pip install "erosion[posterior]".') from error
-    function = getattr(array_stats, name)
+    function = getattr(library("arviz_stats.base.array", "posterior").array_stats, name)
     # Draws that are all the same have no R̂: of a law of one value.
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.array([float(function(part, chain_axis=0, draw_axis=1)) for part in np.moveaxis(draws, -1, 0)])

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import Progress, no_progress
+from erosion.calibration.doubts import LEVEL
 from erosion.calibration.measurements import read_measurements
-from erosion.calibration.ranking import free_in_each
-from erosion.models import load_model, model_name, usable_models
+from erosion.calibration.ranking import models_with_free
+from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 from erosion.posteriors.posterior import posterior
@@ -90,7 +91,7 @@ class PosteriorRanking(Result):
             rows.append((name, difference, f"{weight:.1%}", means))
         return rows
 
-    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """The posteriors, each with its probability; and the failures."""
         drawn = [
             {**part.to_dict(level), "probability": weight}
@@ -131,15 +132,12 @@ def rank_posteriors(
         R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
     measured, drawn, failures = read_measurements(data, p.units), [], []
-    wanted = usable_models() if models is None else list(models)
-    if not wanted:
-        raise ValueError("Argument `models` must name one or several models, but names none.")
-    loaded = [load_model(source) for source in wanted]
-    for done, (model, own_free) in enumerate(zip(loaded, free_in_each(loaded, free), strict=True)):
+    ranked = models_with_free(models, free)
+    for done, (model, own_free) in enumerate(ranked):
         laws = {name: law for name, law in (priors or {}).items() if name in own_free or name not in free}
 
         def of_all(work: str, percent: int, total: int, name: str = model_name(model), begun: int = done) -> None:
-            progress(f"{work} {name}", 100 * begun + percent, total * len(wanted))
+            progress(f"{work} {name}", 100 * begun + percent, total * len(ranked))
 
         try:
             drawn.append(posterior(model, p, measured, own_free, priors=laws, progress=of_all, **options))

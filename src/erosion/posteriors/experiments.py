@@ -18,11 +18,12 @@ from erosion.posteriors.result import Posterior
 from erosion.tables import Result, to_plain
 
 _DRAWS = 1000
-_DEGREES = np.arange(5.0, 90.0, 2.5)  # of the candidates, if there are no others
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit
 _REACH = 6.0  # standard deviations beyond the outermost prediction
 _MOST = 2**17  # points of the grid; a prediction that varies by more noises is sampled less closely
 _SHOWN = 10
+DEGREES = np.arange(5.0, 90.0, 2.5)
+"""The angles of the candidates, if there are no others."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +66,23 @@ class NextExperiment(Result):
         """The conditions at which a row says most about which model is right."""
         return self._at(int(np.argmax(self.discrimination)))
 
+    @property
+    def sentence(self) -> str:
+        """Where to measure next, and how much a row there is expected to say."""
+        most = float(self.total[self.order[0]])
+        if not np.isfinite(most):
+            return "No candidate can be judged: no draw has a volume there."
+        conditions = " and ".join(self.condition_in_words(name, value) for name, value in self.best.items())
+        share = f" ({self.discrimination[self.order[0]]:.3f} on which model is right)" if len(self.names) > 1 else ""
+        usual = f"the median candidate {np.nanmedian(self.total):.3f}"
+        return f"Measure next at {conditions}: one row there is expected to say {most:.3f} bit{share}, {usual}."
+
+    def condition_in_words(self, name: str, value: float) -> str:
+        """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
+        scale = table_scale(QUANTITIES[name].dimension, self.units, abs(value))
+        words = f"{value / scale.size:.4g} {scale.unit}".strip().replace(" °", "°")
+        return words if name in ("alpha", "v0") else f"{QUANTITIES[name].symbol} = {words}"
+
     def _at(self, index: int) -> dict[str, float]:
         return {name: float(values[index]) for name, values in self.candidates.items()}
 
@@ -102,6 +120,7 @@ class NextExperiment(Result):
             "discrimination": self.discrimination,
             "noise": self.noise,
             "best": self.best,
+            "sentence": self.sentence,
         })  # fmt: skip
 
 
@@ -164,7 +183,7 @@ def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] |
     """The candidates, flat."""
     data = posteriors[0].data
     if candidates is None:
-        candidates = {"alpha": np.deg2rad(_DEGREES)}
+        candidates = {"alpha": np.deg2rad(DEGREES)}
     free = {name for posterior in posteriors for name in posterior.likelihood.forward.of_impact}
     # What the rows of the data had, a new row needs as well.
     fixed = {name: values[0] for name, values in data.conditions.items() if name != "alpha"}

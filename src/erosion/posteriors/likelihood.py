@@ -17,15 +17,34 @@ IMPACTS = 2**20
 """Impacts of one batch: some 100 MB."""
 
 _RTOL = 1e-6  # of the volumes: a hundredth of the least default noise, and twice as fast as 1e-9
-_FIRST = 500  # rows of the first part, as many as choose among the valleys of a fit
-_GROWTH = 5  # of the rows from part to part
+_FIRST = 500  # conditions of the first part, as many as choose among the valleys of a fit
+_GROWTH = 5  # of the conditions from part to part
+
+
+@dataclasses.dataclass(frozen=True)
+class _Part:
+    """Rows that come in together. Those of the same conditions are one impact, and their mean says all of a model.
+
+    Args:
+        conditions: the distinct ones, each parameter of the shape (conditions,).
+        mean: erosion, weighted by the rows' uncertainties, shape (conditions,).
+        deviation: of this mean, shape (conditions,).
+        spread: the sum of squares of all rows about their means.
+        rows: number of all rows.
+    """
+
+    conditions: dict[str, np.ndarray]
+    mean: np.ndarray
+    deviation: np.ndarray
+    spread: float
+    rows: int
 
 
 @dataclasses.dataclass(frozen=True)
 class Likelihood(Misfit):
     """The squares of a model's residuals, part by part of the rows.
 
-    Many rows are added in parts: while the sampler is far from the answer, few of them say where to go.
+    Many conditions are added in parts: while the sampler is far from the answer, few of them say where to go.
 
     Args:
         forward: the model, and the data.
@@ -49,27 +68,42 @@ class Likelihood(Misfit):
         return -float(np.sum(np.log(self.deviation) + 0.5 * np.log(2 * np.pi)))
 
     @functools.cached_property
-    def parts(self) -> list[np.ndarray]:
-        """The rows of each part, in an order of chance that is always the same."""
-        rows = len(self.forward.data)
+    def parts(self) -> list["_Part"]:
+        """The rows of each part, by conditions, in an order of chance that is always the same."""
+        data = self.forward.data
+        values, places = np.unique(np.stack(list(data.conditions.values())), axis=1, return_inverse=True)
+        count = values.shape[1]
+        weights = self.deviation**-2
+        weight = np.bincount(places.ravel(), weights, count)
+        mean = np.bincount(places.ravel(), weights * data.erosion, count) / weight
+        spread = np.bincount(places.ravel(), weights * (data.erosion - mean[places.ravel()]) ** 2, count)
+        rows = np.bincount(places.ravel(), minlength=count)
         ends, end = [], _FIRST
-        while end < rows:
+        while end < count:
             ends.append(end)
             end *= _GROWTH
-        return np.split(np.random.default_rng(0).permutation(rows), ends)
+        return [
+            _Part(
+                dict(zip(data.conditions, values[:, chosen], strict=True)),
+                mean[chosen],
+                weight[chosen] ** -0.5,
+                float(spread[chosen].sum()),
+                int(rows[chosen].sum()),
+            )
+            for chosen in np.split(np.random.default_rng(0).permutation(count), ends)
+        ]
 
     @property
     def sizes(self) -> list[int]:
         """The number of rows of each part."""
-        return [len(rows) for rows in self.parts]
+        return [part.rows for part in self.parts]
 
     def chi2(self, points: np.ndarray, part: int) -> np.ndarray:
         """The sum of squares of one part at points (n, names), of the shape (n,); infinite where impacts fail."""
-        data, rows = self.forward.data, self.parts[part]
-        conditions = {name: column[rows] for name, column in data.conditions.items()}
-        predicted = self.predict(self.priors.values(points), conditions)
+        pooled = self.parts[part]
+        predicted = self.predict(self.priors.values(points), pooled.conditions)
         with np.errstate(over="ignore", invalid="ignore"):
-            squares = np.sum(((predicted - data.erosion[rows]) / self.deviation[rows]) ** 2, axis=1)
+            squares = pooled.spread + np.sum(((predicted - pooled.mean) / pooled.deviation) ** 2, axis=1)
         return np.where(np.isnan(squares), np.inf, squares)
 
     def variance(self, points: np.ndarray) -> np.ndarray:

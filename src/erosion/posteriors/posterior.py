@@ -65,7 +65,7 @@ def posterior(
     Raises:
         ValueError, TypeError: for arguments or data that cannot be used (data: `MeasurementError`).
         SamplingError: where all impacts fail.
-        ImportError: without the extra `posterior`.
+        MissingExtraError: without the extra `posterior`.
 
     Warns:
         ConvergenceWarning: where the draws are not good enough; the result says so, too.

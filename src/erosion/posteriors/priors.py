@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from erosion.calibration.forward import FRACTION, SCALE, Forward
+from erosion.calibration.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.calibration.least_squares import default_width
 from erosion.distributions import Distribution, LogUniform, Uniform
 from erosion.models.own_parameters import own_parameters, quantities
@@ -19,12 +19,6 @@ from erosion.parameters.quantities import Quantity
 
 NOISE = "noise"
 """The standard deviation of a row, a parameter where the data give no uncertainties."""
-
-FACTORS: Mapping[str, Quantity] = {
-    FRACTION: Quantity("c", "share of the particles that cut", "1"),
-    SCALE: Quantity("s", "measured over computed volume", "1"),
-}
-"""Symbols of the free parameters that no impact has."""
 
 _SIGNED = "alpha", "phidot0"
 _NOISES = 1e-4, 10.0  # of the typical erosion: from the digits of a balance to a model that explains nothing
@@ -90,7 +84,10 @@ def make_priors(forward: Forward, given: Mapping[str, Any]) -> Priors:
         if name not in names:
             raise ValueError(f"Argument `priors` must name free parameters ({', '.join(names)}), but has {name!r}.")
     laws = {name: given[name] if name in given else _default(forward, name) for name in names}
-    ranges = {name: _checked(name, law, _least(forward, name), _greatest(name)) for name, law in laws.items()}
+    ranges = {
+        name: _checked(name, law, _least(forward, name), 1.0 if name == FRACTION else np.inf)
+        for name, law in laws.items()
+    }
     return Priors(laws, tuple(name for name in names if name in given), ranges)
 
 
@@ -126,10 +123,6 @@ def _scale_of(forward: Forward) -> float:
 def _least(forward: Forward, name: str) -> float:
     own = own_parameters(forward.model)
     return own[name].least if name in own else -np.inf if name in _SIGNED else 0.0
-
-
-def _greatest(name: str) -> float:
-    return 1.0 if name == FRACTION else np.inf
 
 
 def _checked(name: str, law: Any, least: float, greatest: float) -> tuple[float, float]:

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_path, check_whole
+from erosion.arguments import check_level, check_path, check_whole
+from erosion.calibration.doubts import LEVEL
+from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
 from erosion.engine.impact import impact
@@ -17,14 +19,13 @@ from erosion.files import require_writable, write_whole
 from erosion.joint_laws import Rows
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import with_values
+from erosion.models.own_parameters import own_in_words, with_values
 from erosion.models.registry import impact_to_dict
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.scales import table_scale
-from erosion.parameters.units import ascii_unit, unit_name
 from erosion.posteriors import doubts
 from erosion.posteriors.best_angles import BestAngles
 from erosion.posteriors.convergence import EFFECTIVE, RHAT, effective, rhats
@@ -34,7 +35,6 @@ from erosion.posteriors.tempering import Run
 from erosion.tables import Result, Row, format_number, to_plain
 from erosion.version import __version__
 
-LEVEL = 0.95
 _SOME = 400  # draws that show a curve's quantiles, and take a second for the best angles
 
 
@@ -116,8 +116,7 @@ class Posterior(Result):
 
     def intervals(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
         """The values between which each parameter is with this probability, as likely below as above."""
-        if not 0 < level < 1:
-            raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
+        check_level(level)
         ends = [(1 - level) / 2, (1 + level) / 2]
         quantiles = {name: np.quantile(self.samples[name].values, ends) for name in self.names}
         return {name: (float(low), float(high)) for name, (low, high) in quantiles.items()}
@@ -174,8 +173,12 @@ class Posterior(Result):
         return with_values(self.model, self.p, {name: self.some(count)[name] for name in of_impact})
 
     def rows_of_draws(self) -> Rows:
-        """All draws of the parameters of an impact as a joint law: `erosion.stream(model, p, **rows)`."""
-        names = self.likelihood.forward.of_impact
+        """All draws as a joint law, for `uncertain` of `erosion.stream` and `erosion.erosion_map`.
+
+        It has the parameters of an impact, and "cutting_fraction" if that was sampled: a map takes it, a stream does
+        not. "scale" and "noise" belong to the measurements and are left out.
+        """
+        names = [name for name in self.names if name not in (SCALE, NOISE)]
         return Rows({name: self.samples[name].values for name in names}, f"the posterior of {self.data.source}")
 
     def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
@@ -279,15 +282,10 @@ class Posterior(Result):
             "draws": self.run.log_likelihood.size,
             "chains": len(self.run.log_evidence),
             "seed": self.seed,
-            "erosion_unit": self.erosion_unit,
+            "erosion_unit": self.data.erosion_unit,
             "warnings": self.statements,
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
-
-    @property
-    def erosion_unit(self) -> str:
-        """The unit of the data in the case's system, as programs read it."""
-        return ascii_unit(unit_name(self.data.dimension, self.p.units))
 
     def to_datatree(self) -> xr.DataTree:
         """Everything in ArviZ's layout: the groups posterior, sample_stats, observed_data and constant_data."""
@@ -298,7 +296,7 @@ class Posterior(Result):
         known, units = sampled_quantities(self.likelihood.forward), self.p.units
         observed = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
         if self.data.uncertainty is not None:
-            observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.erosion_unit})
+            observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
         constant = {name: ("row", values, known[name].attributes(units))
                     for name, values in self.data.conditions.items()}  # fmt: skip
         described = {
@@ -306,6 +304,9 @@ class Posterior(Result):
             "inference_library_version": __version__,
             "model": model_name(self.model),
             "case": dump_case(self.p),
+            "unit_system": self.p.units,
+            "own_parameters": own_in_words(self.model, but=self.names),
+            **({} if FRACTION in self.names else {FRACTION: self.likelihood.forward.cutting_fraction}),
             "data": self.data.source,
             "seed": self.seed,
             "log_evidence": self.log_evidence,

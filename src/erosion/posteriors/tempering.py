@@ -71,7 +71,6 @@ class Run:
         log_likelihood: without the constant of the unit of squares, shape (chains, draws).
         log_evidence: of each population, without it, shape (chains,).
         acceptance: share of the moves that were accepted at last.
-        steps: of τ.
         sweeps: moves of all draws.
     """
 
@@ -79,7 +78,6 @@ class Run:
     log_likelihood: np.ndarray
     log_evidence: np.ndarray
     acceptance: float
-    steps: int
     sweeps: int
 
 
@@ -104,10 +102,6 @@ class _Draws:
     variance: np.ndarray
     known: np.ndarray
     chi2: np.ndarray
-
-    def copy(self) -> "_Draws":
-        """The same draws, which stay when these are moved."""
-        return _Draws(self.points.copy(), self.variance.copy(), self.known.copy(), self.chi2.copy())
 
     def take(self, index: np.ndarray) -> "_Draws":
         """Some of them, by index, shape (chains, m)."""
@@ -275,7 +269,6 @@ def sample(
         last.known + log_likelihood(last.chi2, last.variance, misfit.sizes[-1]),
         populations.log_evidence,
         populations.acceptance,
-        populations.steps,
         populations.sweeps,
     )
 

@@ -1,8 +1,6 @@
 """The page and its files: answers -> index.html, figures, numbers.json."""
 
 import contextlib
-import csv
-import io
 import math
 import types
 import warnings
@@ -26,7 +24,7 @@ from erosion.report.language import Language, language
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.template import Text, write_text
 from erosion.report.text import number
-from erosion.tables import Record, to_json
+from erosion.tables import Record, to_csv, to_json
 from erosion.trajectory.trajectory import TurnWarning
 from erosion.version import __version__
 
@@ -206,11 +204,8 @@ def _record(case: Case, numbers: Mapping[str, Any]) -> Record:
 
 def _csv(record: Mapping[str, Any]) -> str:
     """A line for each number, with the path to it: "answers.q5.alpha_max.0", 0.5535…."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("name", "value"))
-    writer.writerows(_lines("", record))
-    return text.getvalue()
+    names, values = zip(*_lines("", record), strict=True)
+    return to_csv({"name": names, "value": values})
 
 
 def _lines(path: str, value: Any) -> Iterator[tuple[str, Any]]:

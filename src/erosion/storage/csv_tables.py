@@ -1,7 +1,5 @@
 """Labelled results as a table of comma-separated values, for spreadsheets."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ import xarray as xr
 from erosion.files import write_whole
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
+from erosion.tables import to_csv
 
 
 def write_csv(dataset: xr.Dataset, path: Path, p: Parameters, weights: Mapping[str, PerMass]) -> None:
@@ -26,12 +25,7 @@ def write_csv(dataset: xr.Dataset, path: Path, p: Parameters, weights: Mapping[s
         p: the case, for the mass where it does not vary.
         weights: by model, how a volume becomes erosion per mass; the key "" stands for all models.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    columns = dict(_columns(dataset, p, weights))
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    write_whole(path, text.getvalue().encode())
+    write_whole(path, to_csv(dict(_columns(dataset, p, weights))).encode())
 
 
 def _columns(dataset: xr.Dataset, p: Parameters, weights: Mapping[str, PerMass]) -> Iterator[tuple[str, Any]]:
@@ -46,12 +40,8 @@ def _columns(dataset: xr.Dataset, p: Parameters, weights: Mapping[str, PerMass])
 
 
 def _heading(name: str, variable: xr.DataArray) -> str:
-    unit = _degrees(variable.attrs.get("units", ""))
-    return f"{name} [{unit}]" if unit not in ("", "1") else name
-
-
-def _degrees(unit: str) -> str:
-    return "deg" if unit == "rad" else unit
+    unit = variable.attrs.get("units", "")
+    return f"{name} [{'deg' if unit == 'rad' else unit}]" if unit not in ("", "1") else name
 
 
 def _cells(values: xr.DataArray) -> list[Any]:

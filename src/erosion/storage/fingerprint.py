@@ -114,6 +114,10 @@ class _Pieces:
 
 def _parts(thing: Any) -> list[Any] | None:
     """What a thing consists of; None where it has no parts."""
+    if dataclasses.is_dataclass(thing) and not isinstance(thing, type):
+        # Fields alone: a module may keep what it has computed among its attributes. A joint law is also a mapping, but
+        # its items hold nothing but the law.
+        return [getattr(thing, field.name, None) for field in dataclasses.fields(thing)]
     if isinstance(thing, Mapping):
         return [part for pair in thing.items() for part in pair]
     if isinstance(thing, (list, tuple, np.ndarray)):
@@ -128,9 +132,6 @@ def _parts(thing: Any) -> list[Any] | None:
         return [thing.__code__.co_firstlineno, thing.__defaults__, thing.__kwdefaults__, cells]
     if isinstance(thing, (type, types.ModuleType)):
         return []
-    if dataclasses.is_dataclass(thing):
-        # Fields alone: a module may keep what it has computed among its attributes.
-        return [getattr(thing, field.name, None) for field in dataclasses.fields(thing)]
     return [vars(thing)] if hasattr(thing, "__dict__") else None
 
 

@@ -3,15 +3,18 @@
 import contextlib
 import importlib.metadata
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 
+from erosion.models import model_name
 from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_in_words
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.precision import require_float64
 from erosion.storage.fingerprint import fingerprint, package_digest
 from erosion.version import __version__
 
@@ -35,9 +38,38 @@ def identity(models: Mapping[str, CuttingModel], p: Parameters, **more: str) -> 
     }
 
 
+def provenance(content: str, p: Parameters, **more: Any) -> dict[str, Any]:
+    """The attributes of a Dataset of results: conventions, what it holds, versions, and the case."""
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"Solid particle erosion: {content}",
+        "source": f"erosion {__version__}",
+        **more,
+        "unit_system": p.units,
+        "case": dump_case(p),
+    }
+
+
+def model_in_words(model: CuttingModel, but: Collection[str] = ()) -> dict[str, str]:
+    """A model's name, and its own parameters `but` those that vary, as attributes for `provenance`."""
+    own = own_in_words(model, but=but)
+    return {"model": model_name(model), **({"own_parameters": own} if own else {})}
+
+
 def code_version() -> str:
     """The versions that the numbers depend on, and the digest of this package's code, which may be edited."""
     return f"erosion {__version__} ({package_digest()}), jaxlib {importlib.metadata.version('jaxlib')}"
+
+
+def require_code(code: str, begun: str) -> None:
+    """Refuse to go on in a process that computes with other code than the work, such as "sweep", was begun with.
+
+    Raises:
+        RuntimeError, PrecisionError: where it does, or not in float64.
+    """
+    require_float64()
+    if code_version() != code:
+        raise RuntimeError(f"A worker has {code_version()}, but the {begun} was begun with {code}.")
 
 
 def require_same(path: Path, stored: Any, wanted: Mapping[str, str]) -> None:

@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from erosion.distributions import Distribution
-from erosion.joint_laws import JointLaw, Member
+from erosion.joint_laws import LawSet
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities, with_values
-from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.parameters.ranges import STEEPEST
-
-_POSITIVE = tuple(name for name in QUANTITIES if name not in ("alpha", "phidot0"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,45 +28,53 @@ class Particles:
     Args:
         model: the model of the cut.
         p: the case, all scalars.
-        laws: parameter name, of the case or the model's own, to its `Distribution`, one or more; those of a joint law
-            (`erosion.joint_laws`) all together. The range of an own parameter is not known here, so its law is not
-            restricted.
+        laws: parameter name, of the case or the model's own, to its `Distribution` from particle to particle; those of
+            a joint law (`erosion.joint_laws`) all together. The range of an own parameter is not known here, so its law
+            is not restricted.
+        uncertain: the same for parameters that are one number for all particles, which is not known exactly.
+
+    Raises:
+        ValueError, TypeError: for laws that make no sense; there must be one of either kind.
     """
 
     model: CuttingModel
     p: Parameters
     laws: Mapping[str, Any]
+    uncertain: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not self.laws:
+        if not self.all_laws:
             raise ValueError("Arguments must include a distribution, such as v0=Normal(4400, 400); there is none.")
-        parameters = quantities(self.model)
-        for name, law in self.laws.items():
-            if name not in parameters:
-                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
-            if not isinstance(law, Distribution):
-                raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
-            if self._least_share(name) > 0.01:
-                raise ValueError(
-                    f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
-                )
-        for joint in self._joints:
-            if missing := [name for name in joint if name not in self.laws]:
-                raise ValueError(f"Arguments must include all of a joint law, but {missing[0]} is missing.")
+        if both := [name for name in self.uncertain if name in self.laws]:
+            raise ValueError(
+                f"Argument `uncertain` must name parameters without another law, but {both[0]} has one from particle "
+                "to particle."
+            )
+        if "cutting_fraction" in self.all_laws:
+            raise ValueError(
+                "Argument `uncertain` must leave out `cutting_fraction`: volumes of a stream are those of particles "
+                "that cut, whose share is a number."
+            )
         # So that an own parameter that cannot be an array is refused before anything is computed.
         self.impacts(self._middle)
 
+    @property
+    def all_laws(self) -> dict[str, Any]:
+        """The laws of all that varies or is uncertain, by parameter."""
+        return {**self.laws, **self.uncertain}
+
     @functools.cached_property
-    def _joints(self) -> list[JointLaw]:
-        """The joint laws, each once."""
-        joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
-        return [joint for i, joint in enumerate(joints) if all(joint is not other for other in joints[:i])]
+    def _of_particle(self) -> LawSet:
+        return LawSet(self.laws, quantities(self.model))
+
+    @functools.cached_property
+    def _of_all(self) -> LawSet:
+        return LawSet(self.uncertain, quantities(self.model))
 
     @functools.cached_property
     def inputs(self) -> dict[tuple[str, ...], int]:
         """What varies independently of all else: the parameters of a law or a joint law, and its uniform numbers."""
-        alone = {(name,): 1 for name, law in self.laws.items() if not isinstance(law, Member)}
-        return alone | {tuple(joint): joint.dimension for joint in self._joints}
+        return self._of_particle.inputs | self._of_all.inputs
 
     @property
     def dimension(self) -> int:
@@ -77,7 +82,7 @@ class Particles:
         return sum(self.inputs.values())
 
     def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """The parameters that vary.
+        """The parameters that vary or are uncertain; each particle gets uncertain ones of its own.
 
         Args:
             points: in (0, 1), shape (…, dimension).
@@ -85,30 +90,39 @@ class Particles:
         Returns:
             Values by name, shape (…); the laws of positive parameters are restricted to x > 0.
         """
-        values = {}
-        parts = np.split(points, np.cumsum([*self.inputs.values()])[:-1], axis=-1)
-        joints = {tuple(joint): joint for joint in self._joints}
-        for names, part in zip(self.inputs, parts, strict=True):
-            least = {name: self._least_share(name) for name in names}
-            if names in joints:
-                values |= joints[names].draw(part, least)
-            else:
-                share = least[names[0]]
-                values[names[0]] = self.laws[names[0]].ppf(share + (1 - share) * part[..., 0])
-        return self._grown(values)
+        own = self._of_particle.dimension
+        return self._grown(self._of_particle.draw(points[..., :own]) | self._of_all.draw(points[..., own:]))
+
+    def draw_apart(self, points: np.ndarray, draws: np.ndarray) -> dict[str, np.ndarray]:
+        """The same particles for each draw of the uncertain parameters.
+
+        Args:
+            points: in (0, 1), shape (particles, those of the laws from particle to particle).
+            draws: in (0, 1), shape (draws, those of the uncertain parameters).
+
+        Returns:
+            Values by name, whose shapes broadcast to (draws, particles).
+        """
+        return self._grown(self._of_particle.draw(points) | self._of_all.draw(draws[:, None]))
+
+    @property
+    def dimensions(self) -> tuple[int, int]:
+        """How many uniform numbers the laws from particle to particle take, and the uncertain parameters."""
+        return self._of_particle.dimension, self._of_all.dimension
 
     def _grown(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The same, with width and mass of scaled particles where the size varies."""
         if "r" in values:
-            growth = values["r"] / float(self.p.r)
-            values.setdefault("b", float(self.p.b) * growth)
-            values.setdefault("m", float(self.p.m) * growth**3)
+            scaled = self.p.similar(values["r"] / float(self.p.r))
+            for name in ("b", "m"):
+                values.setdefault(name, np.asarray(getattr(scaled, name)))
         return values
 
     @property
     def nozzle(self) -> float:
         """The nozzle's angle [rad]: the median of the angles, or the case's."""
-        return float(self.laws["alpha"].ppf(np.array([0.5]))[0]) if "alpha" in self.laws else float(self.p.alpha)
+        laws = self.all_laws
+        return float(laws["alpha"].ppf(np.array([0.5]))[0]) if "alpha" in laws else float(self.p.alpha)
 
     @property
     def typical(self) -> tuple[CuttingModel, Parameters]:
@@ -118,11 +132,7 @@ class Particles:
     @property
     def _middle(self) -> dict[str, np.ndarray]:
         """One particle, each law at its median; shape (1,)."""
-        values = {}
-        for name, law in self.laws.items():
-            share = self._least_share(name)
-            values[name] = law.ppf(np.array([share + (1 - share) * 0.5]))
-        return self._grown(values)
+        return self._grown(self._of_particle.middle | self._of_all.middle)
 
     def impacts(
         self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None
@@ -147,7 +157,3 @@ class Particles:
         spin = values.get("phidot0", np.asarray(self.p.phidot0))
         changes = {**values, "alpha": folded, "phidot0": np.where(mirrored, -spin, spin)}
         return *with_values(self.model, self.p, changes), hits
-
-    def _least_share(self, name: str) -> float:
-        """The share of a law that lies below the parameter's range."""
-        return self.laws[name].cdf(0.0) if name in _POSITIVE else 0.0

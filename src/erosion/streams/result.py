@@ -9,20 +9,20 @@ import xarray as xr
 
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words, quantities
+from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
-from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.per_mass import MM3_PER_KG, PerMass
+from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
+from erosion.storage.identity import model_in_words, provenance
 from erosion.streams.nozzle import NozzleAngle
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate, Points
 from erosion.streams.tally import Tally
+from erosion.streams.uncertainty import Uncertainty
 from erosion.tables import Record, Result, Row, largest_of, to_plain, with_error
-from erosion.version import __version__
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _OF_RANGE = 2**12  # particles by which the share outside of a range is known well enough
@@ -39,9 +39,10 @@ class Stream(Result):
         nozzle: the stream's own best angle, or None where it was not asked for.
         sensitivities: by parameter, or by the parameters of a joint law ("alpha, v0"), the shares of the volume's
             variance that it causes alone (first order) and with its interactions (total), or None for a
-            single law or where nothing is removed.
+            single law, a joint one too, or where nothing is removed.
         per_mass: the share of the particles that cut, and the density of the target, for `erosion` and
             `erosion_ratio`; `dataclasses.replace(jet, per_mass=erosion.PerMass(2700, 0.5))`.
+        uncertainty: the means for draws of the uncertain parameters; None where there are none.
     """
 
     particles: Particles
@@ -50,6 +51,7 @@ class Stream(Result):
     nozzle: NozzleAngle | None = None
     sensitivities: Mapping[str, tuple[Estimate, Estimate]] | None = None
     per_mass: PerMass = dataclasses.field(default_factory=PerMass)
+    uncertainty: Uncertainty | None = None
 
     @property
     def model(self) -> CuttingModel:
@@ -96,6 +98,24 @@ class Stream(Result):
         return Estimate(*(factor * number for number in dataclasses.astuple(self.erosion)))
 
     @property
+    def parameter_errors(self) -> dict[str, float]:
+        """The standard deviations of `mean_volume`, `erosion` and `erosion_ratio` by the uncertain parameters.
+
+        They do not fall with the number of particles. The errors of the estimates are those of sampling alone. Empty
+        where no parameter is uncertain.
+        """
+        if self.uncertainty is None:
+            return {}
+        fraction = self.per_mass.cutting_fraction
+        errors = {
+            "mean_volume": float(np.std(self.uncertainty.volume, ddof=1)),
+            "erosion": fraction * float(np.std(self.uncertainty.erosion, ddof=1)),
+        }
+        if self.erosion_ratio is not None:
+            errors["erosion_ratio"] = errors["erosion"] * self.erosion_ratio.value / self.erosion.value
+        return errors
+
+    @property
     def shares(self) -> dict[str, Estimate]:
         """Share of the particles by outcome, for the outcomes that occur."""
         shares = self.tally.ends / self.tally.drawn
@@ -109,7 +129,7 @@ class Stream(Result):
     @property
     def statements(self) -> tuple[str, ...]:
         """A sentence on the particles outside of the range that the model is made for, from 4096 of them."""
-        points = Points("sobol", len(self.particles.laws), 0, 1).take(_OF_RANGE)[0]
+        points = Points("sobol", self.particles.dimension, 0, 1).take(_OF_RANGE)[0]
         model, p, hits = self.particles.impacts(self.particles.draw(points))
         said = model.outside_of_range(p, hits)
         return () if said is None else (said,)
@@ -121,9 +141,12 @@ class Stream(Result):
             Row("n", "", f"{self.n:,}", "", "particles"),
             self._estimate_row("mean_volume"),
             *self._per_mass_rows(),
+            *self._uncertainty_rows(),
             self._estimate_row("mean_mass"),
         ]
         rows += [result_row(name, getattr(self, name), units) for name in ("deviation", "total_volume")]
+        if self.particles.uncertain:
+            rows[-2] = rows[-2]._replace(meaning=f"{rows[-2].meaning}, uncertain parameters included")
         for share, volume in self.quantiles.items():
             row = result_row("volume", volume, units)
             rows.append(row._replace(meaning=f"{share:.0%} of the particles remove no more"))
@@ -147,17 +170,31 @@ class Stream(Result):
 
     def _per_mass_rows(self) -> list[Row]:
         """Erosion per mass of abrasive, in mm³/kg and, where the density is known, in g/kg."""
-        fraction, mm3 = (
-            self.per_mass.cutting_fraction,
-            conversion_factor("volume per mass", self.particles.p.units, "si"),
-        )
-        some = "" if fraction == 1 else f"; {fraction:g} of the particles cut"
-        numbers = [("erosion", self.erosion, mm3 / MM3_PER_KG, "mm³/kg")]
+        mm3, grams = PER_MASS_SCALES.values()
+        to_si = conversion_factor("volume per mass", self.particles.p.units, "si")
+        numbers = [("erosion", self.erosion, to_si / mm3.size, mm3.unit)]
         if self.erosion_ratio is not None:
-            numbers.append(("erosion_ratio", self.erosion_ratio, 1e3, "g/kg"))
+            numbers.append(("erosion_ratio", self.erosion_ratio, 1 / grams.size, grams.unit))
         return [
-            _with_error(Row(name, RESULTS[name].symbol, "", unit, RESULTS[name].meaning + some), estimate, factor)
+            _with_error(Row(name, RESULTS[name].symbol, "", unit, self.per_mass.meaning_of(name)), estimate, factor)
             for name, estimate, factor, unit in numbers
+        ]
+
+    def _uncertainty_rows(self) -> list[Row]:
+        """What the uncertain parameters do to the erosion."""
+        if self.uncertainty is None:
+            return []
+        known = quantities(self.model)
+        names = ", ".join(known[name].symbol for name in self.particles.uncertain)
+        error = self.parameter_errors["erosion"]
+        scale = PER_MASS_SCALES["specific_volume"]
+        size = scale.size / conversion_factor("volume per mass", self.particles.p.units, "si")
+        low, high = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
+        ends = (with_error(end, error, size).partition(" ")[0] for end in (low, high))
+        relative = 100 * error / self.erosion.value if self.erosion.value else math.nan
+        return [
+            Row("parameter_error", "", f"{relative:.3g}", "%", f"of E, by uncertain {names}; ± is by sampling alone"),
+            Row("", "", " … ".join(ends), scale.unit, "the 95 % interval of E by them"),
         ]
 
     def _estimate_row(self, name: str) -> Row:
@@ -176,7 +213,8 @@ class Stream(Result):
     def laws_in_words(self) -> dict[str, str]:
         """By parameter, its distribution as a person reads it: "normal(20°, 3°)"."""
         units, known = self.particles.p.units, quantities(self.model)
-        return {name: law.in_words(known[name].dimension, units) for name, law in self.particles.laws.items()}
+        words = {name: law.in_words(known[name].dimension, units) for name, law in self.particles.all_laws.items()}
+        return words | {name: f"uncertain {words[name]}" for name in self.particles.uncertain}
 
     def to_dict(self) -> Record:
         """The results with their standard errors and units, and the case."""
@@ -194,7 +232,7 @@ class Stream(Result):
                 for name, (first, total) in self.sensitivities.items()
             }  # fmt: skip
         numbers["units"] = {name: dataset[name].attrs["units"] for name in scalars}
-        impact = impact_to_dict(self.model, self.particles.p, but=self.particles.laws)
+        impact = impact_to_dict(self.model, self.particles.p, but=self.particles.all_laws)
         return impact | {"laws": self._laws("; ")} | to_plain(numbers)
 
     def to_dataset(self) -> xr.Dataset:
@@ -209,6 +247,10 @@ class Stream(Result):
             attributes = RESULTS[name].attributes(units)
             dataset[name] = ((), estimate.value, attributes)
             dataset[f"{name}_error"] = ((), estimate.error, {**attributes, "long_name": f"standard error of {name}"})
+        for name, error in self.parameter_errors.items():
+            attributes = RESULTS[name].attributes(units)
+            words = {"long_name": f"standard deviation of {name} by uncertain parameters"}
+            dataset[f"{name}_parameter_error"] = ((), error, attributes | words)
         for name in ("deviation", "total_volume"):
             dataset[name] = ((), getattr(self, name), RESULTS[name].attributes(units))
         dataset["quantile"] = ("quantile", list(self.quantiles))
@@ -226,22 +268,14 @@ class Stream(Result):
                 dataset[f"{name}_error"] = ("law", [estimate.error for estimate in estimates], {"units": "1"})
         if self.nozzle is not None:
             _add_nozzle(dataset, self.nozzle, units)
-        own = own_in_words(self.model, but=self.particles.laws)
-        dataset.attrs |= {
-            "Conventions": "CF-1.11",
-            "title": "Solid particle erosion: a stream",
-            "source": f"erosion {__version__}",
-            "model": model_name(self.model),
-            **({"own_parameters": own} if own else {}),
-            "distributions": self._laws("; "),
-            "particles": self.n,
-            "unit_system": units,
-            "case": dump_case(self.particles.p),
-        }
+        model = model_in_words(self.model, but=self.particles.all_laws)
+        laws = self._laws("; ")
+        dataset.attrs |= provenance("a stream", self.particles.p, **model, distributions=laws, particles=self.n)
         return dataset
 
     def _laws(self, separator: str) -> str:
-        return separator.join(f"{name}: {law}" for name, law in self.particles.laws.items())
+        kinds = dict.fromkeys(self.particles.uncertain, "uncertain ")
+        return separator.join(f"{name}: {kinds.get(name, '')}{law}" for name, law in self.particles.all_laws.items())
 
 
 def _add_nozzle(dataset: xr.Dataset, nozzle: NozzleAngle, units: System) -> None:

@@ -32,6 +32,7 @@ from erosion.streams.replicates import Estimate, Points
 from erosion.streams.result import Stream
 from erosion.streams.sensitivity import sobol_indices
 from erosion.streams.tally import Tally
+from erosion.streams.uncertainty import uncertainty_of
 from erosion.trajectory.trajectory import SimulationError
 
 MISS = "miss"
@@ -61,6 +62,7 @@ def stream(
     sensitivities: bool = True,
     rtol: float = 1e-9,
     store: str | Path | None = None,
+    uncertain: Mapping[str, Any] | None = None,
     progress: Progress = no_progress,
     **distributions: Any,
 ) -> Stream:
@@ -81,10 +83,13 @@ def stream(
         rtol: see `impact`.
         store: a netCDF file, written at the end or when interrupted. The same call goes on from
             there, also to a greater n.
+        uncertain: laws of parameters that are one number for all particles, which is not known exactly, such as those
+            of the metal: `uncertain=posterior.rows_of_draws()`. What they do to the means does not average out; it is
+            their `parameter_errors`.
         progress: called with the name of the work, how much of it is done, and how much there is.
-        **distributions: parameter name, of the case or the model's own, to its law, see
-            `erosion.distributions`. Laws of positive parameters of the case are restricted to x > 0;
-            the ranges of own parameters are not known.
+        **distributions: parameter name, of the case or the model's own, to its law from particle to particle, see
+            `erosion.distributions` and `erosion.joint_laws`. Laws of positive parameters of the case are restricted to
+            x > 0; the ranges of own parameters are not known.
 
     Returns:
         Mean and total volume, erosion per mass, shares of the outcomes, quantiles, Sobol's
@@ -100,7 +105,7 @@ def stream(
         OutOfRangeWarning: where a correlation is used outside of its range, with the share of the particles.
     """
     options = StreamOptions(n, seed, points, best_angle, sensitivities, rtol, store)
-    result = prepare_stream(model, p, distributions, options).run(progress)
+    result = prepare_stream(model, p, distributions, options, uncertain).run(progress)
     for message in result.statements:
         warnings.warn(message, OutOfRangeWarning, stacklevel=2)
     return result
@@ -139,18 +144,27 @@ class StreamOptions:
 
 
 def prepare_stream(
-    model: CuttingModel | str | Path, p: Parameters, laws: Mapping[str, Any], options: StreamOptions
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    laws: Mapping[str, Any],
+    options: StreamOptions,
+    uncertain: Mapping[str, Any] | None = None,
 ) -> "StreamJob":
     """Check everything of a stream that can be known before computing; arguments and errors as of `stream`."""
     require_float64()
     model = load_model(model)
     validate(p)
     require_one_impact(model, p)
-    particles = Particles(model, p, laws)
+    if uncertain is not None and not isinstance(uncertain, Mapping):
+        raise TypeError(f"Argument `uncertain` must be a mapping of parameters to laws, but is {uncertain!r}.")
+    particles = Particles(model, p, laws, uncertain or {})
     path = options.path
     if path is None:
         return StreamJob(particles, options, {}, None, None)
-    laws_in_words = ", ".join(f"{name} {law} {fingerprint(law, name)}" for name, law in laws.items())
+    laws_in_words = ", ".join(
+        f"{name} {'uncertain ' if name in particles.uncertain else ''}{law} {fingerprint(law, name)}"
+        for name, law in particles.all_laws.items()
+    )
     points = f"{options.points} {options.seed}, {options.rtol}"
     described = identity({"stream": model}, p, distributions=laws_in_words, points=points)
     since = trace(path)
@@ -227,7 +241,8 @@ class StreamJob:
         nozzle = None
         if options.best_angle:
             nozzle = best_nozzle_angle(particles, options.points, options.seed, rtol=options.rtol, progress=progress)
-        return Stream(particles, tally, ends, nozzle, indices)
+        uncertainty = uncertainty_of(particles, options.seed, options.rtol)
+        return Stream(particles, tally, ends, nozzle, indices, uncertainty=uncertainty)
 
     def _interrupted(self, tally: Tally | None, ends: tuple[str, ...]) -> StreamInterrupted:
         """Save the particles computed so far, and say how to go on."""

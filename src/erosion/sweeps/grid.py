@@ -20,14 +20,12 @@ from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words, quantities, require_one_impact, with_values
 from erosion.optimum.alpha_max import alpha_max
-from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import System, ascii_unit, derivative_unit
 from erosion.storage.fingerprint import digest, fingerprint
-from erosion.storage.identity import identity
+from erosion.storage.identity import identity, provenance
 from erosion.sweeps.chunks import Region
-from erosion.version import __version__
 
 Model = CuttingModel | str | Path
 PAIR = "pair"
@@ -241,17 +239,9 @@ class Grid:
         derivatives = {"derivatives_with_respect_to": self.outputs.wrt} if self.outputs.derivatives else {}
         own = {label: own_in_words(model, but=self.axes) for label, model in self.loaded().items()}
         own_words = "; ".join(f"{label}: {words}" if self.compared else words for label, words in own.items() if words)
-        return {
-            "Conventions": "CF-1.11",
-            "title": "Solid particle erosion: a sweep",
-            "source": f"erosion {__version__}",
-            **only,
-            **({"own_parameters": own_words} if own_words else {}),
-            **derivatives,
-            "unit_system": self.p.units,
-            **({"comment": " ".join(self.outside_of_range)} if self.outside_of_range else {}),
-            "case": dump_case(self.p),
-        }
+        own_words = {"own_parameters": own_words} if own_words else {}
+        comment = {"comment": " ".join(self.outside_of_range)} if self.outside_of_range else {}
+        return provenance("a sweep", self.p, **only, **own_words, **derivatives, **comment)
 
     def _derivative_attributes(self, name: str) -> dict[str, str]:
         """Names and unit of a derivative that is not by α; empty for other results."""

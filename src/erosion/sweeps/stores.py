@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from erosion.extras import library
 from erosion.files import claimed, require_writable, trace, written_whole
 from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
@@ -99,7 +100,8 @@ class ZarrStore(Store):
     """
 
     def __init__(self, grid: Grid, block: Sequence[int], path: Path) -> None:
-        _require_zarr()
+        for module in ("dask.array", "zarr"):
+            library(module, "dask")
         self._grid, self._block, self._path = grid, block, path
         identity = grid.identity() | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
         if not path.exists():
@@ -282,11 +284,3 @@ def _zarr_identity(path: Path) -> str | None:
         return str(zarr.open_group(path, mode="r").attrs.get(IDENTITY))
     except _UNREADABLE as error:
         raise StoreError(f"{path}: is there already and is no Zarr group; it is left as it is.") from error
-
-
-def _require_zarr() -> None:
-    try:
-        import dask.array  # noqa: F401
-        import zarr  # noqa: F401
-    except ImportError as error:
-        raise StoreError('Zarr stores need the extra `dask`: pip install "erosion[dask]".') from error

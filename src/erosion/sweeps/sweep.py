@@ -17,11 +17,10 @@ import xarray as xr
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.interrupts import keeping_results
-from erosion.models.base import CuttingModel
-from erosion.models.registry import PLUG_IN
+from erosion.models.registry import require_loadable
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
-from erosion.storage.identity import code_version
+from erosion.storage.identity import code_version, require_code
 from erosion.sweeps.chunks import Region, block_shape
 from erosion.sweeps.grid import Grid, Model, Outputs, make_grid
 from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
@@ -154,7 +153,8 @@ class SweepJob:
             client = active_client()
             if client is not None:
                 assert self.path is not None
-                self._require_paths()
+                for label, model in self.grid.models.items():
+                    require_loadable(model, f", {label}; `--set` and axes change its own parameters")
                 shared = self.path.resolve()
                 code = code_version()
                 blocks = ((self.grid[region], shared, region, code) for region in missing)
@@ -164,17 +164,6 @@ class SweepJob:
             self.store.write(region, self.grid[region].solve())
             advance(_size(region))
 
-    def _require_paths(self) -> None:
-        """A plug-in's class is known to this process alone: workers load the plug-in by its path."""
-        import cloudpickle
-
-        for label, model in self.grid.models.items():
-            if isinstance(model, CuttingModel) and PLUG_IN.encode() in cloudpickle.dumps(model):
-                raise ValueError(
-                    f"Argument `model` must be the path of a plug-in where a cluster computes, but is a model of one, "
-                    f"{label}; `--set` and axes change its own parameters."
-                )
-
 
 def compute_block(grid: Grid, path: Path, region: Region, code: str) -> int:
     """Compute a block and write it into a Zarr store; returns the number of its impacts.
@@ -182,9 +171,7 @@ def compute_block(grid: Grid, path: Path, region: Region, code: str) -> int:
     Raises:
         RuntimeError: where this process computes with other code, or another model, than the sweep was begun with.
     """
-    require_float64()
-    if code_version() != code:
-        raise RuntimeError(f"A worker has {code_version()}, but the sweep was begun with {code}.")
+    require_code(code, "sweep")
     write_block(path, dict(zip(grid.dims, region, strict=True)), grid.solve())
     return _size(region)
 

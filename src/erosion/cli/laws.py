@@ -1,0 +1,303 @@
+"""Laws at the command line and in case files: of what varies from particle to particle, and of what is uncertain."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.options import CaseOptions, load
+from erosion.cli.set_option import read_settings, settings
+from erosion.parameters.quantities import QUANTITIES
+
+if TYPE_CHECKING:
+    from erosion.models.base import CuttingModel
+    from erosion.parameters.parameters import Parameters
+    from erosion.parameters.units import Dimension, System
+    from erosion.posteriors.files import Draws
+
+LAW_FIELDS = ("rows", "uncertain", "correlation")
+"""The fields of a verb's table in a case file that `LawOptions` reads."""
+
+_UNCERTAIN = (
+    "What is one number for all particles, but not known: the file of `calibrate --posterior -o` (.nc), draws in a "
+    '.csv file, or "sigma=normal(1.5 GPa, 0.1 GPa)"; repeat it for other parameters.'
+)
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class LawOptions:
+    """Laws of several parameters together, and of what is uncertain; texts as they are typed."""
+
+    rows: Annotated[
+        Path | None,
+        Parameter(
+            help='Particles, one a row of this .csv file, whose columns go together: "v0 [m/s], phidot0 [rad/s]".'
+        ),
+    ] = None
+    uncertain: Annotated[list[str] | None, Parameter(negative="", help=_UNCERTAIN)] = None
+    correlation: Annotated[
+        list[str] | None,
+        Parameter(negative="", help='Of the normal scores of two laws: "v0,r=-0.5"; repeat it for other pairs.'),
+    ] = None
+
+    def with_section(self, section: Mapping[str, Any], where: str) -> "GivenLaws":
+        """The same with what a case file's table gives; options win.
+
+        Args:
+            section: the table.
+            where: words for it: "jet.toml: field `{}` of [stream]".
+        """
+        rows, uncertain, pairs = (section.get(name) for name in LAW_FIELDS)
+        if not (rows is None or isinstance(rows, str)):
+            raise InputError(f"{where.format('rows')} must name a CSV file, but is {rows!r}.")
+        if not (uncertain is None or isinstance(uncertain, (str, dict))):
+            raise InputError(
+                f"{where.format('uncertain')} must name a file or be a table of laws, but is {uncertain!r}."
+            )
+        if not (pairs is None or isinstance(pairs, dict)):
+            raise InputError(
+                f'{where.format("correlation")} must be a table such as {{"v0,r" = -0.5}}, but is {pairs!r}.'
+            )
+        if isinstance(uncertain, dict):
+            of_file = [f"{name}={law}" for name, law in uncertain.items()]
+        else:
+            of_file = [] if uncertain is None else [uncertain]
+        given = GivenLaws(
+            rows=(where.format("rows"), rows),
+            uncertain=(where.format("uncertain"), of_file),
+            correlation=(where.format("correlation"), [f"{pair}={value}" for pair, value in (pairs or {}).items()]),
+        )
+        options = {name: getattr(self, name) for name in LAW_FIELDS if getattr(self, name) is not None}
+        return dataclasses.replace(given, **{name: (f"Option `--{name}`", value) for name, value in options.items()})
+
+
+@dataclasses.dataclass(frozen=True)
+class GivenLaws:
+    """What `LawOptions` and a case file give together: for each of them where it is given, and the texts."""
+
+    rows: tuple[str, Any]
+    uncertain: tuple[str, list[str]]
+    correlation: tuple[str, list[str]]
+
+    @property
+    def files(self) -> list[str]:
+        """The files that are read."""
+        of_rows = [] if self.rows[1] is None else [str(self.rows[1])]
+        return of_rows + [text for text in self.uncertain[1] if _is_file(text)]
+
+    def read(
+        self, model: "CuttingModel", units: "System", laws: Mapping[str, Any]
+    ) -> "tuple[dict[str, Any], dict[str, Any], list[Draws]]":
+        """All laws.
+
+        Args:
+            model: whose own parameters may have laws, too.
+            units: of bare numbers and of the result.
+            laws: of what varies from particle to particle, read from other options.
+
+        Returns:
+            The laws from particle to particle, those of what is uncertain, and the posteriors' files that were read.
+        """
+        varied = {**laws, **self._of_rows(model, units, laws)}
+        uncertain, draws = self._uncertain(model, units)
+        return *self._tied(varied, uncertain), draws
+
+    def _of_rows(self, model: "CuttingModel", units: "System", laws: Mapping[str, Any]) -> dict[str, Any]:
+        """The laws of a table's columns."""
+        from erosion.joint_laws import read_rows
+        from erosion.models.own_parameters import quantities
+
+        where, path = self.rows
+        if path is None:
+            return {}
+        with reading(where):
+            rows = read_rows(path, quantities(model), units)
+        if both := [name for name in rows if name in laws]:
+            raise InputError(f"{where} must give {both[0]} alone, but {both[0]} has another law, too.")
+        return dict(rows)
+
+    def _uncertain(self, model: "CuttingModel", units: "System") -> "tuple[dict[str, Any], list[Draws]]":
+        """The laws of what is uncertain, and the posteriors' files among them."""
+        from erosion.joint_laws import read_rows
+        from erosion.models.own_parameters import quantities
+        from erosion.posteriors.files import read_draws
+
+        where, texts = self.uncertain
+        laws: dict[str, Any] = {}
+        draws, known = list[Any](), quantities(model)
+        for text in texts:
+            try:
+                if text.strip().endswith(".nc"):
+                    draws.append(read_draws(text.strip(), known, units))
+                    more = dict(draws[-1].rows)
+                elif _is_file(text):
+                    more = dict(read_rows(text.strip(), known, units))
+                else:
+                    more = _law(text, known, units)
+            except ValueError as error:
+                # A clause, or a sentence that names the file.
+                is_clause = str(error).startswith("must ")
+                raise InputError(f"{where} {error}." if is_clause else f"{where}: {error}") from error
+            if both := [name for name in more if name in laws]:
+                raise InputError(f"{where} must give {both[0]} once, but gives it several times.")
+            laws |= more
+        return laws, draws
+
+    def _tied(self, varied: dict[str, Any], uncertain: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The same laws, correlated where that is asked for."""
+        from erosion.joint_laws import Correlated
+
+        where, texts = self.correlation
+        kinds: list[tuple[dict[str, Any], dict[tuple[str, str], float]]] = [(varied, {}), (uncertain, {})]
+        for text in texts:
+            pair, value = _pair(text, where)
+            homes = [i for i, (laws, _) in enumerate(kinds) if all(_is_single(laws.get(name)) for name in pair)]
+            if not homes:
+                raise InputError(
+                    f"{where} must join two parameters with laws of their own, which both vary or are both uncertain, "
+                    f"but has {' and '.join(pair)}."
+                )
+            kinds[homes[0]][1][pair] = value
+        tied = []
+        for laws, pairs in kinds:
+            names = {name: laws[name] for pair in pairs for name in pair}
+            try:
+                joint = Correlated(names, pairs) if pairs else {}
+            except ValueError as error:
+                raise InputError(f"{where}{str(error).removeprefix('Argument `correlation`')}") from error
+            tied.append({**laws, **joint})
+        return tied[0], tied[1]
+
+
+def _is_file(text: str) -> bool:
+    return text.strip().endswith((".nc", ".csv"))
+
+
+def _is_single(law: Any) -> bool:
+    """Whether it is a law that is not tied to others."""
+    from erosion.joint_laws import Member
+
+    return law is not None and not isinstance(law, Member)
+
+
+def _law(text: str, known: Mapping[str, Any], units: "System") -> dict[str, Any]:
+    """A law such as "k=normal(2, 0.2)"; a ValueError where it is none."""
+    from erosion.distributions import LAWS, read_distribution
+
+    name, equals, words = (part.strip() for part in text.partition("="))
+    if not (equals and name and words):
+        raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {text!r}')
+    if name not in known and name != "cutting_fraction":
+        raise ValueError(f"must name one of {', '.join(known)}, but has {name!r}")
+    dimension = known[name].dimension if name in known else "1"
+    law = read_distribution(words, name, dimension, units)
+    if law is None:
+        raise ValueError(f"must give {name} a law ({', '.join((*LAWS, 'samples'))}), but gives {words!r}")
+    return {name: law}
+
+
+def _pair(text: str, where: str) -> tuple[tuple[str, str], float]:
+    """A pair of parameters and its correlation, of a text such as "v0,r=-0.5"."""
+    names, _, number = text.partition("=")
+    pair = tuple(name.strip() for name in names.split(","))
+    try:
+        first, second = pair
+        return (first, second), float(number)
+    except ValueError as error:
+        raise InputError(f'{where} must be such as "v0,r=-0.5", but is {text!r}.') from error
+
+
+@dataclasses.dataclass(frozen=True)
+class CaseAndLaws:
+    """Case, model and laws of a verb that computes many impacts.
+
+    Args:
+        p: the case's scalars.
+        name: the model's.
+        base: the model.
+        numbers: its own parameters that are set.
+        laws: of what varies by a law of its own.
+        given: the other laws, whose files are not read yet.
+        inputs: what is read, for `require_outputs`.
+    """
+
+    p: "Parameters"
+    name: str
+    base: "CuttingModel"
+    numbers: dict[str, float]
+    laws: dict[str, Any]
+    given: GivenLaws
+    inputs: tuple[Any, ...]
+
+    @property
+    def model(self) -> "CuttingModel":
+        """With its own parameters."""
+        return self.base.replace(**self.numbers)
+
+    def read_laws(self) -> "tuple[dict[str, Any], dict[str, Any], list[Draws]]":
+        """As of `GivenLaws.read`; draws of another model's parameters, which mean something else, are refused."""
+        from erosion.models import model_name
+
+        varied, uncertain, draws = self.given.read(self.base, self.p.units, self.laws)
+        for part in draws:
+            if part.model != model_name(self.base):
+                raise InputError(
+                    f"{self.given.uncertain[0]}: {part.path} has the parameters of {part.model}, but Option `--model` "
+                    f"is {model_name(self.base)}."
+                )
+        return varied, uncertain, draws
+
+
+def case_and_laws(
+    options: CaseOptions,
+    verb: str,
+    section: Mapping[str, Any],
+    model: str | None,
+    own: list[str] | None,
+    joint: LawOptions | None,
+) -> CaseAndLaws:
+    """What a verb's table in the case file and its options give; options win.
+
+    Args:
+        options: the case.
+        verb: whose table.
+        section: the table.
+        model: the option --model.
+        own: the options --set.
+        joint: the options for laws.
+    """
+    where = f"{options.case}: field `{{}}` of [{verb}]"
+    p = options.without_changes().parameters()
+    values: dict[str, Any] = {}
+    texts = options.texts(verb, section)
+    for name, (source, text) in texts.items():
+        with reading(source):
+            values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.units)
+    numbers, laws = _split(values)
+    with user_errors():
+        p = p.replace(**numbers)
+    name = model or section.get("model", "linearized")
+    own_texts = settings(own, section, f"{options.case}: `set` of [{verb}]")
+    given = (joint or LawOptions()).with_section(section, where)
+    base = load(name)
+    own_numbers, own_laws = _split(read_settings(name, base, own_texts, p.units, _number_or_law))
+    inputs = (options.case, name, *given.files, *(text for _, text in {**texts, **own_texts}.values()))
+    return CaseAndLaws(p, name, base, own_numbers, {**laws, **own_laws}, given, inputs)
+
+
+def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System") -> Any:
+    from erosion.distributions import read_distribution
+    from erosion.parameters.units import read_quantity
+
+    law = read_distribution(str(text), name, dimension, units)
+    return read_quantity(str(text), dimension, units) if law is None else law
+
+
+def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
+    """Numbers apart from laws."""
+    numbers = {name: value for name, value in values.items() if isinstance(value, float)}
+    return numbers, {name: value for name, value in values.items() if name not in numbers}

@@ -1,0 +1,45 @@
+"""What newer versions of JAX write in other ways: their new primitives, in terms of older ones."""
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.extend.core import ClosedJaxpr
+
+from erosion.lanes.scalars import Equation, Params, aval_of
+
+
+def _polynomial(x: Array, *coefficients: Array, **_: Any) -> Array:
+    """Horner's rule; the constant comes first."""
+    return functools.reduce(lambda higher, coefficient: higher * x + coefficient, reversed(coefficients))
+
+
+_EXPANSIONS: Mapping[str, Callable[..., Array]] = {
+    "log2": lambda x, **_: jnp.log(x) / jnp.log(jnp.asarray(2.0, x.dtype)),
+    "one_minus_square": lambda x: (1 + x) * (1 - x),
+    "polynomial": _polynomial,
+}
+"""Primitives that came after JAX 0.10, by their name, in plain JAX."""
+
+
+def expansion(equation: Equation) -> ClosedJaxpr | None:
+    """A primitive as a function of others; None where it is none."""
+    primitive = equation.primitive
+    # Since JAX 0.12 some functions (`searchsorted`, and so `interp`) are such primitives until JAX compiles them.
+    is_high = primitive.name == "call_hi_primitive"
+    function = primitive.to_lojax if is_high else _EXPANSIONS.get(primitive.name)
+    if function is None:
+        return None
+    inputs = [jax.ShapeDtypeStruct(aval_of(atom).shape, aval_of(atom).dtype) for atom in equation.invars]
+    return jax.make_jaxpr(functools.partial(function, **equation.params))(*inputs)
+
+
+def carried_by_scan(params: Params) -> tuple[int, int]:
+    """How many constants a scan has, and how many values it carries."""
+    if "num_consts" in params:
+        return params["num_consts"], params["num_carry"]
+    constants, carried, _ = params["ft_in"].unpack()  # since JAX 0.12
+    return len(constants), len(carried)

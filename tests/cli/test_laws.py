@@ -1,0 +1,287 @@
+"""Laws of several parameters, and of what is uncertain, as a user types them for `erosion stream` and `erosion map`."""
+
+import csv
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.cli import _status
+from erosion.distributions import LogNormal, Normal
+from erosion.joint_laws import Correlated, Rows
+from erosion.parameters.quantities import QUANTITIES
+from erosion.posteriors.files import read_draws
+from tests.cli.test_document import SCHEMA
+
+pytestmark = pytest.mark.slow
+
+CASE = """units = "si"
+k = 2.4
+psi = 2.0
+sigma = 1.5e9
+r = 0.000125
+b = 0.00025
+m = 2.168e-8
+inertia = 0.5
+v0 = 25.0
+alpha = 0.44
+"""
+FEW = "--n 4096 --no-best-angle --json"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tests of a metal, the impacts of a CFD run, and the draws of a posterior by the command line."""
+    made = tmp_path_factory.mktemp("laws")
+    (made / "sand.toml").write_text(CASE)
+    p, degrees = erosion.load_case(made / "sand.toml"), np.linspace(10.0, 70.0, 9)
+    exact = erosion.impact("linearized", p.replace(alpha=np.deg2rad(degrees))).volume / float(p.m) * 1e9
+    error = 0.1 * exact.max()
+    measured = exact + error * np.random.default_rng(2).standard_normal(9)
+    with (made / "tests.csv").open("w") as file:
+        rows = [("angle [deg]", "erosion [mm^3/kg]", "uncertainty [mm^3/kg]")]
+        csv.writer(file).writerows([*rows, *((d, e, error) for d, e in zip(degrees, measured, strict=True))])
+    with (made / "impacts.csv").open("w") as file:
+        rows = [("diameter [um]", "density [kg/m^3]", "count", "speed [m/s]", "angle [deg]")]
+        csv.writer(file).writerows([*rows, *((200, 2650, 10, 30, 5 + i % 60) for i in range(600))])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(made)
+        prior = '--free psi --prior "psi=loguniform(0.5, 8)" --draws 250'
+        assert _status(shlex.split(f"calibrate tests.csv sand.toml --posterior {prior} -o post.nc")) == 0
+    return made
+
+
+@pytest.fixture(autouse=True)
+def in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+
+
+def said(line: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str]:
+    assert _status(shlex.split(line)) == 0
+    out, err = capsys.readouterr()
+    jsonschema.Draft202012Validator(SCHEMA).validate(json.loads(out))
+    return json.loads(out), err
+
+
+def value(document: dict[str, Any], name: str) -> float:
+    number = document["result"][name]
+    return number["value"] if isinstance(number, dict) else number
+
+
+def test_the_error_of_a_fit_goes_on_to_the_map(capsys: pytest.CaptureFixture[str]) -> None:
+    document, err = said("map impacts.csv --case sand.toml --uncertain post.nc --draws 256 --json", capsys)
+    assert err == ""
+    with xr.open_dataset("post.nc", group="posterior") as stored:
+        factor = 1 / stored["psi"].values
+    # V goes with 1/ψ.
+    exact = factor.std() / factor.mean()
+    assert 0.01 < exact < 0.2
+    assert value(document, "total_parameter_error") == pytest.approx(exact, rel=0.15)
+    both = np.hypot(value(document, "total_parameter_error"), value(document, "total_sampling_error"))
+    assert value(document, "total_relative_error") == pytest.approx(both)
+    assert document["case"]["varied"]["psi"] == "uncertain 1,000 values of post.nc, row by row of psi"
+    assert document["seed"] == 0
+    plain, _ = said("map impacts.csv --case sand.toml --json", capsys)
+    assert value(plain, "total_relative_error") < value(document, "total_relative_error")
+
+
+def test_and_to_a_stream(capsys: pytest.CaptureFixture[str]) -> None:
+    line = f'stream sand.toml --v0 "lognormal(25 m/s, 0.1)" --uncertain post.nc {FEW}'
+    document, err = said(line, capsys)
+    assert err == ""
+    with xr.open_dataset("post.nc", group="posterior") as stored:
+        factor = 1 / stored["psi"].values
+    share = value(document, "erosion_parameter_error") / value(document, "erosion")
+    assert share == pytest.approx(factor.std() / factor.mean(), rel=0.1)
+    assert document["case"]["varied"]["psi"].startswith("uncertain 1,000 values of post.nc")
+
+
+def test_a_table_of_particles_is_taken_row_by_row(capsys: pytest.CaptureFixture[str]) -> None:
+    angles, speeds = np.linspace(10.0, 60.0, 64), np.linspace(40.0, 20.0, 64)
+    with Path("jet.csv").open("w") as file:
+        csv.writer(file).writerows([("alpha [deg]", "v0 [m/s]"), *zip(angles, speeds, strict=True)])
+    document, _ = said(f"stream sand.toml --rows jet.csv {FEW}", capsys)
+    p = erosion.load_case("sand.toml")
+    exact = erosion.impact("linearized", p.replace(alpha=np.deg2rad(angles), v0=speeds)).volume.mean()
+    assert value(document, "mean_volume") == pytest.approx(exact, rel=1e-9)
+
+
+def test_laws_are_correlated_in_options_and_in_a_case_file(capsys: pytest.CaptureFixture[str]) -> None:
+    laws = '--v0 "lognormal(25 m/s, 0.2)" --r "lognormal(0.125 mm, 0.2)"'
+    options, _ = said(f"stream sand.toml {laws} --correlation v0,r=0.8 {FEW}", capsys)
+    apart, _ = said(f"stream sand.toml {laws} {FEW}", capsys)
+    # V goes with m v0² and m with r³: the logarithms add, and their covariance is 0.8·0.2².
+    ratio = value(options, "mean_volume") / value(apart, "mean_volume")
+    assert ratio == pytest.approx(np.exp(2 * 3 * 0.8 * 0.2**2), rel=0.02)
+    section = '[stream]\nv0 = "lognormal(25 m/s, 0.2)"\nr = "lognormal(0.125 mm, 0.2)"\ncorrelation = {"v0, r" = 0.8}\n'
+    Path("jet.toml").write_text(CASE + section)
+    of_file, _ = said(f"stream jet.toml {FEW}", capsys)
+    assert of_file["result"] == options["result"]
+    p = erosion.load_case("sand.toml")
+    joint = Correlated({"v0": LogNormal(25.0, 0.2), "r": LogNormal(0.000125, 0.2)}, {("v0", "r"): 0.8})
+    here = erosion.stream("linearized", p, n=4096, best_angle=False, **joint)
+    assert value(options, "mean_volume") == pytest.approx(here.mean_volume.value, rel=1e-9)
+
+
+def test_uncertain_laws_are_a_table_of_a_case_file(capsys: pytest.CaptureFixture[str]) -> None:
+    section = """[map]
+model = "rotating"
+phidot0 = "normal(0, 1e4 rad/s)"
+correlation = {"k,psi" = -0.9}
+[map.uncertain]
+k = "normal(2.4, 0.2)"
+psi = "lognormal(2, 0.1)"
+"""
+    Path("map.toml").write_text(CASE + section)
+    of_file, _ = said("map impacts.csv --case map.toml --draws 16 --json", capsys)
+    laws = '--uncertain "k=normal(2.4, 0.2)" --uncertain "psi=lognormal(2, 0.1)" --correlation k,psi=-0.9'
+    line = (
+        f'map impacts.csv --case sand.toml --model rotating --phidot0 "normal(0, 1e4 rad/s)" {laws} --draws 16 --json'
+    )
+    options, _ = said(line, capsys)
+    assert of_file["result"] == options["result"]
+    joint = Correlated({"k": Normal(2.4, 0.2), "psi": LogNormal(2.0, 0.1)}, {("k", "psi"): -0.9})
+    case, spin = erosion.load_case("sand.toml"), Normal(0.0, 1e4)
+    table = erosion.read_impacts("impacts.csv")
+    wear = erosion.erosion_map("rotating", case, table, phidot0=spin, uncertain=joint, draws=16)
+    assert value(options, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
+    assert value(options, "total_parameter_error") == pytest.approx(float(wear["total_parameter_error"]), rel=1e-9)
+
+
+def test_draws_in_a_csv_file_are_uncertain_together(capsys: pytest.CaptureFixture[str]) -> None:
+    psi = np.geomspace(1.5, 2.5, 64)
+    with Path("draws.csv").open("w") as file:
+        csv.writer(file).writerows([("sigma [GPa]", "psi", "chain"), *((3 / q, q, 0) for q in psi)])
+    document, _ = said("map impacts.csv --case sand.toml --uncertain draws.csv --json", capsys)
+    # σψ is one number.
+    assert value(document, "total_parameter_error") == pytest.approx(0, abs=1e-8)
+
+
+def test_impacts_take_spin_and_force_ratio_from_one_row(capsys: pytest.CaptureFixture[str]) -> None:
+    spin, k = np.linspace(-2e4, 2e4, 16), np.linspace(1.5, 3.0, 16)
+    with Path("spins.csv").open("w") as file:
+        csv.writer(file).writerows([("phidot0 [rad/s]", "k"), *zip(spin, k, strict=True)])
+    document, _ = said("map impacts.csv --case sand.toml --model rotating --rows spins.csv --seed 2 --json", capsys)
+    case, table = erosion.load_case("sand.toml"), erosion.read_impacts("impacts.csv")
+    wear = erosion.erosion_map("rotating", case, table, seed=2, **Rows({"phidot0": spin, "k": k}))
+    assert value(document, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
+    assert document["case"]["varied"]["k"] == "16 values of spins.csv, row by row of phidot0, k"
+    assert document["seed"] == 2
+
+
+def test_the_share_that_cuts_is_a_factor_of_the_map(capsys: pytest.CaptureFixture[str]) -> None:
+    whole, _ = said("map impacts.csv --case sand.toml --json", capsys)
+    part, _ = said("map impacts.csv --case sand.toml --cutting-fraction 0.4 --json", capsys)
+    assert value(part, "total_volume") == pytest.approx(0.4 * value(whole, "total_volume"))
+    Path("half.toml").write_text("cutting_fraction = 0.5\n" + CASE)
+    half, _ = said("map impacts.csv --case half.toml --json", capsys)
+    assert value(half, "total_volume") == pytest.approx(0.5 * value(whole, "total_volume"))
+    line = "map impacts.csv --case half.toml --uncertain 'cutting_fraction=uniform(0.2, 0.4)' --json"
+    unknown, _ = said(line, capsys)
+    assert value(unknown, "total_volume") == pytest.approx(0.3 * value(whole, "total_volume"), rel=0.01)
+
+
+def test_a_case_that_is_not_the_fits_is_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
+    line = (
+        "map impacts.csv --case sand.toml --uncertain post.nc --sigma '2 GPa' --cutting-fraction 0.5 --draws 4 --json"
+    )
+    document, err = said(line, capsys)
+    assert document["warnings"] == [
+        "post.nc: the draws hold for σ = 1.5e+09 Pa, but the case has 2e+09 Pa.",
+        "post.nc: the draws hold if 1 of the particles cut, but here 0.5 of them do.",
+    ]
+    assert err.count("warning: ") == 2
+
+
+def test_draws_of_a_bad_fit_are_a_warning() -> None:
+    known = {"psi": QUANTITIES["psi"]}
+    draws = read_draws("post.nc", known, "si")
+    model = erosion.load_model("linearized")
+    assert draws.doubts(model, draws.p, 1.0) == []
+    with xr.open_datatree("post.nc") as tree:
+        tree["posterior"].attrs["converged"] = 0
+        tree["posterior"]["scale"] = tree["posterior"]["psi"]
+        tree.to_netcdf("bad.nc", engine="h5netcdf")
+    bad = read_draws("bad.nc", known, "si")
+    assert bad.doubts(model, draws.p, 1.0) == [
+        "bad.nc: the draws did not converge.",
+        "bad.nc: the tests had units of their own, so the size of the wear is that of the case.",
+    ]
+    assert {*bad.rows} == {"psi"}
+
+
+def test_own_parameters_must_be_those_of_the_fit(capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
+    fit = f"calibrate tests.csv sand.toml --posterior --draws 125 --free psi --model '{path}' --set friction=0.3"
+    assert _status(shlex.split(f"{fit} -o own.nc")) == 0
+    capsys.readouterr()
+    line = f"map impacts.csv --case sand.toml --uncertain own.nc --draws 2 --model '{path}' --json"
+    document, _ = said(line, capsys)
+    (warning,) = (sentence for sentence in document["warnings"] if "own.nc: the draws hold" in sentence)
+    assert warning.startswith("own.nc: the draws hold for friction = 0.3, but the model has friction = ")
+    document, _ = said(f"{line} --set friction=0.3", capsys)
+    assert not any("the draws hold for" in sentence for sentence in document["warnings"])
+
+
+def test_draws_are_read_in_other_units() -> None:
+    degrees = np.array([10.0, 30.0, 60.0])
+    p = erosion.TABLE_1
+    exact = np.asarray(erosion.impact("linearized", p.replace(alpha=np.deg2rad(degrees))).volume)
+    data = {"angle [deg]": degrees, "volume [in^3]": exact, "uncertainty [in^3]": np.full(3, 0.1 * exact.max())}
+    drawn = erosion.posterior("linearized", p, data, ["sigma", "cutting_fraction"], draws=125)
+    drawn.save("other.nc")
+    known = dict(QUANTITIES)
+    rows = read_draws("other.nc", known, "si").rows
+    assert isinstance(drawn.rows_of_draws(), Rows)
+    assert {*rows} == {*drawn.rows_of_draws()} == {"sigma", "cutting_fraction"}
+    np.testing.assert_allclose(rows.columns["sigma"], drawn.samples["sigma"].values.ravel() * 6894.757293, rtol=1e-9)
+    with pytest.raises(ValueError, match="`uncertain` must leave out `cutting_fraction`"):
+        erosion.stream("linearized", p, n=64, uncertain=drawn.rows_of_draws())
+
+
+MAP, STREAM = "map impacts.csv --case sand.toml", "stream sand.toml --v0 'normal(25, 1)' --r 'normal(0.1 mm, 0.01 mm)'"
+BAD = [
+    (f"{MAP} --uncertain nowhere.nc", "Option `--uncertain`: nowhere.nc: is not there."),
+    (f"{MAP} --uncertain tests.csv", "Option `--uncertain` must have columns of parameters in tests.csv"),
+    (f"{MAP} --uncertain wrong.nc", "wrong.nc: must hold the draws of a posterior, but cannot be read as such."),
+    (f"{MAP} --uncertain other-tool.nc", "the draws of a posterior of this program, but holds something else."),
+    (f"{MAP} --uncertain post.nc --model rotating", "the parameters of linearized, but Option `--model` is rotating."),
+    (f"{MAP} --uncertain post.nc --uncertain psi=normal(2,0.1)", "must give psi once, but gives it several times."),
+    (f"{MAP} --uncertain post.nc --psi normal(2,0.1)", "must name parameters without another law, but psi has one"),
+    (f"{MAP} --uncertain k=2", "Option `--uncertain` must give k a law (normal, "),
+    (f"{MAP} --uncertain k", "must be a file (.nc, .csv) or a law such as"),
+    (f"{MAP} --uncertain hardness=normal(2,0.1)", "Option `--uncertain` must name one of k, psi"),
+    (f"{MAP} --uncertain v0=normal(25,1)", "Option `--v0` must be left out: each row of the table has its own."),
+    (f"{MAP} --uncertain k=normal(2,0.1) --draws 1", "Option `--draws` must be a whole number of at least 2"),
+    (f"{MAP} --uncertain post.nc -o post.nc", "post.nc: must not be written, because post.nc is read."),
+    (f"{MAP} --cutting-fraction 2", "Option `--cutting-fraction` must be above 0 and at most 1"),
+    (f"{STREAM} --correlation v0,k=0.5", "must join two parameters with laws of their own, which both"),
+    (f"{STREAM} --correlation v0=0.5", "Option `--correlation` must be such as \"v0,r=-0.5\", but is 'v0=0.5'."),
+    (f"{STREAM} --correlation v0,r=1.5", "Option `--correlation` must be in (-1, 1), but is 1.5 for v0 and r."),
+    (f"{STREAM} --correlation v0,r=much", "Option `--correlation` must be such as"),
+    (f"{STREAM} --uncertain k=normal(2,0.1) --correlation v0,k=0.5", "which both vary or are both uncertain"),
+    (f"{STREAM} --rows nowhere.csv", "Option `--rows` must name a CSV file, but 'nowhere.csv' cannot be read"),
+    (f"{STREAM} --rows speeds.csv", "Option `--rows` must give v0 alone, but v0 has another law, too."),
+    ("stream bad.toml", "bad.toml: field `correlation` of [stream] must be a table such as"),
+    ("map impacts.csv --case bad-map.toml", "bad-map.toml: field `v0` of [map] has no meaning here"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("line", "sentence"), BAD)
+def test_bad_laws_are_one_line(line: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("wrong.nc").write_text("psi")
+    Path("speeds.csv").write_text("v0 [m/s]\n25\n30\n")
+    xr.Dataset({"psi": ("draw", [1.0, 2.0])}).to_netcdf("other-tool.nc", group="posterior", engine="h5netcdf")
+    Path("bad.toml").write_text(CASE + '[stream]\nv0 = "normal(25, 1)"\ncorrelation = 0.5\n')
+    Path("bad-map.toml").write_text(CASE + "[map]\nv0 = 30\n")
+    assert _status(shlex.split(line)) == 2
+    out, err = capsys.readouterr()
+    assert sentence in err
+    assert err.count("\n") == 1
+    assert out == ""

@@ -1,0 +1,192 @@
+"""Maps whose parameters vary from impact to impact, or are one number for all impacts that is not known."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import erosion
+import erosion.maps.job
+from erosion.distributions import LogNormal, Normal, Uniform
+from erosion.joint_laws import Correlated, JointLaw, Rows
+from erosion.maps.bodies import Bodies
+from erosion.maps.erosion_map import erosion_map, prepare_map
+from erosion.maps.options import MapOptions
+from erosion.maps.result import MapSummary
+from tests.maps.tables import Table, hump, sand
+
+pytestmark = pytest.mark.slow
+
+P = erosion.TABLE_1.to("si")
+SURFACE = hump()
+TABLE = sand(SURFACE, 1000)
+
+
+def metal(draws: int = 64) -> Rows:
+    """σ and ψ that are known to 20 % and 10 %, and depend on each other."""
+    rng = np.random.default_rng(5)
+    scores = rng.standard_normal((2, draws))
+    sigma = float(P.sigma) * np.exp(0.2 * scores[0])
+    return Rows({"sigma": sigma, "psi": float(P.psi) * np.exp(0.1 * scores[1] - 0.05 * scores[0])})
+
+
+def test_an_error_of_the_metal_is_the_same_in_all_faces_and_in_the_total() -> None:
+    # V of the linearized cut goes with 1/σψ. 64 draws by Sobol's points take each of 64 rows once.
+    rows = metal()
+    wear = erosion_map("linearized", P, TABLE, SURFACE, uncertain=rows)
+    factor = float(P.sigma * P.psi) / (rows.columns["sigma"] * rows.columns["psi"])
+    exact = np.std(factor, ddof=1) / np.mean(factor)
+    assert 0.1 < exact < 0.3
+    np.testing.assert_allclose(wear["parameter_error"], exact, rtol=1e-6)
+    np.testing.assert_allclose(wear["patch_parameter_error"], exact, rtol=1e-6)
+    assert float(wear["total_parameter_error"]) == pytest.approx(exact, rel=1e-6)
+    plain = erosion_map("linearized", P, TABLE, SURFACE)
+    np.testing.assert_allclose(wear["volume"], plain["volume"] * factor.mean(), rtol=1e-6)
+    # E[(wV)²] has the square of the factor.
+    sampling = plain["relative_error"] * np.sqrt(np.mean(factor**2)) / factor.mean()
+    np.testing.assert_allclose(wear["sampling_error"], sampling, rtol=1e-6)
+    np.testing.assert_allclose(wear["relative_error"], np.hypot(sampling, exact), rtol=1e-6)
+    assert wear["total_volume_of_draw"].shape == (64,)
+    assert float(wear["total_volume_of_draw"].mean()) == pytest.approx(float(wear["total_volume"]))
+
+
+def test_more_impacts_know_the_mean_better_but_not_the_metal() -> None:
+    few, many = (
+        erosion_map("linearized", P, sand(SURFACE, n), uncertain=metal(), surface=SURFACE) for n in (100, 6400)
+    )
+    assert float(many["total_sampling_error"]) == pytest.approx(float(few["total_sampling_error"]) / 8, rel=0.2)
+    assert float(many["total_parameter_error"]) == pytest.approx(float(few["total_parameter_error"]), rel=1e-6)
+    summary = str(MapSummary(many))
+    assert "of V and E: relative standard error by uncertain parameters" in summary
+    assert "of V and E: relative standard error by the sample of impacts" in summary
+
+
+def test_what_varies_from_impact_to_impact_averages_out() -> None:
+    # Equal rows: (ΣwV)² has the relative variance E[V²]/(n E[V]²), and V goes with 1/σ.
+    first = sand(SURFACE, 1)
+    equal = first.only(np.zeros(20_000, int))
+    law: dict[str, Any] = {"sigma": LogNormal(float(P.sigma), 0.5)}
+    varied = erosion_map("linearized", P, equal, SURFACE, **law)
+    assert "total_parameter_error" not in varied
+    assert float(varied["total_relative_error"]) == pytest.approx(np.exp(0.5**2 / 2) / np.sqrt(20_000), rel=0.02)
+    unknown = erosion_map("linearized", P, equal, SURFACE, uncertain=law)
+    # 64 draws know the standard deviation of a lognormal law to some 15 %.
+    assert float(unknown["total_parameter_error"]) == pytest.approx(np.sqrt(np.exp(0.5**2) - 1), rel=0.2)
+    plain = erosion_map("linearized", P, equal, SURFACE)["total_volume"]
+    assert float(varied["total_volume"] / plain) == pytest.approx(np.exp(0.5**2 / 2), rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["of each impact", "of all"])
+def test_a_joint_law_stays_together(kind: str) -> None:
+    # σψ is one number, so that nothing varies where the rows are kept, and 28 % where they are not.
+    psi = float(P.psi) * np.exp(0.2 * np.random.default_rng(0).standard_normal(64))
+    rows = Rows({"sigma": float(P.sigma * P.psi) / psi, "psi": psi})
+    plain = erosion_map("linearized", P, TABLE, SURFACE)
+    wear = erosion_map("linearized", P, TABLE, SURFACE, **(rows if kind == "of each impact" else {"uncertain": rows}))
+    np.testing.assert_allclose(wear["volume"], plain["volume"], rtol=1e-6)
+    np.testing.assert_allclose(wear["relative_error"], plain["relative_error"], rtol=1e-6)
+
+
+def test_it_is_a_map_for_each_draw() -> None:
+    # k turns wear from flat to steep faces: their errors differ, and that of the total is not their mean.
+    laws: dict[str, Any] = {"k": LogNormal(2.0, 0.3), "psi": LogNormal(float(P.psi), 0.1)}
+    joint = Correlated(laws, {("k", "psi"): -0.8})
+    wear = erosion_map("rotating", P, TABLE, SURFACE, uncertain=joint, draws=8, seed=3)
+    drawn = Bodies(P, uncertain=joint, draws=8, seed=3).common(erosion.load_model("rotating"))
+    assert np.corrcoef(np.log(drawn["k"].ravel()), np.log(drawn["psi"].ravel()))[0, 1] < -0.4
+    maps = [
+        erosion_map("rotating", P.replace(k=k, psi=psi), TABLE, SURFACE)
+        for k, psi in zip(drawn["k"].ravel(), drawn["psi"].ravel(), strict=True)
+    ]
+    volumes = np.array([part["volume"].values for part in maps])
+    np.testing.assert_allclose(wear["volume"], volumes.mean(axis=0), rtol=1e-8)
+    errors = volumes.std(axis=0, ddof=1) / volumes.mean(axis=0)
+    np.testing.assert_allclose(wear["parameter_error"], errors, rtol=1e-6)
+    totals = volumes.sum(axis=1)
+    np.testing.assert_allclose(wear["total_volume_of_draw"], totals, rtol=1e-8)
+    assert float(wear["total_parameter_error"]) == pytest.approx(totals.std(ddof=1) / totals.mean(), rel=1e-6)
+    ends = np.mean([part["ends"].values for part in maps], axis=0)
+    np.testing.assert_allclose(wear["ends"], ends, rtol=1e-12)
+
+
+@pytest.mark.parametrize("block", [7, 100])
+def test_the_bits_do_not_depend_on_the_blocks(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    monkeypatch.setattr("erosion.maps.job._PORTION", 16 * 64)
+    options: dict[str, Any] = {"uncertain": metal(), "spin": Normal(0.0, 1e4), "draws": 16, "k": Uniform(1.5, 2.5)}
+    whole = erosion_map("rotating", P, sand(SURFACE, 300), SURFACE, **options)
+    assert whole.identical(erosion_map("rotating", P, sand(SURFACE, 300, block=block), SURFACE, **options))
+
+
+def test_the_share_that_cuts_is_a_factor() -> None:
+    plain = erosion_map("rotating", P, TABLE, SURFACE)
+    half = erosion_map("rotating", P, TABLE, SURFACE, cutting_fraction=0.5)
+    np.testing.assert_allclose(half["volume"], 0.5 * plain["volume"], rtol=1e-12)
+    np.testing.assert_allclose(half["relative_error"], plain["relative_error"], rtol=1e-12)
+    share = np.linspace(0.3, 0.7, 64)
+    unknown = erosion_map("rotating", P, TABLE, SURFACE, uncertain=Rows({"cutting_fraction": share}))
+    np.testing.assert_allclose(unknown["volume"], 0.5 * plain["volume"], rtol=1e-9)
+    assert float(unknown["total_parameter_error"]) == pytest.approx(np.std(share, ddof=1) / 0.5, rel=1e-6)
+
+
+def test_a_models_own_parameter_may_be_uncertain() -> None:
+    path = __file__.rsplit("/tests/", 1)[0] + "/models/coulomb_tip.py"
+    wear = erosion_map(path, P, TABLE, SURFACE, uncertain={"friction": Normal(0.2, 0.05)}, draws=16)
+    assert 0.001 < float(wear["total_parameter_error"]) < 0.5
+    assert "uncertain friction = Normal(0.2, 0.05), draws = 16, seed = 0" in wear.attrs["options"]
+
+
+def test_the_identity_of_a_map_knows_the_rows_of_a_law() -> None:
+    rows = metal()
+    swapped = Rows({"sigma": rows.columns["sigma"][::-1], "psi": rows.columns["psi"]})
+    jobs = [
+        prepare_map("linearized", TABLE, SURFACE, MapOptions(Bodies(P, uncertain=law))) for law in (rows, swapped, rows)
+    ]
+    first, other, again = (job.identity()["options"] for job in jobs)
+    assert first == again != other
+
+
+def test_an_impact_that_fails_for_one_draw_is_counted_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    import dataclasses
+
+    computed, failed = erosion.maps.job.impact, erosion.impact("rotating", P.replace(v0=[np.nan])).outcome[0]
+
+    def failing(*arguments: Any, **options: Any) -> Any:
+        results = computed(*arguments, **options)
+        lost = np.zeros(results.volume.shape, bool)
+        lost[1, :5] = True
+        outcome = np.where(lost, failed, results.outcome)
+        return dataclasses.replace(results, volume=np.where(lost, np.nan, results.volume), outcome=outcome)
+
+    monkeypatch.setattr("erosion.maps.job.impact", failing)
+    wear = erosion_map("rotating", P, TABLE, SURFACE, uncertain=metal(), draws=4)
+    assert int(wear["total_impacts"]) == 995
+    assert MapSummary(wear).warnings == ["5 impacts could not be computed, and are not counted."]
+
+
+PAIR: JointLaw = Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]})
+LAW = LogNormal(1.0, 0.1)
+BAD: list[tuple[dict[str, Any], str]] = [
+    ({"v0": LAW}, "`v0` must be left out: each row of the table has its own"),
+    ({"uncertain": {"m": LAW}}, "`m` must be left out: each row of the table has its own"),
+    ({"k": LAW, "uncertain": {"k": LAW}}, "must name parameters without another law, but k has one from impact"),
+    ({"k": PAIR["k"], "uncertain": {"psi": PAIR["psi"]}}, "must include all of a joint law, but psi is missing"),
+    ({"uncertain": {"hardness": LAW}}, "`hardness` is not a parameter; they are k, psi, .*cutting_fraction"),
+    ({"hardness": LAW}, "`hardness` is not a parameter; they are k, psi"),
+    ({"cutting_fraction": 1.5}, "`cutting_fraction` must be above 0 and at most 1, but is 1.5"),
+    ({"cutting_fraction": 0.5, "uncertain": {"cutting_fraction": LAW}}, "must be left out where it is uncertain"),
+    ({"uncertain": {"cutting_fraction": LAW}}, "at most 1, but its law reaches further"),
+    ({"spin": "case", "phidot0": LAW}, "`spin` must be left out where `phidot0` has a law"),
+    ({"uncertain": {"k": 2.0}}, "`k` must be a distribution such as"),
+    ({"uncertain": {"k": Normal(1.0, 1.0)}}, "`k` must be positive, but 15.9% of"),
+    ({"uncertain": PAIR, "draws": 1}, "`draws` must be a whole number of at least 2"),
+]
+
+
+@pytest.mark.parametrize(("options", "sentence"), BAD)
+def test_bad_laws_are_refused_before_anything_is_read(options: dict[str, Any], sentence: str) -> None:
+    class Unread(Table):
+        def blocks(self, rows: int) -> Any:
+            raise AssertionError("the table was read")
+
+    with pytest.raises((ValueError, TypeError), match=sentence):
+        erosion_map("linearized", P, Unread(**TABLE.columns), SURFACE, **options)
