@@ -198,3 +198,12 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
     monkeypatch.setattr(erosion.trajectory.path, "path", simulate)
     assert _status(["run"]) == 130
     assert capsys.readouterr().err == "erosion: interrupted\n"
+
+
+def test_too_little_memory_is_one_sentence(monkeypatch, capsys):
+    def too_large(*_, **__):
+        raise MemoryError("Unable to allocate 58.2 TiB")
+
+    monkeypatch.setattr("erosion.cli.app", too_large)
+    assert _status(["run"]) == 1
+    assert capsys.readouterr().err == "erosion: There is not enough memory for this.\n"
