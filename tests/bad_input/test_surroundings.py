@@ -17,10 +17,20 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.cli import _status
 from erosion.files import write_whole
+from erosion.maps.erosion_map import erosion_map
+from erosion.maps.export import write_map
 from erosion.plotting.style import save_plot
 from erosion.storage.netcdf import write_netcdf
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.stores import ZarrStore
+from tests.maps.tables import hump, sand
+
+
+def write_vtp(path):
+    pytest.importorskip("pyvista")
+    surface = hump()
+    write_map(erosion_map("linearized", erosion.TABLE_1.to("si"), sand(surface, 20), surface), path)
+
 
 CONTENT = np.random.default_rng(1).random(10_000)
 
@@ -41,13 +51,14 @@ WRITERS = {
     "fit.svg": lambda path: save_plot(Figure(), path),
     "fit.png": lambda path: save_plot(Figure(), path),
     "fit.pdf": lambda path: save_plot(Figure(), path),
+    "map.vtp": write_vtp,
     "out.nc": lambda path: write_netcdf(xr.Dataset({"v": ("n", CONTENT)}), path, {}),
 }
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["over an older file", "new"])
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_leaves_what_was_there(tmp_path, name, there):
+def test_a_full_disk_leaves_what_was_there(tmp_path, name, there, capfd, caplog):
     path = tmp_path / name
     if there:
         path.write_text("old")
@@ -55,6 +66,7 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, name, there):
         WRITERS[name](path)
     assert caught.value.filename == str(path)
     assert [one.read_text() for one in tmp_path.iterdir()] == (["old"] if there else [])
+    assert (capfd.readouterr().err, caplog.text) == ("", "")
 
 
 def test_a_block_that_could_not_be_written_is_computed_again(tmp_path):
@@ -186,3 +198,12 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
     monkeypatch.setattr(erosion.trajectory.path, "path", simulate)
     assert _status(["run"]) == 130
     assert capsys.readouterr().err == "erosion: interrupted\n"
+
+
+def test_too_little_memory_is_one_sentence(monkeypatch, capsys):
+    def too_large(*_, **__):
+        raise MemoryError("Unable to allocate 58.2 TiB")
+
+    monkeypatch.setattr("erosion.cli.app", too_large)
+    assert _status(["run"]) == 1
+    assert capsys.readouterr().err == "erosion: There is not enough memory for this.\n"

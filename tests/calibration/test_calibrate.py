@@ -262,6 +262,11 @@ def test_bounds_are_kept_and_said():
         ({"data": {"angle [deg]": [20, 30], "mass_loss [mg]": [1, 2]}}, "`density` of the target must be given"),
         ({"data": {"angle [deg]": [20, 30], "volume [mm^3]": [1, 2]}}, "must have at least 3 rows for 2 free"),
         ({"data": {"angle [deg]": [20, 30, 40], "volume [mm^3]": [0, 0, 0]}}, "must have erosion other than zero"),
+        (
+            {"data": {"angle [deg]": [20, 30, 40], "volume [mm^3]": [1e300] * 3}},
+            "must have erosion that a metal can have",
+        ),
+        ({"data": {"angle [deg]": [20, 30, 40], "volume [mm^3]": [1e-300] * 3}}, "must have erosion that a metal can"),
     ],
 )
 def test_bad_arguments(options, message):

@@ -1,5 +1,6 @@
 """Which reader opens what, surfaces from files, and a missing extra."""
 
+import os
 import sys
 
 import numpy as np
@@ -121,3 +122,11 @@ def test_a_missing_extra_is_one_sentence(tmp_path, monkeypatch, box):
         MissingExtraError, match=r"^The package pyvista is not installed: pip install 'erosion\[cfd\]'.$"
     ):
         read_surface(tmp_path / "box.vtp")
+
+
+@pytest.mark.parametrize("read", [read_impacts, read_surface])
+@pytest.mark.parametrize("name", ["a.csv", "a.parquet", "a.post.gz", "a.dpm", "a.stl", "a.vtp"])
+def test_a_pipe_is_refused_before_it_waits_for_its_writer(tmp_path, read, name):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(ImpactsError, match="is no file"):
+        read(tmp_path / name)

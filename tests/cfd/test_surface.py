@@ -80,6 +80,10 @@ def test_the_nearest_face_by_its_sides_not_by_its_centroid():
         ([], "wall: has no faces"),
         ([TRIANGLE, [(0, 0, 0), (1, 0, 0)]], "wall: face 1 has fewer than three corners"),
         ([[(0, 0, 0), (1, 0, 0), (float("nan"), 1, 0)]], "wall: has points whose coordinates are not finite"),
+        (
+            [[(0, 0, 0), (1, 0, 0), (1e200, 1, 0)]],
+            "wall: has points whose coordinates are not finite, or above 1e.20 m",
+        ),
         ([TRIANGLE, [(0, 0, 0), (1, 1, 1), (2, 2, 2)]], "wall: 1 faces have no area, the first is face 1"),
     ],
 )

@@ -72,3 +72,9 @@ def test_the_place_in_a_block_does_not_matter(model: str, order: int) -> None:
     for name in ("volume", "t_c", "dvolume", "d2volume")[: 2 + order]:
         each = getattr(many, name).reshape(count, WIDTH)
         assert np.array_equal(each, np.broadcast_to(getattr(one, name)[:, None], each.shape), equal_nan=True), name
+
+
+def test_numbers_farther_apart_than_any_float_are_put_in_order() -> None:
+    values = np.linspace(-1.0, 1.0, 1000) * 1.7e308
+    order = alike_together([values, np.arange(1000.0)], 8)
+    assert np.array_equal(np.sort(order), np.arange(1000))

@@ -112,3 +112,8 @@ def test_without_a_jump_its_tasks_are_left_out(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(ValueError, match="must be one of"):
         key.answer("jump")
     assert "Where Newton" not in notebook(key, title="a case")
+
+
+def test_a_speed_that_is_too_great_is_an_error_without_a_warning():
+    with pytest.raises(ValueError, match="must be a finite number, but is"):
+        _ = erosion.AnswerKey(erosion.TABLE_1.replace(v0=1e308)).with_spin

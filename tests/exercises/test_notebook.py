@@ -14,6 +14,7 @@ import pytest
 
 import erosion
 from erosion.cli import _status
+from erosion.exercises import AnswerKey
 from erosion.exercises.notebook import cells_of, notebook
 
 pytestmark = pytest.mark.slow
@@ -106,3 +107,11 @@ def test_what_cannot_be_done_is_one_line(
     assert _status(["exercise", *arguments]) == 2
     assert capsys.readouterr().err.replace(f"{tmp_path}/", "") == f"erosion: {sentence}\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_name_of_a_file_is_shown_as_it_is() -> None:
+    name = "<img src=x onerror=alert(1)> & $x$ `y` *z* [a](javascript:b)"
+    text = nbformat.reads(notebook(AnswerKey(erosion.TABLE_1), title=name), 4).cells[0].source.splitlines()[0]
+    assert text == (
+        r"# How a grain cuts: &lt;img src\=x onerror\=alert\(1\)\> &amp; \$x\$ \`y\` \*z\* \[a\]\(javascript\:b\)"
+    )

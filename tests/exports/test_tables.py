@@ -70,3 +70,15 @@ def test_a_model_whose_impacts_fail_has_no_table(tmp_path):
     )
     with pytest.raises(erosion.SimulationError, match="impacts could not be computed"):
         erosion.volume_table(tmp_path / "mine.py", P)
+
+
+@pytest.mark.parametrize("table", [erosion.volume_table, erosion.restitution])
+def test_a_table_of_too_many_rows_is_refused_before_it_is_computed(table):
+    axes = {"alpha": np.linspace(0.1, 1.5, 2000), "v0": np.linspace(1.0, 100.0, 20_000)}
+    with pytest.raises(ValueError, match=r"at most 1,000,000 rows, but makes \d*0,000,000\."):
+        table("linearized", erosion.TABLE_1, **axes)
+
+
+def test_an_impact_that_is_too_great_is_an_error_without_a_warning():
+    with pytest.raises(erosion.SimulationError, match="could not be computed"):
+        erosion.volume_table("linearized", erosion.TABLE_1, d=np.array([1e150]))

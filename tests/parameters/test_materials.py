@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import os
 import re
 import subprocess
 import sys
@@ -83,6 +84,9 @@ def test_names_may_be_written_in_several_ways():
         ("granet 0.3 mm", "names 'granet'; did you mean 'garnet'?"),
         ("garnet 0.3 kg", "must be a length such as"),
         ("garnet 0 mm", "must have a positive size"),
+        ("garnet 1e308 mm", "must have a size from 1e-10 m to 1e+06 m, but is 'garnet 1e308 mm'."),
+        ("garnet 1e-300 mm", "must have a size from 1e-10 m to 1e+06 m"),
+        ("g" * 50_000 + " 1 mm", "… (50,002 characters)"),
     ],
 )
 def test_a_particle_that_cannot_be_read_is_one_sentence(text, message):
@@ -197,3 +201,9 @@ def test_case_files_name_particles_and_targets(tmp_path):
     case.write_text(text.replace('"aluminium 6061"', "6061"))
     with pytest.raises(erosion.CaseError, match="field `target` must be text"):
         erosion.load_case(case)
+
+
+def test_a_pipe_is_no_table(tmp_path):
+    os.mkfifo(tmp_path / "mine.toml")
+    with pytest.raises(ValueError, match=r"mine.toml: is no file\."):
+        erosion.target(f"{tmp_path / 'mine.toml'}: brass")

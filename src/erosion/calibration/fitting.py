@@ -17,6 +17,8 @@ from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.units import about, example, has_unit, read_quantity, shown
 
+_GREATEST = 1e100  # m³ or m³/kg
+
 
 def calibrate(
     model: CuttingModel | str | Path,
@@ -102,6 +104,9 @@ def _require_enough(measured: Measurements, free: int) -> None:
         )
     if not np.any(measured.erosion):
         raise ValueError("Argument `data` must have erosion other than zero.")
+    greatest = float(np.max(np.abs(measured.erosion)))
+    if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed
+        raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")
 
 
 def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:

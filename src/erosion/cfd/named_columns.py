@@ -149,9 +149,12 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
 def _csv_head(path: Path) -> list[str]:
     text = beginning(path).decode(errors="replace")
     try:
-        return next(csv.reader(io.StringIO(text, newline="")))
+        heads = next(csv.reader(io.StringIO(text, newline="")))
     except csv.Error as error:
         raise ImpactsError(f"{path}: is no CSV file ({error}).") from error
+    if len(heads) == 1 and (";" in heads[0] or "\t" in heads[0]):
+        raise ImpactsError(f"{path}: must have commas between its columns, and points in its numbers.")
+    return heads
 
 
 def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:

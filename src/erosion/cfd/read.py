@@ -102,6 +102,8 @@ def _existing(name: str, value: Any) -> Path:
     path = check_path(name, value)
     if not path.exists():
         raise ImpactsError(f"{path}: is not there.")
+    if not (path.is_file() or path.is_dir()):  # a pipe waits for its writer
+        raise ImpactsError(f"{path}: is no file.")
     return path
 
 

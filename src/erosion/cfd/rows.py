@@ -18,6 +18,9 @@ NAMES = (
 )  # fmt: skip
 """Columns that a table may have. `parcel_mass` is of all particles of a row, `mass` of one of them."""
 
+GREATEST = 1e20
+"""Of a number in SI units, so that no product of a map overflows."""
+
 NO_WEIGHT = "has no column of the number of particles that a row stands for, so each row counts as one particle"
 
 
@@ -59,7 +62,8 @@ def blocks(source: str, first: int, columns: Columns, rows: int, density: float 
         density: of particles [kg/m³], where no column gives it.
 
     Raises:
-        ImpactsError: naming file, row and column of a number that is not finite, or of a face that is no number of one.
+        ImpactsError: naming file, row and column of a number that is not finite or too great, or of a face that is no
+            number of one.
     """
     for start in range(0, len(next(iter(columns.values()))), rows):
         part = {name: values[start : start + rows] for name, values in columns.items()}
@@ -68,11 +72,12 @@ def blocks(source: str, first: int, columns: Columns, rows: int, density: float 
 
 def _block(source: str, first: int, columns: Columns, density: float | None) -> ImpactBlock:
     for name, values in columns.items():
-        finite = np.isfinite(values)
-        if not finite.all():
-            row = int(np.argmin(finite))
+        small = np.abs(values) <= GREATEST
+        if not small.all():
+            row = int(np.argmin(small))
+            condition = f"at most {GREATEST:g}" if np.isfinite(values[row]) else "finite"
             raise ImpactsError(
-                f"{source}: row {first + row + 1:,}: column `{name}` must be finite, but is {values[row]}."
+                f"{source}: row {first + row + 1:,}: column `{name}` must be {condition}, but is {values[row]}."
             )
     mass, diameter = _sizes(columns, density)
     count = columns.get("count")

@@ -8,6 +8,7 @@ import numpy as np
 
 from erosion.array_types import Indices, Numbers, Vectors
 from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.rows import GREATEST
 from erosion.extras import library
 
 
@@ -48,8 +49,8 @@ class Surface:
         if np.diff(self.ends, prepend=0).min() < 3:
             face = int(np.argmin(np.diff(self.ends, prepend=0)))
             raise ImpactsError(f"{self.title}: face {face} has fewer than three corners.")
-        if not np.isfinite(self.points[self.corners]).all():
-            raise ImpactsError(f"{self.title}: has points whose coordinates are not finite.")
+        if not (np.abs(self.points[self.corners]) <= GREATEST).all():
+            raise ImpactsError(f"{self.title}: has points whose coordinates are not finite, or above {GREATEST:g} m.")
         if not self.area.all():
             faces = np.flatnonzero(self.area == 0)
             raise ImpactsError(f"{self.title}: {len(faces)} faces have no area, the first is face {faces[0]}.")

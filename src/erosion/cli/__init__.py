@@ -102,6 +102,8 @@ def _status(arguments: Sequence[str]) -> int:
             sys.stdout = None
             return 0
         return _say(1, f"A model's own code ended the program, with sys.exit({error.code!r}).")
+    except MemoryError:
+        return _say(1, "There is not enough memory for this.")
     # Anything below comes from the computation itself; a person gets the sentence.
     except (ArithmeticError, OSError, RuntimeError) as error:
         _let_go(sys.stdout)

@@ -38,8 +38,9 @@ def _quantile(leaf: np.ndarray, parts: int) -> np.ndarray:
     """To which of `parts` quantiles each number belongs."""
     low, high = leaf.min(), leaf.max()
     with np.errstate(all="ignore"):
-        scale = (_BINS - 1) / (high - low)
-        if parts <= _BINS and np.isfinite(low) and np.isfinite(high) and np.isfinite(scale):
+        width = high - low
+        scale = (_BINS - 1) / width
+        if parts <= _BINS and np.isfinite(width) and np.isfinite(scale):
             bins = ((leaf - low) * scale).astype(np.intp)
             counts = np.bincount(bins, minlength=_BINS)
             if counts.max() <= _CROWDED * leaf.size:

@@ -65,11 +65,16 @@ def _prose(text: str) -> Iterator[Cell]:
             yield Cell("markdown", section.strip())
 
 
+def _plain(text: str) -> str:
+    """Text, of a file's name, that Markdown and its HTML show as it is."""
+    return re.sub(r"([!-/:-@\[-`{-~])", r"\\\1", text).replace("\\<", "&lt;").replace("\\&", "&amp;")
+
+
 def _filled(key: AnswerKey, title: str) -> str:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     best = key.with_spin
     return environment.from_string(key.language.template(TEXT.read_text("utf-8"))).render(
-        title=key.language.text(title),
+        title=_plain(key.language.text(title)),
         _=key.language.text,
         lang=key.language.tag,
         p=repr(key.p),

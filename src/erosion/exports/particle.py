@@ -61,7 +61,9 @@ class Particle:
         Raises:
             SimulationError: where an impact fails.
         """
-        hits = impact(self.model, self.p.similar(d / self.diameter).replace(alpha=alpha, v0=v0), rtol=_RTOL)
+        with np.errstate(over="ignore"):  # such an impact fails
+            copies = self.p.similar(d / self.diameter)
+        hits = impact(self.model, copies.replace(alpha=alpha, v0=v0), rtol=_RTOL)
         volume = np.asarray(hits.volume)
         if not np.isfinite(volume).all():
             lost = np.count_nonzero(~np.isfinite(volume))

@@ -9,7 +9,7 @@ import xarray as xr
 from erosion.engine.outcomes import OTHER_ENDS, end_names
 from erosion.engine.states import states_at
 from erosion.exports.particle import ExportError, angles, in_si, particle_of
-from erosion.exports.tables import SHARES, labelled
+from erosion.exports.tables import SHARES, labelled, require_rows
 from erosion.models import model_name
 from erosion.models.base import ZERO, CuttingModel, State
 from erosion.models.correlated import Correlated
@@ -61,6 +61,7 @@ def restitution(model: CuttingModel | str | Path, p: Parameters, *, alpha: Any =
     alpha = _ANGLES if alpha is None else angles(alpha)
     speeds = in_si("v0", v0, p, SHARES * particle.speed)
     shape = (speeds.size, alpha.size)
+    require_rows(speeds.size * alpha.size)
     each_alpha, each_speed = (np.broadcast_to(axis, shape).ravel() for axis in (alpha, speeds[:, None]))
     impacts = particle.p.replace(alpha=each_alpha, v0=each_speed)
     end = states_at(particle.model, impacts, np.full(each_alpha.size, np.inf), _RTOL)

@@ -16,6 +16,7 @@ from erosion.storage.identity import model_in_words, provenance
 
 SHARES = np.linspace(0.5, 2, 7)  # of the case's speed and diameter: from half to twice
 _ANGLES = np.deg2rad(np.arange(2.5, 91, 2.5))
+_MOST_ROWS = 1_000_000
 _HEADINGS = {"alpha": "angle", "v0": "speed", "d": "diameter"}
 
 
@@ -51,15 +52,24 @@ def volume_table(
 
     Raises:
         SimulationError: where impacts fail.
-        ValueError: for parameters that are arrays or out of range.
+        ValueError: for parameters that are arrays or out of range, and for more than a million rows.
     """
     particle = particle_of(model, p, erodent_density, cutting_fraction)
     alpha = _ANGLES if alpha is None else angles(alpha)
     speeds = in_si("v0", v0, p, SHARES * particle.speed)
     diameters = in_si("d", d, p, SHARES * particle.diameter)
+    require_rows(alpha.size * speeds.size * diameters.size)
     volume = particle.volume(alpha, speeds[:, None], diameters[:, None, None])
     axes = {"d": diameters, "v0": speeds, "alpha": alpha}
     return labelled(particle, p, "removed volumes", axes, {"volume": volume})
+
+
+def require_rows(rows: int) -> None:
+    """Refuse a table that no code would read, and no memory hold."""
+    if rows > _MOST_ROWS:
+        raise ValueError(
+            f"Argument `alpha` must make, with the others, at most {_MOST_ROWS:,} rows, but makes {rows:,}."
+        )
 
 
 def labelled(

@@ -10,7 +10,7 @@ import xarray as xr
 
 from erosion.arguments import check_path
 from erosion.extras import library
-from erosion.files import write_whole, written_whole
+from erosion.files import write_whole
 from erosion.maps.result import FACES
 from erosion.parameters.units import conversion_factor
 from erosion.storage.identity import code_version
@@ -114,11 +114,11 @@ def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
 def _write_vtp(dataset: xr.Dataset, path: Path) -> None:
     surface = to_polydata(dataset)
     writer = library("vtkmodules.vtkIOXML", "cfd").vtkXMLPolyDataWriter()
-    with written_whole(path) as draft:
-        writer.SetFileName(str(draft))
-        writer.SetInputData(surface)
-        if not writer.Write():
-            raise OSError(writer.GetErrorCode(), "cannot be written", str(path))
+    # VTK has words of its own for a full disk.
+    writer.WriteToOutputStringOn()
+    writer.SetInputData(surface)
+    writer.Write()
+    write_whole(path, writer.GetOutputString().encode())
 
 
 def _as_csv(dataset: xr.Dataset) -> str:

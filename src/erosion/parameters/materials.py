@@ -131,6 +131,9 @@ class Target:
         return self.name
 
 
+_SMALLEST, _LARGEST = 1e-10, 1e6  # m
+
+
 def particle(text: "str | Particle") -> Particle:
     """A particle by material and size.
 
@@ -153,8 +156,12 @@ def particle(text: "str | Particle") -> Particle:
     entry = _entry("particle", match["name"], "particles", file)
     with about("Argument `particle`"):
         size = read_quantity(match["size"], "length", "si")
-    if not 0 < size < math.inf:
+    if size <= 0:
         raise ValueError(f"Argument `particle` must have a positive size, but is {shown(text)}.")
+    if not _SMALLEST <= size <= _LARGEST:
+        raise ValueError(
+            f"Argument `particle` must have a size from {_SMALLEST:g} m to {_LARGEST:g} m, but is {shown(text)}."
+        )
     return Particle(size=size, **entry)
 
 
@@ -237,7 +244,7 @@ def _entry(argument: str, name: str, kind: str, file: Path | None) -> dict[str, 
         near = difflib.get_close_matches(_folded(name), names, 1)
         hint = f"; did you mean {names[near[0]]!r}?" if near else "."
         known = ", ".join(map(repr, entries)) or "none"
-        raise ValueError(f"Argument `{argument}` must name one of {known}{where}, but names {name!r}{hint}")
+        raise ValueError(f"Argument `{argument}` must name one of {known}{where}, but names {shown(name)}{hint}")
     key = names[_folded(name)]
     return {"name": key} | {field: value for field, value in entries[key].items() if field != "also"}
 
@@ -249,6 +256,8 @@ def _folded(name: str) -> str:
 def _table(file: Path | None) -> Mapping[str, Mapping[str, dict[str, Any]]]:
     if file is None:
         return _built_in()
+    if file.exists() and not file.is_file():  # a pipe waits for its writer
+        raise ValueError(f"{file}: is no file.")
     with readable(file):
         text = file.read_text(encoding="utf-8-sig")
     try:
