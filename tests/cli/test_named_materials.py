@@ -40,6 +40,16 @@ def document(words: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, 
     return json.loads(capsys.readouterr().out)
 
 
+def test_a_name_says_which_fields_of_the_case_it_replaces(capsys: pytest.CaptureFixture[str], in_folder: Path):
+    (in_folder / "fit.toml").write_text('units = "si"\ntarget = "aluminium 6061"\npsi = 21.5\nv0 = 100\n')
+    assert _status(["optimum", "--case", "fit.toml", "--target", "aluminium 6061", "--json"]) == 0
+    assert (
+        "warning: --target takes the place of psi in fit.toml; without --target they stay." in capsys.readouterr().err
+    )
+    assert _status(["optimum", "--case", "fit.toml", "--target", "aluminium 6061", "--psi", "21.5", "--json"]) == 0
+    assert "takes the place" not in capsys.readouterr().err
+
+
 JET = ["--n", "256", "--no-best-angle", "--phidot0", "normal(0, 1)"]
 VERBS = {
     "run": (["run"], ANGLE),

@@ -8,10 +8,13 @@ import xarray as xr
 from scipy import stats
 
 import erosion
+from erosion.calibration.fitting import make_forward
 from erosion.distributions import LogUniform, Normal, Uniform
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.posteriors import ConvergenceWarning, Posterior, SamplingError, posterior, tempering
+from erosion.posteriors.likelihood import Likelihood
+from erosion.posteriors.priors import make_priors
 
 pytestmark = pytest.mark.slow
 
@@ -232,3 +235,23 @@ def test_a_model_that_fails_is_said_to_fail(monkeypatch):
     )
     with pytest.raises(SamplingError, match="impacts of all draws"):
         posterior("linearized", TABLE_1, measured(5), ["psi"])
+
+
+def test_rows_of_the_same_conditions_count_each():
+    """They are one impact; the squares are those of all rows."""
+    random = np.random.default_rng(3)
+    degrees = random.choice([20.0, 35.0, 60.0], 40)
+    error = random.uniform(1e-6, 5e-6, 40)
+    data = {"angle [deg]": degrees, "volume [in^3]": volumes(degrees) + error * random.standard_normal(40)}
+    forward = make_forward("linearized", TABLE_1, {**data, "uncertainty [in^3]": error}, ["k", "psi"], None, 1.0)
+    likelihood = Likelihood(forward, make_priors(forward, {}))
+    points = random.standard_normal((7, 2))
+    values = likelihood.priors.values(points)
+    rows = forward.data.conditions
+    predicted = np.concatenate(
+        [likelihood.predict({n: v[i : i + 1] for n, v in values.items()}, rows) for i in range(7)]
+    )
+    direct = np.sum(((predicted - forward.data.erosion) / error) ** 2, axis=1)
+    assert likelihood.sizes == [40]
+    assert len(likelihood.parts[0].mean) == 3
+    assert likelihood.chi2(points, 0) == pytest.approx(direct, rel=1e-10)

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import functools
+import math
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -76,15 +77,30 @@ class CaseOptions:
             if self.units is not None:
                 p = p.to(self.units)
             if self.particle is not None:
-                p = p.with_particle(self.particle)
+                p = self._replaced(p, p.with_particle(self.particle), "particle")
             if self.target is not None:
-                p = p.with_target(self.target)
+                p = self._replaced(p, p.with_target(self.target), "target")
         changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units)
                    for name, text in self.given().items()}  # fmt: skip
         with user_errors():
             p = dataclasses.replace(p, **changes)
             validate(p)
         return p
+
+    def _replaced(self, p: "Parameters", named: "Parameters", option: str) -> "Parameters":
+        """The case of a name, with a warning of what the case file states otherwise, a fitted ψ for example."""
+        from erosion.cli.output import warn
+        from erosion.parameters.case_files import stated
+
+        if self.case is not None:
+            names = [
+                name
+                for name in stated(self.case)
+                if name not in self.given() and not math.isclose(getattr(p, name), getattr(named, name), rel_tol=1e-6)
+            ]
+            if names:
+                warn(f"--{option} takes the place of {', '.join(names)} in {self.case}; without --{option} they stay.")
+        return named
 
     def materials(self) -> "tuple[Particle | None, Target | None]":
         """The particle and the target, where an option or the case file names them; options win."""

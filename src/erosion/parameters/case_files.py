@@ -69,6 +69,15 @@ def parse_case(text: str) -> Parameters:
     return _parameters(tomllib.loads(text))
 
 
+def stated(path: str | Path) -> list[str]:
+    """The parameters that a case file gives by their own names.
+
+    Raises:
+        CaseError: for a file that cannot be read.
+    """
+    return [name for name in QUANTITIES if name in _read(Path(path))]
+
+
 def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:
     """The particle and the target that a case file names.
 

@@ -92,7 +92,14 @@ PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
 
 
 def require_folder(out: Path) -> None:
-    """Find out, before a long computation, whether a report can be written; an `OSError` of one sentence if not."""
+    """Find out, before a long computation, whether a report can be written.
+
+    Raises:
+        ValueError: for the name of a page: a report is a folder.
+        OSError: one sentence, where it cannot be written.
+    """
+    if out.suffix.lower() in (".html", ".pdf"):
+        raise ValueError(f"Argument `output` must be a folder, but is {out}; print its index.html as PDF in a browser.")
     with _naming(out), _folders(out):
         pass
 
