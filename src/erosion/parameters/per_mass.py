@@ -105,13 +105,20 @@ class PerMass:
     def warning(self, volume: Any, p: Parameters) -> str | None:
         """One sentence where the greatest erosion is far from what tests find at this speed, else None.
 
-        Volumes in the units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
+        None without a density and a cutting fraction, too: the numbers are then those of a scenario. Volumes in the units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
         """
         far = self.far_from_tests(volume, p)
         return None if far is None else str(far)
 
+    @property
+    def is_given(self) -> bool:
+        """Whether an amount is asked for; without a density and a share of its own, cuts of a scenario are compared."""
+        return self.density is not None or self.cutting_fraction != 1
+
     def far_from_tests(self, volume: Any, p: Parameters) -> "FarFromTests | None":
         """The same, with the amount apart from the rest of the sentence."""
+        if not self.is_given:
+            return None
         speed = np.asarray(p.v0) * conversion_factor("speed", p.units, "si")
         return far_from_tests(self.specific_volume(volume, p), speed, self.density)
 

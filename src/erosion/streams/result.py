@@ -101,6 +101,8 @@ class Stream(Result):
     def erosion_warning(self) -> str | None:
         """One sentence where the erosion is far from what tests find at the mean speed, else None."""
         p = self.particles.p
+        if not self.per_mass.is_given:
+            return None
         speed = float(np.mean(self._sample.get("v0", p.v0))) * conversion_factor("speed", p.units, "si")
         removed = self.erosion.value * conversion_factor("volume per mass", p.units, "si")
         far = far_from_tests(removed, speed, self.per_mass.density)
