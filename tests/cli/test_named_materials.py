@@ -41,7 +41,8 @@ def document(words: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, 
 
 
 def test_a_name_says_which_fields_of_the_case_it_replaces(capsys: pytest.CaptureFixture[str], in_folder: Path):
-    (in_folder / "fit.toml").write_text('units = "si"\ntarget = "aluminium 6061"\npsi = 21.5\nv0 = 100\n')
+    fitted = erosion.TABLE_1.to("si").with_target("aluminium 6061").replace(psi=21.5)
+    (in_folder / "fit.toml").write_text(erosion.dump_case(fitted))
     assert _status(["optimum", "--case", "fit.toml", "--target", "aluminium 6061", "--json"]) == 0
     assert (
         "warning: --target takes the place of psi in fit.toml; without --target they stay." in capsys.readouterr().err
