@@ -105,7 +105,8 @@ class PerMass:
     def warning(self, volume: Any, p: Parameters) -> str | None:
         """One sentence where the greatest erosion is far from what tests find at this speed, else None.
 
-        None without a density and a cutting fraction, too: the numbers are then those of a scenario. Volumes in the units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
+        None without a density and a cutting fraction, too: the numbers are then those of a scenario. Volumes in the
+        units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
         """
         far = self.far_from_tests(volume, p)
         return None if far is None else str(far)
