@@ -416,6 +416,7 @@ def test_results_are_frozen_and_speak(fit):
     with pytest.raises(dataclasses.FrozenInstanceError):
         fit.problem = None
     assert "linearized: fitted to 50 rows of data" in str(fit)
+    assert fit.erosion_unit == fit.to_dict()["erosion_unit"] == "in^3"
     assert [row.name for row in fit.rows()] == ["k", "psi", "rms", "leave_one_out", "chi2", "aicc"]
     with pytest.raises(ValueError, match=r"`level` must be in \(0, 1\)"):
         fit.intervals(95.0)

@@ -248,3 +248,22 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, caps
     models = ["--model", "linearized,linearized-deformation"]
     assert _status([*words, "k,cutting_fraction,energy_ratio,threshold", *models]) == 0
     assert capsys.readouterr().out.strip() in page
+
+
+def test_without_a_case_the_units_are_those_of_the_data(tmp_path, capsys):
+    lines = ["angle [deg], speed [m/s], volume [mm^3]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
+             for angle in (10, 20, 30, 40) for speed in (50, 100))]  # fmt: skip
+    path = tmp_path / "sand.csv"
+    path.write_text("\n".join(lines))
+    assert _status(["calibrate", str(path), "--starts", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "mm³" in out
+    assert "in³" not in out
+    # --units wins.
+    assert _status(["calibrate", str(path), "--starts", "1", "--units", "inch-pound"]) == 0
+    assert "in³" in capsys.readouterr().out
+    # Bare numbers are in the same units.
+    assert _status(["calibrate", str(path), "--starts", "1", "--r", "1e-3", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["units"] == "si"
+    assert document["case"]["parameters"]["r"] == {"value": 1e-3, "unit": "m"}

@@ -52,6 +52,11 @@ class Calibration(Result):
         return self.problem.data
 
     @property
+    def erosion_unit(self) -> str:
+        """The unit of the data's erosion, as programs read it."""
+        return self.data.erosion_unit
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The free parameters; "scale" is the last where the data has units of its own."""
         return self.problem.forward.names

@@ -1,5 +1,6 @@
 """`erosion calibrate`: a model against measured erosion."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +13,7 @@ from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, with_file
+from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, load_set, settings
@@ -44,9 +45,11 @@ def calibrate(
 ) -> None:
     """Fit a model's parameters to measured erosion, or rank several models.
 
-    Without --model, the model is linearized.
+    Without --model, the model is linearized. Without a case file and --units, bare
+    numbers and what is printed are in the unit system of the data.
     """
-    options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
+    options = _in_units_of(data, with_file(case, file))
+    fit, files, draw = fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p, fit = options.parameters(), fit.on(options)
     names = ["linearized"] if model is None else chosen_models(model)
@@ -85,6 +88,15 @@ def calibrate(
         _print(_tables(ranking, level, along_profile, drawn), written, sentences)
     if refused is not None:
         raise refused
+
+
+def _in_units_of(data: Path, options: CaseOptions) -> CaseOptions:
+    """Without a case file and --units, Table 1 in the unit system of the data."""
+    if options.case is not None or options.units is not None:
+        return options
+    from erosion.calibration.measurements import unit_system
+
+    return dataclasses.replace(options, units=unit_system(data))
 
 
 def _require_known(profile: str | None, names: Sequence[str]) -> None:

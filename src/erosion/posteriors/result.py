@@ -72,6 +72,11 @@ class Posterior(Result):
         return self.likelihood.forward.data
 
     @property
+    def erosion_unit(self) -> str:
+        """The unit of the data's erosion, as programs read it."""
+        return self.data.erosion_unit
+
+    @property
     def priors(self) -> Priors:
         """The laws before the data."""
         return self.likelihood.priors
