@@ -1,6 +1,8 @@
 """What is said of a student's numbers."""
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -146,3 +148,10 @@ def test_without_a_jump_its_tasks_are_left_out(monkeypatch: pytest.MonkeyPatch) 
 def test_a_speed_that_is_too_great_is_an_error_without_a_warning():
     with pytest.raises(ValueError, match="must be a finite number, but is"):
         _ = erosion.AnswerKey(erosion.TABLE_1.replace(v0=1e308)).with_spin
+
+
+def test_the_script_of_the_documentation_prints_what_it_says(capsys: pytest.CaptureFixture) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "classroom.md").read_text("utf-8")
+    (script,) = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    exec(script, {})
+    assert capsys.readouterr().out.splitlines() == re.findall(r"  # (.+)$", script, re.MULTILINE)

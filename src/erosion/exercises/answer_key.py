@@ -85,7 +85,7 @@ IN_OTHER_UNITS: Mapping[System, str] = {
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Verdict:
-    """What is said of an answer; a notebook shows the sentence.
+    """What is said of an answer; a notebook shows the sentence, and a script prints it by `print`.
 
     Args:
         right: whether the answer is within the tolerance.
@@ -103,7 +103,7 @@ class AnswerKey:
     """The answers to the tasks of `erosion exercise`, computed from the case.
 
         key = erosion.AnswerKey(erosion.TABLE_1)
-        key.check("t_c", 4.9e-5)      # t_c: 27 % below the answer. …
+        print(key.check("t_c", 4.9e-5))  # t_c: 26 % below the answer. It is to be the time at which the cut ends.
 
     Args:
         p: the case, all scalars. Its own spin is left aside: the tasks are about the linearized model, and about
@@ -167,7 +167,7 @@ class AnswerKey:
         return self._answers[task]()
 
     def check(self, task: str, answer: Any) -> Verdict:
-        """Compare a student's number with the answer.
+        """Compare a student's number with the answer: the last line of a notebook's cell, or `print(key.check(…))`.
 
         Args:
             task: its name, one of `tasks`.
