@@ -97,6 +97,12 @@ def test_a_phone_and_a_tablet_at_once(browser: Browser, link: str) -> None:
     enter(pages[1], "k", "3,5")
     settle(pages[0], "k", "0.9457")
     settle(pages[1], "k", "3.5")
+    # The curve that a slider moves is in view beside the last of the sliders.
+    pages[0].evaluate("document.getElementById('phidot0-slider').scrollIntoView({ block: 'end' })")
+    box = pages[0].locator(".view-volumes .plot").bounding_box()
+    assert box is not None
+    assert box["y"] >= 0
+    assert box["y"] + box["height"] < 422
     for page in pages:
         # Nothing is wider than the screen.
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
