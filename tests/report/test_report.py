@@ -14,8 +14,10 @@ from playwright.sync_api import Browser
 
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
+from erosion.plotting.style import legend_below, new_axes
 from erosion.report import write_report
 from erosion.report.case import Answer, Case, question
+from erosion.report.figures import fit_on_sheet
 from erosion.report.page import PARTS
 from erosion.report.questions import QUESTIONS, a1, text_file
 from erosion.report.template import write_text
@@ -368,14 +370,32 @@ def test_a_handout_has_answers_and_figures_without_derivations(tmp_path: Path) -
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize("lang", ["en", "de"])
 @pytest.mark.parametrize("key", ["a1", "q8", "models"])
-def test_a_handout_of_one_question_fits_on_one_sheet(tmp_path: Path, key: str, browser: Browser) -> None:
-    path = write_report(TABLE_1, tmp_path, only=[key], brief=True)
-    sheet = browser.new_page()
+def test_a_handout_fits_on_one_sheet_with_readable_figures(
+    tmp_path: Path, key: str, lang: str, browser: Browser
+) -> None:
+    path = write_report(TABLE_1, tmp_path, only=[key], brief=True, lang=lang)
+    sheet = browser.new_page(viewport={"width": 695, "height": 1024})  # between the margins of A4, at 96 dots per inch
     sheet.goto(path.as_uri())
+    sheet.emulate_media(media="print")
+    printed_over_drawn = "svg => svg.getBoundingClientRect().width * 0.75 / svg.viewBox.baseVal.width"
+    scales = sheet.evaluate(f"[...document.querySelectorAll('figure svg')].map({printed_over_drawn})")
+    assert 9.5 * min(scales) >= 7  # pt, the text of legends
     pdf = sheet.pdf(prefer_css_page_size=True)
     sheet.close()
     assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf)) == 1
+
+
+def test_a_long_legend_stays_on_a_handout() -> None:
+    fig, ax = new_axes()
+    for i in range(4):
+        ax.plot([0, 1], [0, i], label=f"the curve of a model with a long name, {i}")
+    legend_below(ax, 2)
+    fit_on_sheet(fig)
+    (legend,) = fig.legends
+    assert [text.get_text()[-1] for text in legend.get_texts()] == ["0", "1", "2", "3"]
+    assert legend.get_window_extent().width < fig.bbox.width
 
 
 def test_every_question_has_its_text_and_every_text_its_question() -> None:

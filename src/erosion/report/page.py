@@ -4,7 +4,7 @@ import contextlib
 import math
 import types
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalar
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import save_figure
 from erosion.report.case import Case, question
-from erosion.report.figures import translate_figure
+from erosion.report.figures import fit_on_sheet, is_wide, translate_figure
 from erosion.report.frame import render_page
 from erosion.report.inline import inline_svg
 from erosion.report.questions import QUESTIONS, text_file
@@ -131,6 +131,7 @@ def _write(case: Case, keys: Sequence[str], out: Path, look: Look, progress: Pro
     numbers: Record = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
+    wide: set[str] = set()
     # Filters are the process's, not the thread's: set once, around all threads.
     with warnings.catch_warnings(), unawaited_threads(_THREADS) as pool:
         warnings.simplefilter("ignore", TurnWarning)  # the page says it in words
@@ -141,15 +142,20 @@ def _write(case: Case, keys: Sequence[str], out: Path, look: Look, progress: Pro
             numbers[key] = answer.numbers
             texts[key] = write_text(text_file(key), case, answer, look.language)
             for name, _, description in texts[key].illustrations:
-                translate_figure(answer.figures[name], look.language)
-                svg, _ = save_figure(answer.figures[name], out / "figures" / name)
+                figure = answer.figures[name]
+                translate_figure(figure, look.language)
+                if look.template == _BRIEF:
+                    fit_on_sheet(figure)
+                if is_wide(figure):
+                    wide.add(name)
+                svg, _ = save_figure(figure, out / "figures" / name)
                 drawings[name] = inline_svg(svg, description)
     progress("The page", len(keys), len(keys))
     record = _record(case, numbers)
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
     write_whole(out / "numbers.csv", _csv(record).encode())
     page = out / "index.html"
-    write_whole(page, _page(look, case, texts, drawings).encode())
+    write_whole(page, _page(look, case, texts, drawings, wide).encode())
     return page
 
 
@@ -164,7 +170,9 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
     return [key for key in QUESTIONS if key in only]
 
 
-def _page(look: Look, case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup]) -> str:
+def _page(
+    look: Look, case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup], wide: Collection[str]
+) -> str:
     return render_page(
         look.template,
         look.language,
@@ -174,6 +182,7 @@ def _page(look: Look, case: Case, texts: Mapping[str, Text], drawings: Mapping[s
         texts=texts,
         question=question,
         drawings=drawings,
+        wide=wide,
     )
 
 
