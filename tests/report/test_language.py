@@ -65,6 +65,11 @@ def test_no_message_is_missing_or_fuzzy() -> None:
     assert [block for block in TASK_BLOCKS if block not in GERMAN.messages] == []
 
 
+def test_german_intervals_have_semicolons_beside_decimal_commas() -> None:
+    texts = GERMAN.messages.values()
+    assert [interval for text in texts for interval in re.findall(r"\(\d[\d,]*, \d[\d,]*\)", text)] == []
+
+
 def test_what_a_key_says_is_translated() -> None:
     said = [words for task in TASKS.values() for words in (task.asks, task.hint) if " = " not in words]
     assert [
