@@ -57,3 +57,17 @@ def test_rows_are_in_units_that_people_read() -> None:
     assert result_row("t_c", np.array([1e-6, np.nan, 5e-5]), "si")[2:4] == ("[3] 1 … 50", "µs")
     mixed = derivative_row("d2volume", 2e-9, [QUANTITIES["alpha"], QUANTITIES["phidot0"]], "si")
     assert mixed[2:4] == (f"{2 * np.pi / 180:.6g}", "mm³/°/(rad/s)")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "units", "words"),
+    [
+        ("v0", 30.0, "si", "30 m/s"),
+        ("alpha", np.deg2rad(40.0), "si", "40°"),
+        ("k", 2.0, "si", "2"),
+        ("m", 3.7463e-8, "si", "37.46 µg"),
+        ("m", 2.855e-7, "inch-pound", "110.2·10⁻⁶ lb"),
+    ],
+)
+def test_a_number_in_words_has_its_unit(name, value, units, words) -> None:
+    assert QUANTITIES[name].in_words(value, units) == words

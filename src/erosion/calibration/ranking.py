@@ -86,7 +86,9 @@ class Ranking(Result):
         """A row for each model."""
         rows = []
         for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True):
-            values = ", ".join(f"{key} = {value:.4g}{_mark(fit, key)}" for key, value in fit.estimates.items())
+            values = ", ".join(
+                f"{key} = {fit.in_words(key, value)}{_mark(fit, key)}" for key, value in fit.estimates.items()
+            )
             size = self._scale().size
             reduced = fit.data.uncertainty is not None
             misfit = format_number(fit.chi2 / fit.degrees_of_freedom, 3) if reduced else format_number(fit.rms, 4, size)
