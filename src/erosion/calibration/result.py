@@ -20,10 +20,10 @@ from erosion.calibration.patterns import Pattern, are_noise, find_patterns
 from erosion.calibration.profiles import Profile, Ridge
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import quantities
+from erosion.models.own_parameters import own_parameters, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import Quantity
+from erosion.parameters.quantities import Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import unit_name
 from erosion.tables import Result, Row, format_number, to_plain
@@ -283,6 +283,11 @@ class Calibration(Result):
             scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
             value, meaning = doubts.in_words(self, name, level, scale.size)
             rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
+        rows += [
+            quantity_row(name, own.quantity, float(own.value), self.p.units)._replace(meaning="held")
+            for name, own in own_parameters(self.model).items()
+            if name not in self.names
+        ]
         scale = table_scale(self.data.dimension, self.p.units, self.rms)
         rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
         left_out = format_number(self.leave_one_out, 4, scale.size)
