@@ -131,7 +131,7 @@ def _tables(
         tables.append((ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4)))
     tables.append((ranking.best.title, ranking.best.rows(level)))
     if profile is not None:
-        tables.append((f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), (0, 1)))
+        tables.append((profile.title, profile.rows(), profile.headings, (0, 1)))
     if drawn is not None:
         posteriors, experiment = drawn
         if len(posteriors.posteriors) > 1:
@@ -166,6 +166,10 @@ def _document(
     """The best fit, the ranking of several models, the profile and the posteriors as JSON."""
     from erosion.models.own_parameters import quantities
 
+    fits = dict(zip(ranking.names, ranking.fits, strict=True))
+    units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
+             for name, quantity in quantities(fit.model).items()}  # fmt: skip
+    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
     content = _fit_as_json(ranking.best, level)
     if _ranks_several(ranking):
         content["ranking"] = [
@@ -174,15 +178,12 @@ def _document(
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
+        units["values"] = profile.unit or "1"
     if drawn is not None:
         parts = [_as_json(part) for part in drawn.posteriors.to_dict(level)["posteriors"]]
         content["posterior"], content["posteriors"] = parts[0], parts
         if drawn.experiment is not None:
             content["next_experiment"] = drawn.experiment.to_dict()
-    fits = dict(zip(ranking.names, ranking.fits, strict=True))
-    units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
-             for name, quantity in quantities(fit.model).items()}  # fmt: skip
-    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.data.erosion_unit)
     output.document(content, {name: fit.model for name, fit in fits.items()}, units)
 
 
