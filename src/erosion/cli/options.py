@@ -114,6 +114,15 @@ class CaseOptions:
                 metal if self.target is None else target(self.target),
             )
 
+    def names(self) -> dict[str, str]:
+        """The names of the particle and the target as they are typed, in options or the case file; options win."""
+        from erosion.parameters.case_files import names_of_materials
+
+        with user_errors():
+            in_file = {} if self.case is None else names_of_materials(self.case)
+        options = {"particle": self.particle, "target": self.target}
+        return in_file | {name: text for name, text in options.items() if text is not None}
+
     def title(self) -> str:
         """What to call the case: its file's title or "Table 1", and what options change."""
         from erosion.parameters.case_files import case_title
