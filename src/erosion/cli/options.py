@@ -74,8 +74,11 @@ class CaseOptions:
         with user_errors(), warnings.catch_warnings():
             warnings.simplefilter("ignore", SizeWarning)
             p = TABLE_1 if self.case is None else load_case(self.case)
-            if self.units is not None:
-                p = p.to(self.units)
+            # Who names a particle and its size in mm means m/s by a bare 100; a case file says its own units.
+            in_si = self.units is None and self.case is None and self.particle is not None
+            units = "si" if in_si else self.units
+            if units is not None:
+                p = p.to(units)
             if self.particle is not None:
                 p = self._replaced(p, p.with_particle(self.particle), "particle")
             if self.target is not None:
