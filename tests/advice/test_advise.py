@@ -148,6 +148,7 @@ def test_without_a_density_amounts_are_volumes():
         ({"spread": 0.0}, "`spread` must be above 0°"),
         ({"speed_spread": 1.0}, "`speed_spread` must be at least 0 and below 1"),
         ({"cutting_fraction": 0.0}, "`cutting_fraction` must be above 0"),
+        ({"cutting_fraction": 1e-320}, "`cutting_fraction` must be at least 1e-09, but is 1e-320"),
         ({"models": []}, "`models` must be a list of models"),
         ({"uncertain": {}}, "`uncertain` must have a law, but has none"),
         ({"uncertain": {"r": Normal(1e-4, 1e-6)}, "models": ["finnie"]}, "parameters of the metal or of finnie"),
