@@ -33,6 +33,15 @@ def fit():
     return calibrate("linearized", GUESS, synthetic(1), ["k", "psi"])
 
 
+def test_a_row_that_alone_determines_a_parameter_cannot_be_left_out():
+    degrees = np.array([10.0, 50.0, 60.0, 70.0])  # only at 10° does the tip leave the surface, which k decides
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees)))) * [1, 1.01, 0.98, 1.02]
+    fit = calibrate("linearized", GUESS, {"angle [deg]": degrees, "volume [in^3]": volume}, ["k", "psi"], starts=4)
+    assert fit.leave_one_out == np.inf
+    row = next(row for row in fit.rows() if row.name == "leave_one_out")
+    assert row.meaning.endswith("there is a row without which a parameter is open")
+
+
 def test_exact_data_give_the_truth_back():
     result = calibrate("linearized", GUESS, synthetic(0) | {"volume [in^3]": EXACT}, ["k", "psi"], starts=4)
     # The kernel keeps nine digits.

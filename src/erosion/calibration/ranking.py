@@ -130,7 +130,7 @@ class Ranking(Result):
 
     def _scale(self) -> Scale:
         """The unit in which errors read well."""
-        return table_scale(self.best.data.dimension, self.best.p.units, self.best.leave_one_out)
+        return table_scale(self.best.data.dimension, self.best.p.units, self.best.rms)
 
     def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""

@@ -28,6 +28,7 @@ from erosion.parameters.scales import table_scale
 from erosion.parameters.units import unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
+_ROUNDING = 1e-9  # of leverages
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
 
 
@@ -183,12 +184,13 @@ class Calibration(Result):
         """Root mean square of the errors at rows left out of the fit, in the data's dimension.
 
         From the leverage of each row (Allen's PRESS): exact for linear models, and to first
-        order in the noise for these.
+        order in the noise for these. Infinite where one row alone determines a parameter.
         """
         leverage = np.sum((self.solution.jacobian @ self.identifiability.modes) ** 2, axis=1)
-        with np.errstate(divide="ignore"):
-            alone = self.residuals / (1 - leverage)
-        return float(np.sqrt(np.mean(alone**2)))
+        rest = 1 - leverage
+        if np.min(rest) < _ROUNDING:
+            return np.inf
+        return float(np.sqrt(np.mean((self.residuals / rest) ** 2)))
 
     @functools.cached_property
     def identifiability(self) -> Identifiability:
@@ -291,7 +293,8 @@ class Calibration(Result):
         scale = table_scale(self.data.dimension, self.p.units, self.rms)
         rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
         left_out = format_number(self.leave_one_out, 4, scale.size)
-        rows.append(Row("leave_one_out", "", left_out, scale.unit, "rms at rows left out"))
+        alone = "" if np.isfinite(self.leave_one_out) else ": there is a row without which a parameter is open"
+        rows.append(Row("leave_one_out", "", left_out, scale.unit, f"rms at rows left out{alone}"))
         if self.data.uncertainty is not None:
             rows.append(
                 Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
