@@ -41,6 +41,13 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     with xr.open_datatree(tmp_path / "draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
         assert tree["posterior"]["psi"].shape == (4, 125)
+    next_step = f"a nozzle's angle by this fit, with the case's options: erosion advise --uncertain {tmp_path}/draws.nc"
+    assert out.splitlines()[-1] == next_step
+    # The model is that of the draws.
+    assert _status(["advise", "--uncertain", str(tmp_path / "draws.nc")]) == 0
+    advice = capsys.readouterr().out
+    assert "linearized, k = " in advice
+    assert "64 draws of" in advice
 
 
 def test_without_arviz_it_says_what_to_install(table, capsys, monkeypatch):

@@ -51,7 +51,7 @@ def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
 
 def _draw(advice: Advice, ax: Axes) -> None:
     nozzle, say = np.rad2deg(NOZZLE_ANGLES), advice.language.say
-    for curve in (*advice.group("k"), *advice.group("psi")):
+    for curve in (*advice.group("k"), *advice.group("psi"), *advice.group("draws")):
         ax.plot(nozzle, curve.shares, color=DIM, linewidth=0.5, alpha=0.45)
     for i, curve in enumerate(advice.group("correlations")):
         ax.plot(nozzle, curve.shares, color=DIM, linewidth=1.4, linestyle=_DASHES[i % len(_DASHES)],

@@ -74,7 +74,7 @@ def calibrate(
         along_profile = None if profile is None else ranking.best.profile(profile)
         drawn = draw.drawn(p, measured, chosen, fit, laws, progress)
     try:
-        written, warnings, refused = *files.write(ranking, level), None
+        written, warnings, refused = *files.write(ranking, level, options), None
         written += [] if drawn is None else draw.write(drawn)
     except InputError as error:
         # A fit takes longer than any file: it is shown first.
@@ -84,7 +84,7 @@ def calibrate(
     if json:
         _document(output, ranking, level, along_profile, drawn)
     else:
-        sentences = _advice(ranking, None if refused else files.write_case, drawn)
+        sentences = _advice(ranking, *((None, None) if refused else (files.write_case, draw.output)), drawn)
         _print(_tables(ranking, level, along_profile, drawn), written, sentences)
     if refused is not None:
         raise refused
@@ -109,12 +109,18 @@ def _of_draws(drawn: "Drawn | None") -> list[str]:
     return [] if drawn is None else [f"posterior: {sentence}" for sentence in drawn.posteriors.statements]
 
 
-def _advice(ranking: "Ranking", case_file: Path | None, drawn: "Drawn | None") -> list[str]:
-    """The command for the best angle, where a case is written, and what to measure next, where that is asked for."""
-    from erosion.calibration.export import command
+def _advice(ranking: "Ranking", case_file: Path | None, draws: Path | None, drawn: "Drawn | None") -> list[str]:
+    """The commands for the best angle and the advice, and what to measure next, where that is asked for."""
+    from erosion.calibration.export import advice_command, command
 
-    best_angle = [] if case_file is None else [f"the best angle of this fit: {command(ranking.best, str(case_file))}"]
-    return best_angle + ([] if drawn is None or drawn.experiment is None else [drawn.experiment.sentence])
+    lines = [] if case_file is None else [f"the best angle of this fit: {command(ranking.best, str(case_file))}"]
+    if case_file is not None:
+        lines.append(f"a nozzle's angle by this fit: {advice_command(case_file, draws)}")
+    elif draws is not None:
+        lines.append(f"a nozzle's angle by this fit, with the case's options: {advice_command(None, draws)}")
+    else:
+        lines.append("a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml")
+    return lines + ([] if drawn is None or drawn.experiment is None else [drawn.experiment.sentence])
 
 
 def _require_one_model(own: list[str] | None, names: list[str]) -> None:

@@ -86,17 +86,8 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         ValueError: for a file that is something else, or has parameters that the model has not.
     """
     path = check_path("path", path)
-    try:
-        with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
-            dataset = stored.load()
-    except FileNotFoundError:
-        raise ValueError(f"{path}: is not there.") from None
-    # Damaged bytes may be anything to the libraries.
-    except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError, IndexError) as error:
-        raise ValueError(f"{path}: must hold the draws of a posterior, but cannot be read as such.") from error
+    dataset = _opened(path)
     attrs = dataset.attrs
-    if attrs.get("inference_library") != "erosion" or not {"unit_system", "case", "model"} <= {*attrs}:
-        raise ValueError(f"{path}: must hold the draws of a posterior of this program, but holds something else.")
     before = check_system(attrs["unit_system"])
     known = {**quantities, FRACTION: FACTORS[FRACTION]}
     columns = {}
@@ -124,3 +115,23 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
     )
+
+
+def model_of_draws(path: str | Path) -> str:
+    """The name of the model whose draws a file has; errors as of `read_draws`."""
+    return str(_opened(check_path("path", path)).attrs["model"])
+
+
+def _opened(path: Path) -> xr.Dataset:
+    """The draws with the attributes that `Posterior.save` gives them."""
+    try:
+        with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
+            dataset = stored.load()
+    except FileNotFoundError:
+        raise ValueError(f"{path}: is not there.") from None
+    # Damaged bytes may be anything to the libraries.
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError, IndexError) as error:
+        raise ValueError(f"{path}: must hold the draws of a posterior, but cannot be read as such.") from error
+    if dataset.attrs.get("inference_library") != "erosion" or not {"unit_system", "case", "model"} <= {*dataset.attrs}:
+        raise ValueError(f"{path}: must hold the draws of a posterior of this program, but holds something else.")
+    return dataset

@@ -343,7 +343,8 @@ class Posterior(Result):
         if path.suffix != ".nc":
             raise ValueError(f"Argument `path` must end in .nc, but is {path}.")
         require_writable(path)
-        write_whole(path, bytes(self.to_datatree().to_netcdf(None, engine="h5netcdf")))
+        with memoryview(self.to_datatree().to_netcdf(None, engine="h5netcdf")) as content:
+            write_whole(path, content)
         return path
 
     @property
