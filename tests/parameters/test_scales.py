@@ -78,3 +78,8 @@ def test_rows_are_in_units_that_people_read() -> None:
 )
 def test_a_number_in_words_has_its_unit(name, value, units, words) -> None:
     assert QUANTITIES[name].in_words(value, units) == words
+
+
+def test_a_power_of_ten_counts_for_the_error_too() -> None:
+    assert table_scale("volume", "inch-pound", 3.1e-7).beside("3.1 ± 2.5") == "(3.1 ± 2.5)·10⁻⁷ in³"
+    assert table_scale("speed", "si", 30.0).beside("30 ± 2") == "30 ± 2 m/s"

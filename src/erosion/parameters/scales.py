@@ -13,6 +13,12 @@ class Scale(NamedTuple):
     size: float
     unit: str
 
+    def beside(self, number: str) -> str:
+        """A number in this unit, with it: "30 m/s", "40°", "(3.1 ± 2.5)·10⁻⁷ in³"."""
+        if self.unit.startswith("10"):
+            return f"({number})·{self.unit}" if "±" in number else f"{number}·{self.unit}"
+        return f"{number} {self.unit}".rstrip().replace(" °", "°")
+
 
 _DEGREE = math.pi / 180
 _POUND = 0.45359237 / conversion_factor("mass", "inch-pound", "si")  # lb in slinch

@@ -25,7 +25,7 @@ from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
-from erosion.parameters.scales import table_scale
+from erosion.parameters.scales import Scale, table_scale
 from erosion.posteriors import doubts
 from erosion.posteriors.best_angles import BestAngles
 from erosion.posteriors.convergence import EFFECTIVE, RHAT, effective, rhats
@@ -261,7 +261,7 @@ class Posterior(Result):
     def mean_in_words(self, name: str) -> str:
         """A parameter's mean and standard deviation: "threshold = 7.3 ± 1.0 m/s"."""
         row = self._row(name, LEVEL)
-        return f"{name} = {row.value} {row.unit}".rstrip()
+        return f"{name} = {Scale(1.0, row.unit).beside(row.value)}"
 
     def prior_in_words(self, name: str) -> str:
         """The law of a parameter before the data, and whether it is the default."""
