@@ -29,6 +29,7 @@ from erosion.exercises import AnswerKey as AnswerKey
 from erosion.exports.particle import ExportError as ExportError
 from erosion.exports.restitution import restitution as restitution
 from erosion.exports.tables import volume_table as volume_table
+from erosion.extras import MissingExtraError as MissingExtraError
 from erosion.maps.erosion_map import erosion_map as erosion_map
 from erosion.models import ModelError as ModelError
 from erosion.models import available_models as available_models

@@ -231,7 +231,7 @@ SWEEPS = [
     ("sweep -o x.zarr --alpha 1,0.5 --scheduler nonsense", "Option `--scheduler` must be a cluster that answers"),
 ]
 STREAMS = [
-    ("stream", "must include a distribution"),
+    ("stream", 'A stream must have a law of a parameter, an option such as --v0 "normal(110 m/s, 10 m/s)"'),
     ("stream --v0 normal(4400)", "Option `--v0` must be normal(mean, deviation), but is 'normal(4400)'."),
     ("stream --v0 normal(4400,-1)", "`deviation` must be positive and finite, but is -1."),
     ("stream --v0 normal(4400,nan)", "`deviation` must be positive and finite, but is nan."),

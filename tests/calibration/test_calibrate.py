@@ -1,6 +1,7 @@
 """Fits to synthetic data: the truth is found, and what cannot be found is said."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -351,7 +352,32 @@ def test_the_variant_that_made_the_data_comes_first(turning):
     assert ranking.fits[2].estimates == pytest.approx({"k": 3 * other["k"], "psi": other["psi"] / 3}, rel=1e-4)
     assert ranking.fits[0].leave_one_out < ranking.fits[1].leave_one_out
     assert "ΔAICc" in str(ranking)
-    assert "<th>left-out error [10⁻⁶ in³]</th>" in ranking._repr_html_()
+    assert "<th>left out [10⁻⁶ in³]</th>" in ranking._repr_html_()
+
+
+def test_a_ranking_says_what_is_the_same_and_what_is_open(turning):
+    names = ["linearized", "finnie", "tan-alpha", "velocity-aligned"]
+    ranking = rank_models(GUESS, synthetic(6, turning), ["k", "psi"], models=names, starts=2)
+    estimates = {row[0]: row[-1] for row in ranking.rows()}
+    assert estimates["finnie"].endswith("(curve of linearized)")
+    assert re.fullmatch(r"psi = [\d.]+, k not determined", estimates["tan-alpha"])
+    assert estimates["velocity-aligned"] == "same as tan-alpha"
+    tied = (
+        "These data cannot tell models of the same curve apart: linearized and finnie; tan-alpha and velocity-aligned."
+    )
+    assert tied in ranking.statements
+
+
+def test_a_ranking_says_which_own_parameters_are_held(turning):
+    names = ["linearized", "linearized-deformation", "rotating-deformation"]
+    ranking = rank_models(GUESS, synthetic(6, turning), ["psi", "energy_ratio"], models=names, starts=1)
+    held = (
+        "Own parameters that are not free are held: threshold = 0 in/s (rotating-deformation, linearized-deformation)."
+    )
+    assert held in ranking.statements
+    fits = dict(zip(ranking.names, ranking.fits, strict=True))
+    of_threshold = {row.name: row for row in fits["linearized-deformation"].rows()}["threshold"]
+    assert (of_threshold.value, of_threshold.unit, of_threshold.meaning) == ("0", "in/s", "held")
 
 
 def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
@@ -416,6 +442,7 @@ def test_results_are_frozen_and_speak(fit):
     with pytest.raises(dataclasses.FrozenInstanceError):
         fit.problem = None
     assert "linearized: fitted to 50 rows of data" in str(fit)
+    assert fit.erosion_unit == fit.to_dict()["erosion_unit"] == "in^3"
     assert [row.name for row in fit.rows()] == ["k", "psi", "rms", "leave_one_out", "chi2", "aicc"]
     with pytest.raises(ValueError, match=r"`level` must be in \(0, 1\)"):
         fit.intervals(95.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from erosion.calibration import MeasurementError, Measurements, read_measurements
+from erosion.calibration.measurements import unit_system
 
 HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
 
@@ -105,3 +106,27 @@ def test_thinning_draws_rows():
     np.testing.assert_array_equal(thin.erosion, whole.thinned(500).erosion)
     assert thin.speed is None
     assert whole.thinned(n) is whole
+
+
+@pytest.mark.parametrize(
+    ("text", "system"),
+    [
+        (HEAD + "20,1,1\n", "inch-pound"),
+        ("# a laboratory\nangle [deg]; volume [1e-4 in3]\n20;1\n", "inch-pound"),
+        ("angle [deg], volume [mm^3], speed [ft/s]\n20,1,1\n", "si"),
+        ("angle [deg], mass_loss [mg/kg]\n20,1\n", "si"),
+        ("angle [deg], mass_loss [oz/lb]\n20,1\n", "inch-pound"),
+        ("angle [deg], erosion [-], speed [ft/s]\n20,1,1\n", "inch-pound"),
+        ("angle [deg], erosion [-]\n20,1\n", None),
+        ("angle [deg], " + "x" * 200_000 + "\n", None),
+        ("", None),
+    ],
+)
+def test_the_units_of_the_erosion_tell_the_system(table, text, system):
+    assert unit_system(table(text)) == system
+
+
+def test_what_cannot_be_read_is_of_no_unit_system(tmp_path):
+    assert unit_system(tmp_path / "nowhere.csv") is None
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
+    assert unit_system(tmp_path / "bytes.csv") is None

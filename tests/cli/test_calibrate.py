@@ -264,3 +264,53 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, caps
     tables, next_step = capsys.readouterr().out.split("\na nozzle's angle")
     assert tables.strip() in page
     assert next_step == ": --write-case fitted.toml, then erosion advise fitted.toml\n"
+
+
+def test_without_a_case_the_units_are_those_of_the_data(tmp_path, capsys):
+    lines = ["angle [deg], speed [m/s], volume [mm^3]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
+             for angle in (10, 20, 30, 40) for speed in (50, 100))]  # fmt: skip
+    path = tmp_path / "sand.csv"
+    path.write_text("\n".join(lines))
+    assert _status(["calibrate", str(path), "--starts", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "mm³" in out
+    assert "in³" not in out
+    # --units wins.
+    assert _status(["calibrate", str(path), "--starts", "1", "--units", "inch-pound"]) == 0
+    assert "in³" in capsys.readouterr().out
+    # Bare numbers are in the same units.
+    assert _status(["calibrate", str(path), "--starts", "1", "--r", "1e-3", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["units"] == "si"
+    assert document["case"]["parameters"]["r"] == {"value": 1e-3, "unit": "m"}
+
+
+@pytest.fixture(scope="module")
+def two_speeds(tmp_path_factory):
+    """Two speeds of the model with wear by deformation, and the case of the particles."""
+    folder = tmp_path_factory.mktemp("two speeds")
+    p, model = TABLE_1.to("si"), load_model("linearized-deformation").replace(threshold=17.0)
+    (folder / "case.toml").write_text(dump_case(p))
+    lines = ["angle [deg], speed [m/s], volume [mm^3], uncertainty [mm^3]"]
+    for speed in (60.0, 110.0):
+        volume = 1e9 * impact(model, p.replace(alpha=np.deg2rad(np.arange(10.0, 95.0, 10.0)), v0=speed)).volume
+        noisy = volume + 0.02 * volume.max() * np.random.default_rng(2).standard_normal(9)
+        lines += [f"{10 * i + 10}, {speed}, {one}, {0.02 * volume.max()}" for i, one in enumerate(noisy)]
+    (folder / "sand.csv").write_text("\n".join(lines))
+    return folder
+
+
+def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, capsys):
+    monkeypatch.chdir(two_speeds)
+    monkeypatch.setenv("COLUMNS", "300")
+    words = "calibrate sand.csv case.toml --model linearized,linearized-deformation --free k,threshold --starts 1"
+    bounds = ["--bounds", "threshold=0:12 m/s", "--profile", "threshold", "--write-case", "fitted.toml"]
+    assert _status([*words.split(), *bounds]) == 0
+    out, err = capsys.readouterr()
+    assert "threshold = 12 m/s (at its upper bound)" in out
+    assert "threshold [m/s]" in out
+    assert "threshold is at its upper bound, 12 m/s: its error means nothing." in err
+    assert ", threshold = 12 m/s, at v0 = " in Path("fitted.toml").read_text().splitlines()[1]
+    assert _status([*words.split(), "--profile", "threshold", "--json"]) == 0
+    profile = json.loads(capsys.readouterr().out)["result"]["profile"]
+    assert profile["values"]["unit"] == "m/s"

@@ -1,5 +1,6 @@
 """`erosion calibrate --posterior` as a user types it."""
 
+import re
 import sys
 
 import numpy as np
@@ -111,3 +112,11 @@ def test_mistakes_are_one_line(table, capsys, options, message):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_means_of_several_models_have_their_units(table, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    models = ["--model", "linearized,linearized-deformation", "--free", "psi,threshold"]
+    prior = ["--prior", "threshold=uniform(0, 500)", "--starts", "1"]
+    assert _status(["calibrate", str(table), "--posterior", "--draws", "125", *models, *prior]) == 0
+    assert re.search(r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ ± [\d.]+ in/s$", capsys.readouterr().out, re.MULTILINE)

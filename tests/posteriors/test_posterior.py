@@ -121,6 +121,7 @@ def test_a_file_has_arvizs_layout(result, tmp_path):
 
 def test_a_program_reads_numbers(result):
     numbers = result.to_dict(0.9)
+    assert result.erosion_unit == numbers["erosion_unit"] == "in^3"
     assert numbers["model"] == "linearized"
     assert numbers["intervals"] == {name: list(ends) for name, ends in result.intervals(0.9).items()}
     assert numbers["priors"][1] == {"parameter": "psi", "law": "loguniform(0.0004, 4), the default"}

@@ -135,7 +135,7 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, ca
     assert _status([*words, "speed=normal(5 m/s, 2 m/s)"]) == 2
     assert "holds another result (of another distributions)" in capsys.readouterr().err
     assert _status([*words, "factor=2"]) == 2
-    assert "must include a distribution" in capsys.readouterr().err
+    assert "must have a law of a parameter, an option such as" in capsys.readouterr().err
     assert _status([*words, "speed=normal(5 kg, 2 m/s)"]) == 2
     assert "Option `--set speed` must be a speed" in capsys.readouterr().err
     Path("factors.csv").write_text("factor\n2\n4\n")

@@ -1,5 +1,6 @@
 """Columns of measured data: from "volume [in^3]" to a dimension and a factor to consistent units."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,10 @@ _EXAMPLES = {
     "speed": "speed [m/s]", "mass": "mass [mg]",
 }  # fmt: skip
 _NO_UNIT = ("", "-", "–", "1")
+_INCH_POUND = {
+    "in", "inch", "inches", "mil", "mils", "thou", "ft", "foot", "feet", "mph", "mile", "miles", "lb", "lbs", "lbm",
+    "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
+}  # fmt: skip
 
 
 class Column(NamedTuple):
@@ -42,6 +47,13 @@ class HeaderError(ValueError):
     def __init__(self, index: int | None, message: str):
         super().__init__(message)
         self.index = index
+
+
+def system_of_unit(unit: str) -> System | None:
+    """The unit system that a heading's unit belongs to, of which one word says that it is inch-pound; None for none."""
+    if unit in _NO_UNIT:
+        return None
+    return "inch-pound" if _INCH_POUND & {*re.findall(r"[^\W\d_]+", unit)} else "si"
 
 
 def read_header(cells: Sequence[str], units: System) -> list[Column | None]:

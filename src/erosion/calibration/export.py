@@ -22,7 +22,8 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.parameters.case_files import dump_case, toml_string
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import System, conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20
@@ -200,8 +201,8 @@ def command(calibration: Calibration, path: str) -> str:
     """
     words = ["erosion", "optimum", "--case", path, "--model", model_name(calibration.model)]
     for name, parameter in own_parameters(calibration.model).items():
-        unit = parameter.quantity.unit(calibration.p.units)
-        words += ["--set", f"{name}={float(parameter.value):.9g}" + (f" {unit}" if unit != "1" else "")]
+        value = f"{name}={float(parameter.value):.9g}"
+        words += ["--set", _with_unit(value, parameter.quantity, calibration.p.units)]
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
 
 
@@ -215,6 +216,12 @@ def advice_command(case_file: Path | None, draws: Path | None) -> str:
     words = ["erosion", "advise", *([] if case_file is None else [str(case_file)])]
     words += [] if draws is None else ["--uncertain", str(draws)]
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
+
+
+def _with_unit(number: str, quantity: Quantity, units: System) -> str:
+    """A number with its unit as programs read it."""
+    unit = quantity.unit(units)
+    return number if unit == "1" else f"{number} {unit}"
 
 
 def exported_case(calibration: Calibration) -> Parameters:
@@ -245,8 +252,11 @@ def _origin(calibration: Calibration) -> list[str]:
     p, data = exported_case(calibration), calibration.data
     return [
         f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(data)} rows of {data.source}",
-        ", ".join(f"{name} = {value:.6g}" for name, value in calibration.estimates.items())
-        + f" ({p.units} units), at v0 = {float(p.to('si').v0):.6g} m/s",
+        ", ".join(
+            _with_unit(f"{name} = {calibration.estimates[name]:.6g}", quantity, p.units)
+            for name, quantity in calibration.quantities.items()
+        )
+        + f", at v0 = {float(p.to('si').v0):.6g} m/s",
         *_other_speeds(calibration, p),
     ]
 

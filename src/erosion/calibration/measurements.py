@@ -8,6 +8,7 @@ decimal comma. Lines that start with # are comments. Columns of other names may 
 """
 
 import array
+import contextlib
 import csv
 import dataclasses
 import itertools
@@ -19,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import check_unmasked
-from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header
+from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header, system_of_unit
 from erosion.files import readable
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import Dimension, System, ascii_unit, check_system, unit_name
+from erosion.parameters.units import Dimension, System, ascii_unit, check_system, header_parts, unit_name
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
@@ -137,6 +138,23 @@ def read_measurements(data: Any, units: str) -> Measurements:
     )
 
 
+def unit_system(path: Path) -> System | None:
+    """The unit system of a CSV file: that of its erosion's unit, or, where that has none, of its speed's or mass's.
+
+    None where no heading has a unit, and for what is no file, as a pipe is, or no table: reading it says what is wrong.
+    """
+    if not path.is_file():
+        return None
+    with contextlib.suppress(MeasurementError), readable(path, MeasurementError):
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            cells = next(_lines(file, path)[0])[1]
+        given = dict(map(header_parts, cells))
+        units = (given.get(name, "") for name in (*REMOVALS, "speed", "mass"))
+        known: list[System] = [system for unit in units if (system := system_of_unit(unit)) is not None]
+        return known[0] if known else None
+    return None
+
+
 def _read_columns(table: dict[str, Any], system: System) -> Measurements:
     where = "Argument `data`"
     for name, values in table.items():
@@ -168,12 +186,7 @@ def _read_file(path: Path, system: System) -> Measurements:
 
 
 def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
-    numbered = ((i, text) for i, text in enumerate(file, start=1) if not _SKIPPED.match(text))
-    first = next(numbered, None)
-    if first is None:
-        raise MeasurementError(f"{path}: is empty.")
-    delimiter = next((mark for mark in (";", "\t") if mark in first[1]), ",")
-    rows = _rows(itertools.chain([first], numbered), delimiter, path)
+    rows, delimiter = _lines(file, path)
     line, cells = next(rows)
     try:
         header = read_header(cells, system)
@@ -189,6 +202,16 @@ def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
         return _place(path, lines[row], column, cells)
 
     return _checked(header, [np.frombuffer(column) for column in numbers], place, system, (path.name, cells))
+
+
+def _lines(file: Iterable[str], path: Path) -> tuple[Iterator[tuple[int, list[str]]], str]:
+    """The cells of each line with the line's number, the header first, and what separates them."""
+    numbered = ((i, text) for i, text in enumerate(file, start=1) if not _SKIPPED.match(text))
+    first = next(numbered, None)
+    if first is None:
+        raise MeasurementError(f"{path}: is empty.")
+    delimiter = next((mark for mark in (";", "\t") if mark in first[1]), ",")
+    return _rows(itertools.chain([first], numbered), delimiter, path), delimiter
 
 
 def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:

@@ -20,10 +20,12 @@ from erosion.calibration.patterns import Pattern, are_noise, find_patterns
 from erosion.calibration.profiles import Profile, Ridge
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import quantities
+from erosion.models.own_parameters import own_parameters, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import Quantity, quantity_row
 from erosion.parameters.scales import table_scale
+from erosion.parameters.units import unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
@@ -52,6 +54,11 @@ class Calibration(Result):
         return self.problem.data
 
     @property
+    def erosion_unit(self) -> str:
+        """The unit of the data's erosion, as programs read it."""
+        return self.data.erosion_unit
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The free parameters; "scale" is the last where the data has units of its own."""
         return self.problem.forward.names
@@ -70,6 +77,16 @@ class Calibration(Result):
     def estimates(self) -> dict[str, float]:
         """The best value of each free parameter, in the case's units."""
         return self.problem.forward.values(self.solution.theta)
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Symbol, meaning and dimension of each free parameter."""
+        known = {**quantities(self.model), **FACTORS}
+        return {name: known[name] for name in self.names}
+
+    def in_words(self, name: str, value: float, digits: int = 4) -> str:
+        """A value of a free parameter with its unit: "7.25 m/s"."""
+        return self.quantities[name].in_words(value, self.p.units, digits)
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -253,20 +270,24 @@ class Calibration(Result):
         rise = self._ridge(at).rises(offsets, self._variance / 2)
         values = forward.from_theta(name, best + offsets)
         if np.isnan(rise + offsets).any():
-            raise CalibrationError(
-                f"The profile of {name} cannot be made: the model fails near {self.estimates[name]:g}."
-            )
-        return Profile(name, values, 2 * rise / self._variance)
+            where = self.in_words(name, self.estimates[name])
+            raise CalibrationError(f"The profile of {name} cannot be made: the model fails near {where}.")
+        return Profile(
+            name, values, 2 * rise / self._variance, unit_name(self.quantities[name].dimension, self.p.units)
+        )
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Estimates with standard errors and intervals of `level`."""
-        quantity_of = {**quantities(self.model), **FACTORS}
         rows = []
-        for name in self.names:
-            quantity = quantity_of[name]
+        for name, quantity in self.quantities.items():
             scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
             value, meaning = doubts.in_words(self, name, level, scale.size)
             rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
+        rows += [
+            quantity_row(name, own.quantity, float(own.value), self.p.units)._replace(meaning="held")
+            for name, own in own_parameters(self.model).items()
+            if name not in self.names
+        ]
         scale = table_scale(self.data.dimension, self.p.units, self.rms)
         rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
         left_out = format_number(self.leave_one_out, 4, scale.size)

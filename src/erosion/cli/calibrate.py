@@ -1,5 +1,6 @@
 """`erosion calibrate`: a model against measured erosion."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +13,7 @@ from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, with_file
+from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, load_set, settings
@@ -44,9 +45,11 @@ def calibrate(
 ) -> None:
     """Fit a model's parameters to measured erosion, or rank several models.
 
-    Without --model, the model is linearized.
+    Without --model, the model is linearized. Without a case file and --units, bare
+    numbers and what is printed are in the unit system of the data.
     """
-    options, fit, files, draw = with_file(case, file), fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
+    options = _in_units_of(data, with_file(case, file))
+    fit, files, draw = fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p, fit = options.parameters(), fit.on(options)
     names = ["linearized"] if model is None else chosen_models(model)
@@ -87,6 +90,15 @@ def calibrate(
         raise refused
 
 
+def _in_units_of(data: Path, options: CaseOptions) -> CaseOptions:
+    """Without a case file and --units, Table 1 in the unit system of the data."""
+    if options.case is not None or options.units is not None:
+        return options
+    from erosion.calibration.measurements import unit_system
+
+    return dataclasses.replace(options, units=unit_system(data))
+
+
 def _require_known(profile: str | None, names: Sequence[str]) -> None:
     if profile is not None and profile not in names:
         raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
@@ -125,7 +137,7 @@ def _tables(
         tables.append((ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4)))
     tables.append((ranking.best.title, ranking.best.rows(level)))
     if profile is not None:
-        tables.append((f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), (0, 1)))
+        tables.append((profile.title, profile.rows(), profile.headings, (0, 1)))
     if drawn is not None:
         posteriors, experiment = drawn
         if len(posteriors.posteriors) > 1:
@@ -160,6 +172,10 @@ def _document(
     """The best fit, the ranking of several models, the profile and the posteriors as JSON."""
     from erosion.models.own_parameters import quantities
 
+    fits = dict(zip(ranking.names, ranking.fits, strict=True))
+    units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
+             for name, quantity in quantities(fit.model).items()}  # fmt: skip
+    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
     content = _fit_as_json(ranking.best, level)
     if _ranks_several(ranking):
         content["ranking"] = [
@@ -168,15 +184,12 @@ def _document(
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
+        units["values"] = profile.unit or "1"
     if drawn is not None:
         parts = [_as_json(part) for part in drawn.posteriors.to_dict(level)["posteriors"]]
         content["posterior"], content["posteriors"] = parts[0], parts
         if drawn.experiment is not None:
             content["next_experiment"] = drawn.experiment.to_dict()
-    fits = dict(zip(ranking.names, ranking.fits, strict=True))
-    units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
-             for name, quantity in quantities(fit.model).items()}  # fmt: skip
-    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.data.erosion_unit)
     output.document(content, {name: fit.model for name, fit in fits.items()}, units)
 
 

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from erosion.streams.result import Stream
     from erosion.streams.stream import StreamJob
 
+_NO_LAW = (
+    'A stream must have a law of a parameter, an option such as --v0 "normal(110 m/s, 10 m/s)" or the same in the '
+    "case's table [stream], but has none."
+)
+
 
 def stream(
     file: CaseFile = None,
@@ -64,6 +69,8 @@ def stream(
     from erosion.streams.stream import StreamOptions, prepare_stream
 
     varied, uncertain, draws = jet.read_laws()
+    if not (varied or uncertain):
+        raise InputError(_NO_LAW)
     with user_errors(TypeError):
         made = StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
         job = prepare_stream(jet.model, jet.p, varied, made, uncertain)

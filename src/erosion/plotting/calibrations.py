@@ -12,7 +12,6 @@ from scipy import stats
 from erosion.calibration import Calibration
 from erosion.calibration.conditions import MOST, Condition, conditions
 from erosion.models import model_name
-from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.plotting.colors import INK, PALETTE
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
@@ -80,7 +79,7 @@ def plot_profile(ax: Axes, fit: Calibration, name: str, level: float = 0.95) -> 
     for end in fit.intervals(level)[name]:
         if 0 < abs(end) < np.inf:
             ax.axvline(end, color=PALETTE["vermillion"], linewidth=1.2, linestyle=(0, (4, 3)))
-    ax.set_xlabel(name if name not in QUANTITIES else QUANTITIES[name].symbol)
+    ax.set_xlabel(typeset(fit.quantities[name].symbol) + (f" [{profile.unit}]" if profile.unit else ""))
     ax.set_ylabel("Δχ² above the best fit")
     ax.set_ylim(0, 2.5 * height)
     ax.legend()

@@ -1,7 +1,7 @@
 """Files of draws: what `Posterior.save` writes, read as a joint law for streams and maps of the same model."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from erosion.arguments import check_path
 from erosion.calibration.forward import FRACTION, SCALE
 from erosion.joint_laws import Rows
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words
+from erosion.models.own_parameters import converted, own_in_words
 from erosion.parameters.case_files import parse_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity
@@ -57,7 +57,7 @@ class Draws:
                 said.append(
                     f"{self.path}: the draws hold for {symbol} = {before:.6g}{unit}, but the case has {now:.6g}{unit}."
                 )
-        if self.own != (here := own_in_words(model, but=self.rows)):
+        if self.own != (here := own_in_si(model, p, self.rows)):
             said.append(f"{self.path}: the draws hold for {self.own}, but the model has {here}.")
         if self.has_scale:
             said.append(f"{self.path}: the tests had units of their own, so the size of the wear is that of the case.")
@@ -67,6 +67,11 @@ class Draws:
                 f"{cutting_fraction:g} of them do."
             )
         return said
+
+
+def own_in_si(model: CuttingModel, p: Parameters, sampled: Collection[str]) -> str:
+    """The own parameters that were not sampled, in words that do not depend on the case's units."""
+    return own_in_words(converted(model, p, "si")[0], but=sampled, units="si")
 
 
 def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: System) -> Draws:

@@ -1,0 +1,14 @@
+"""Help in the width of each test."""
+
+import pytest
+from rich.console import Console
+
+from erosion.cli import app
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _a_console_that_asks_for_its_width_each_time():
+    """Else the width of a process's first test with help is that of all that follow."""
+    with pytest.MonkeyPatch.context() as environment:
+        environment.delenv("COLUMNS", raising=False)
+        app.console = Console()
