@@ -206,6 +206,12 @@ def command(calibration: Calibration, path: str) -> str:
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
 
 
+def _with_unit(number: str, quantity: Quantity, units: System) -> str:
+    """A number with its unit as programs read it."""
+    unit = quantity.unit(units)
+    return number if unit == "1" else f"{number} {unit}"
+
+
 def advice_command(case_file: Path | None, draws: Path | None) -> str:
     """The command that advises a nozzle's angle by a fit.
 
@@ -216,12 +222,6 @@ def advice_command(case_file: Path | None, draws: Path | None) -> str:
     words = ["erosion", "advise", *([] if case_file is None else [str(case_file)])]
     words += [] if draws is None else ["--uncertain", str(draws)]
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
-
-
-def _with_unit(number: str, quantity: Quantity, units: System) -> str:
-    """A number with its unit as programs read it."""
-    unit = quantity.unit(units)
-    return number if unit == "1" else f"{number} {unit}"
 
 
 def exported_case(calibration: Calibration) -> Parameters:
