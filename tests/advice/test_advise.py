@@ -3,10 +3,12 @@ import types
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import erosion
 from erosion.advice.advise import MODELS
-from erosion.advice.page import write_advice
+from erosion.advice.figure import plot_advice, sheet
+from erosion.advice.page import notes_of, write_advice
 from erosion.advice.result import NOZZLE_ANGLES
 from erosion.distributions import Normal, Uniform
 from erosion.joint_laws import Rows
@@ -182,6 +184,37 @@ def test_the_page_has_all_of_it_and_the_sheet_is_one(advice, tmp_path):
     assert b"/Count 1 " in sheet
     with pytest.raises(ValueError, match=r"must end in \.html or \.pdf"):
         write_advice(advice, tmp_path / "advice.doc")
+
+
+@pytest.mark.slow
+def test_the_table_names_each_correlation_with_its_angle(advice):
+    rows = {row[0]: row[1:] for row in advice.rows()}
+    for curve in advice.group("correlations"):
+        angle, share, erosion = rows[f"· {curve.name}"]
+        assert angle == f"{math.degrees(curve.best):.0f}°"
+        assert share == f"{curve.share(advice.alpha):.0%}"
+        assert (erosion == "–") == (not curve.fits)
+
+
+@pytest.mark.slow
+def test_nothing_leaves_the_sheet_and_lines_of_correlations_differ():
+    advice = erosion.advise(
+        P.replace(v0=123.4),
+        particle="silicon carbide 0.125 mm",
+        target="titanium Ti-6Al-4V",
+        models=["finnie", "rotating-full-torque"],
+    )
+    figure = sheet(advice, notes_of(advice))
+    FigureCanvasAgg(figure).draw()
+    width, height = figure.get_size_inches() * figure.dpi
+    boxes = [text.get_window_extent() for text in (*figure.texts, figure.axes[0].yaxis.label)]
+    assert min(box.x0 for box in boxes) > 0.02 * width
+    assert max(box.x1 for box in boxes) < 0.96 * width
+    assert min(box.y0 for box in boxes) > 0.01 * height
+    # The version stands alone at the foot.
+    assert sorted(box.y0 for box in boxes)[1] > sorted(box.y1 for box in boxes)[0]
+    grey = [line for line in plot_advice(advice).axes[0].get_lines() if line.get_marker() not in ("None", "*", "")]
+    assert len({str(line.get_marker()) for line in grey}) == len(advice.group("correlations")) == 6
 
 
 @pytest.mark.slow

@@ -79,8 +79,9 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
         count = text("those that are not made for this metal count for the angle, not for the amount")
         notes.append((text("Correlations"), count))
     notes += [(text("Note"), sentence.rstrip(".")) for sentence in advice.warnings]
-    fraction = f"{advice.per_mass.cutting_fraction:.3g}"
-    notes.append((text("Cutting particles"), say("{fraction} of all (Finnie: about one half)", fraction=fraction)))
+    if advice.uncertain is None:
+        fraction = f"{advice.per_mass.cutting_fraction:.3g}"
+        notes.append((text("Cutting particles"), say("{fraction} of all (Finnie: about one half)", fraction=fraction)))
     return notes
 
 
