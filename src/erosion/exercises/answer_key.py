@@ -15,7 +15,7 @@ from erosion.models import Linearized
 from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.optimum.maxima import Jump
 from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.units import Dimension, unit_name
+from erosion.parameters.units import Dimension, shown, unit_name
 
 EULER_STEPS = 100
 RK4_STEPS = 10
@@ -173,15 +173,13 @@ class AnswerKey:
         Raises:
             ValueError: for a name that is no task, and for an answer that is no single finite number.
         """
+        given = None if answer is ... else _finite_number(answer)
         asked, right = TASKS.get(task), self.answer(task)
         assert asked is not None
         say, text = self.language.say, self.language.text
-        if answer is ...:
+        if given is None:
             return Verdict(False, f"{task}: {text('still to do.')}")
-        given = np.asarray(answer)
-        if given.dtype.kind not in "iuf" or given.size != 1 or not np.isfinite(given).all():
-            raise ValueError(f"Argument `answer` must be one finite number, but is {answer!r}.")
-        off = float(given.reshape(())) / right - 1
+        off = given / right - 1
         if abs(off) <= asked.tolerance:
             words = self._in_words(right, asked.dimension)
             return Verdict(
@@ -238,3 +236,13 @@ class AnswerKey:
         if off > 2:
             return self.language.say("a factor of {factor}", factor=f"{1 + off:.3g}")
         return f"{float(f'{100 * off:.2g}'):g} %"
+
+
+def _finite_number(answer: Any) -> float:
+    try:
+        given = np.asarray(answer)
+    except (TypeError, ValueError):  # lists of several lengths, and what JAX is tracing
+        given = np.empty(0)
+    if given.dtype.kind in "iuf" and given.size == 1 and np.isfinite(given).all() and not np.ma.is_masked(answer):
+        return float(given.reshape(()))
+    raise ValueError(f"Argument `answer` must be one finite number, but is {shown(answer)}.")

@@ -81,6 +81,8 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         ValueError: for a file that is something else, or has parameters that the model has not.
     """
     path = check_path("path", path)
+    if path.exists() and not path.is_file():  # a pipe waits for its writer
+        raise ValueError(f"{path}: is no file.")
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
             dataset = stored.load()
