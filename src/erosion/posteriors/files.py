@@ -110,13 +110,17 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     if not columns:
         raise ValueError(f"{path}: must have draws of parameters of an impact, but has none.")
     fraction = None if FRACTION in columns else float(attrs.get(FRACTION, 1.0))
+    try:
+        case = parse_case(attrs["case"])
+    except ValueError as error:
+        raise ValueError(f"{path}: must hold the draws of a posterior, but its case cannot be read.") from error
     rows = Rows(columns, str(path))
     return Draws(
         rows,
         path,
         model=attrs["model"],
         own=attrs.get("own_parameters", ""),
-        p=parse_case(attrs["case"]),
+        p=case,
         cutting_fraction=fraction,
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
