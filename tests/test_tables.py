@@ -120,3 +120,11 @@ def test_names_stay_beside_their_numbers_where_a_tighter_table_does_it() -> None
     lines = [line.plain for line in to_lines("", rows, headings, (1, 3, 4), 80)]
     assert any(line.startswith(" rotating-full-torque  0.89526  rebound") for line in lines)
     assert max(map(len, lines)) <= 80
+
+
+def test_a_name_stays_with_its_value() -> None:
+    lines = [line.plain for line in to_lines("", [("a", "k = 1.284, psi = 7.678, energy_ratio = 1.42719679 m/s")],
+                                             ("model", "estimates"), (), 26)]  # fmt: skip
+    assert [line.split("  ")[-1].strip() for line in lines[3:-1]] == [
+        "k = 1.284,", "psi = 7.678,", "energy_ratio =", "1.42719679 m/s",
+    ]  # fmt: skip

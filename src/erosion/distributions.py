@@ -68,7 +68,7 @@ class Distribution(ABC):
         for name in _fields(self):
             value = getattr(self, name)
             scale = table_scale("1" if name in self.shapes else dimension, system, abs(value))
-            texts.append(f"{value / scale.size:.5g} {scale.unit}".strip().replace(" °", "°"))
+            texts.append(scale.beside(f"{value / scale.size:.5g}"))
         names = {law: name for name, law in LAWS.items()}
         return f"{names.get(type(self), type(self).__name__)}({', '.join(texts)})"
 

@@ -180,12 +180,16 @@ def _padded(cell: "Text", width: int, *, left: bool) -> "Text":
 
 
 def _wrapped(text: "Text", width: int) -> "list[Text]":
-    """Lines of whole words."""
+    """Lines of whole words; "k = 2" is one word, if there is room for it."""
     from rich.cells import cell_len
 
-    begins = [0]
+    begins, end = [0], 0
     for word in re.finditer(r"\S+", text.plain):
-        if word.start() > begins[-1] and cell_len(text.plain[begins[-1] : word.end()]) > width:
+        if word.start() < end:  # within "k = 2"
+            continue
+        equation = re.compile(r"\S+ = \S+").match(text.plain, word.start())
+        end = word.end() if equation is None or cell_len(equation[0]) > width else equation.end()
+        if word.start() > begins[-1] and cell_len(text.plain[begins[-1] : end]) > width:
             begins.append(word.start())
     lines = list(text.divide(begins[1:]))
     for line in lines:

@@ -3,12 +3,15 @@ import types
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import erosion
 from erosion.advice.advise import MODELS
-from erosion.advice.page import write_advice
+from erosion.advice.figure import plot_advice, sheet
+from erosion.advice.page import notes_of, write_advice
 from erosion.advice.result import NOZZLE_ANGLES
-from erosion.distributions import Normal
+from erosion.distributions import Normal, Uniform
+from erosion.joint_laws import Rows
 
 P = erosion.TABLE_1.to("si").replace(v0=100.0)
 NAMED = P.with_particle("garnet 0.3 mm").with_target("aluminium 6061")
@@ -74,6 +77,55 @@ def test_the_sentences_say_angle_amount_and_what_would_narrow_it(advice):
     assert [row[0] for row in advice.rows()][:2] == ["7 models, k = 2, ψ = 2", "k from 1 to 3"]
 
 
+@pytest.fixture(scope="module")
+def fitted() -> erosion.Advice:
+    k = np.linspace(1.9, 2.1, 51)
+    # k and ψ of a fit vary together: each k has its own ψ.
+    rows = Rows({"k": k, "psi": 20 / k}, "post.nc")
+    return erosion.advise(P, target="aluminium 6061", spread=NARROW, models=["linearized"], uncertain=rows)
+
+
+@pytest.mark.slow
+def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
+    draws = fitted.group("draws")
+    assert len(draws) == 64
+    assert not fitted.group("k")
+    assert not fitted.group("psi")
+    ends = [math.degrees(math.atan(k)) / 2 for k in (1.9, 2.1)]
+    assert [math.degrees(fitted.low), math.degrees(fitted.high)] == pytest.approx(ends, abs=0.05)
+    assert ends[0] < math.degrees(fitted.alpha) < ends[1]
+    assert fitted.worst > 0.999
+    # All particles cut, as in a fit; the product k ψ is the same in each draw, k alone is not.
+    k, sigma, alpha = 2.0, 107 * 9.80665e6, fitted.alpha
+    middle = 2700 * 1e4 * k / (sigma * 20) * (math.sin(2 * alpha) - 2 / k * math.sin(alpha) ** 2) / 2
+    assert fitted.group("models")[0].at(alpha) == pytest.approx(middle, rel=1e-3)
+    assert max(curve.at(alpha) for curve in draws) < 1.08 * min(curve.at(alpha) for curve in draws)
+
+
+@pytest.mark.slow
+def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_path):
+    angle, amount, narrower = fitted.statements
+    assert "There each of 64 draws of post.nc removes at least 100%" in angle
+    assert "if all of the particles cut; the correlations for this metal, which are made from other tests" in amount
+    assert "four angles" not in narrower
+    assert "--next-experiment" in narrower
+    assert [row[0] for row in fitted.rows()][:2] == ["linearized, k = 2, ψ = 10", "64 draws of post.nc"]
+    page = write_advice(fitted, tmp_path / "advice.html").read_text()
+    assert "post.nc, each median with 95% of the values:" in page
+    assert "k = 2 (1.9 … 2.1), ψ = 10 (" in page
+    assert "64 Ziehungen aus post.nc" in write_advice(fitted, tmp_path / "de.html", "de").read_text()
+
+
+@pytest.mark.slow
+def test_an_uncertain_share_of_cutting_particles_changes_amounts_alone():
+    laws = {"cutting_fraction": Uniform(0.1, 0.3)}
+    advice = erosion.advise(P, target="aluminium 6061", models=["finnie"], uncertain=laws)
+    amounts = [curve.at(advice.alpha) for curve in advice.group("draws")]
+    assert max(amounts) / min(amounts) == pytest.approx(3, rel=0.05)
+    assert advice.per_mass.cutting_fraction == pytest.approx(0.2)
+    assert advice.low == pytest.approx(advice.high)
+
+
 @pytest.mark.slow
 def test_round_particles_are_told_apart():
     advice = erosion.advise(P, particle="glass beads 0.2 mm", target="titanium Ti-6Al-4V", models=["finnie"])
@@ -98,7 +150,10 @@ def test_without_a_density_amounts_are_volumes():
         ({"spread": 0.0}, "`spread` must be above 0°"),
         ({"speed_spread": 1.0}, "`speed_spread` must be at least 0 and below 1"),
         ({"cutting_fraction": 0.0}, "`cutting_fraction` must be above 0"),
+        ({"cutting_fraction": 1e-320}, "`cutting_fraction` must be at least 1e-09, but is 1e-320"),
         ({"models": []}, "`models` must be a list of models"),
+        ({"uncertain": {}}, "`uncertain` must have a law, but has none"),
+        ({"uncertain": {"r": Normal(1e-4, 1e-6)}, "models": ["finnie"]}, "parameters of the metal or of finnie"),
         ({"target": "gold"}, "`target` must name one of"),
     ],
 )
@@ -129,6 +184,37 @@ def test_the_page_has_all_of_it_and_the_sheet_is_one(advice, tmp_path):
     assert b"/Count 1 " in sheet
     with pytest.raises(ValueError, match=r"must end in \.html or \.pdf"):
         write_advice(advice, tmp_path / "advice.doc")
+
+
+@pytest.mark.slow
+def test_the_table_names_each_correlation_with_its_angle(advice):
+    rows = {row[0]: row[1:] for row in advice.rows()}
+    for curve in advice.group("correlations"):
+        angle, share, erosion = rows[f"· {curve.name}"]
+        assert angle == f"{math.degrees(curve.best):.0f}°"
+        assert share == f"{curve.share(advice.alpha):.0%}"
+        assert (erosion == "–") == (not curve.fits)
+
+
+@pytest.mark.slow
+def test_nothing_leaves_the_sheet_and_lines_of_correlations_differ():
+    advice = erosion.advise(
+        P.replace(v0=123.4),
+        particle="silicon carbide 0.125 mm",
+        target="titanium Ti-6Al-4V",
+        models=["finnie", "rotating-full-torque"],
+    )
+    figure = sheet(advice, notes_of(advice))
+    FigureCanvasAgg(figure).draw()
+    width, height = figure.get_size_inches() * figure.dpi
+    boxes = [text.get_window_extent() for text in (*figure.texts, figure.axes[0].yaxis.label)]
+    assert min(box.x0 for box in boxes) > 0.02 * width
+    assert max(box.x1 for box in boxes) < 0.96 * width
+    assert min(box.y0 for box in boxes) > 0.01 * height
+    # The version stands alone at the foot.
+    assert sorted(box.y0 for box in boxes)[1] > sorted(box.y1 for box in boxes)[0]
+    grey = [line for line in plot_advice(advice).axes[0].get_lines() if line.get_marker() not in ("None", "*", "")]
+    assert len({str(line.get_marker()) for line in grey}) == len(advice.group("correlations")) == 6
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Fits to synthetic data: the truth is found, and what cannot be found is said."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -30,6 +31,15 @@ def synthetic(seed: int, exact: np.ndarray = EXACT, uncertain: bool = True) -> d
 @pytest.fixture(scope="module")
 def fit():
     return calibrate("linearized", GUESS, synthetic(1), ["k", "psi"])
+
+
+def test_a_row_that_alone_determines_a_parameter_cannot_be_left_out():
+    degrees = np.array([10.0, 50.0, 60.0, 70.0])  # only at 10° does the tip leave the surface, which k decides
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees)))) * [1, 1.01, 0.98, 1.02]
+    fit = calibrate("linearized", GUESS, {"angle [deg]": degrees, "volume [in^3]": volume}, ["k", "psi"], starts=4)
+    assert fit.leave_one_out == np.inf
+    row = next(row for row in fit.rows() if row.name == "leave_one_out")
+    assert row.meaning.endswith("there is a row without which a parameter is open")
 
 
 def test_exact_data_give_the_truth_back():
@@ -351,7 +361,32 @@ def test_the_variant_that_made_the_data_comes_first(turning):
     assert ranking.fits[2].estimates == pytest.approx({"k": 3 * other["k"], "psi": other["psi"] / 3}, rel=1e-4)
     assert ranking.fits[0].leave_one_out < ranking.fits[1].leave_one_out
     assert "ΔAICc" in str(ranking)
-    assert "<th>left-out error [10⁻⁶ in³]</th>" in ranking._repr_html_()
+    assert "<th>left out [10⁻⁶ in³]</th>" in ranking._repr_html_()
+
+
+def test_a_ranking_says_what_is_the_same_and_what_is_open(turning):
+    names = ["linearized", "finnie", "tan-alpha", "velocity-aligned"]
+    ranking = rank_models(GUESS, synthetic(6, turning), ["k", "psi"], models=names, starts=2)
+    estimates = {row[0]: row[-1] for row in ranking.rows()}
+    assert estimates["finnie"].endswith("(curve of linearized)")
+    assert re.fullmatch(r"psi = [\d.]+, k not determined", estimates["tan-alpha"])
+    assert estimates["velocity-aligned"] == "same as tan-alpha"
+    tied = (
+        "These data cannot tell models of the same curve apart: linearized and finnie; tan-alpha and velocity-aligned."
+    )
+    assert tied in ranking.statements
+
+
+def test_a_ranking_says_which_own_parameters_are_held(turning):
+    names = ["linearized", "linearized-deformation", "rotating-deformation"]
+    ranking = rank_models(GUESS, synthetic(6, turning), ["psi", "energy_ratio"], models=names, starts=1)
+    held = (
+        "Own parameters that are not free are held: threshold = 0 in/s (rotating-deformation, linearized-deformation)."
+    )
+    assert held in ranking.statements
+    fits = dict(zip(ranking.names, ranking.fits, strict=True))
+    of_threshold = {row.name: row for row in fits["linearized-deformation"].rows()}["threshold"]
+    assert (of_threshold.value, of_threshold.unit, of_threshold.meaning) == ("0", "in/s", "held")
 
 
 def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():

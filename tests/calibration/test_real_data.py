@@ -243,7 +243,7 @@ def test_rows_of_one_speed_and_mass_are_a_group():
     speed, mass = np.repeat([30.0, 60.0], 4), np.tile([1e-8, 4e-8], 4)
     data = Measurements(np.full(8, 0.5), np.ones(8), "volume", None, speed, mass, "si", "x")
     groups = conditions(data)
-    assert [group.label for group in groups[:2]] == ["v₀ = 30 m/s, m = 1e-08 kg", "v₀ = 30 m/s, m = 4e-08 kg"]
+    assert [group.label for group in groups[:2]] == ["v₀ = 30 m/s, m = 10 µg", "v₀ = 30 m/s, m = 40 µg"]
     assert [group.values for group in groups] == [{"v0": v, "m": m} for v in (30.0, 60.0) for m in (1e-8, 4e-8)]
     assert sorted(int(row) for group in groups for row in group.rows) == list(range(8))
     many = Measurements(np.full(50, 0.5), np.ones(50), "volume", None, np.linspace(30, 60, 50), None, "si", "x")
@@ -262,7 +262,7 @@ def test_exports_are_at_a_speed_of_the_data():
     fit = calibrate("linearized", SAND.replace(v0=110.0), measured(), ["k", "cutting_fraction"], density=DENSITY)
     for export, energy in ((to_openfoam(fit), None), (to_fluent(fit), float(SAND.m) * 60.0**2)):
         text = export.text()
-        assert "(si units), at v0 = 60 m/s\n" in text
+        assert ", at v0 = 60 m/s\n" in text
         assert "This speed is one of the data's.\n" in text
         # Without rotation V grows as v₀².
         assert "At v₀ = 30 m/s the volume over m V^2 differs from it by up to 0.00% of its maximum." in text

@@ -15,7 +15,7 @@ def test_advise_prints_a_table_and_writes_a_page(capsys, tmp_path):
     page, plot = tmp_path / "advice.html", tmp_path / "curves.svg"
     assert _status([*LINE, "-o", str(page), "--plot", str(plot)]) == 0
     said = capsys.readouterr()
-    assert "one model, k = 2, ψ = 2" in said.out
+    assert "finnie, k = 2, ψ = 2" in said.out
     assert "What would narrow it" in said.out
     assert said.err == ""
     assert page.read_text().startswith("<!DOCTYPE html>")
@@ -40,9 +40,55 @@ def test_advise_reads_a_case_file_and_prints_a_document(capsys, tmp_path):
     assert result["low"]["value"] < result["alpha"]["value"] < result["high"]["value"]
 
 
+ROWS = """angle [deg], speed [m/s], erosion [g/kg]
+15,100,0.33
+30,100,0.47
+45,100,0.43
+60,100,0.33
+75,100,0.25
+90,100,0.23
+"""
+
+
+@pytest.mark.slow
+def test_a_fit_goes_from_its_case_file_to_the_advice(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rows.csv").write_text(ROWS)
+    materials = LINE[1:7]
+    fit = ["calibrate", "rows.csv", *materials, "--model", "linearized-deformation", "--free", "k,psi,energy_ratio"]
+    assert _status([*fit, "--write-case", "fitted.toml"]) == 0
+    command = capsys.readouterr().out.splitlines()[-1]
+    assert command == "a nozzle's angle by this fit: erosion advise fitted.toml"
+    assert _status(["advise", "fitted.toml", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    result = json.loads(printed.out)["result"]
+    assert (result["particle"], result["target"], result["uncertain"]) == (
+        "garnet 0.3 mm", "aluminium 6061", "fitted.toml",
+    )  # fmt: skip
+    # The fit's amount at its angle is that of the rows, though Finnie's half is usual without a fit.
+    assert result["cutting_fraction"] == 1
+    assert result["curves"][0]["name"] == "linearized-deformation"
+    assert result["curves"][0]["erosion_ratio"]["value"] == pytest.approx(0.47e-3, rel=0.1)
+    assert result["worst_share"] > 0.9
+    assert result["high"]["value"] - result["low"]["value"] < 0.3
+    assert _status(["run", "fitted.toml"]) == 0
+
+
+@pytest.mark.slow
+def test_draws_in_a_table_are_taken_together(capsys, tmp_path):
+    (tmp_path / "draws.csv").write_text("k, psi\n1.9, 10.5\n2, 10\n2.1, 9.5\n")
+    assert _status([*LINE, "--uncertain", str(tmp_path / "draws.csv")]) == 0
+    assert f"64 draws of {tmp_path}" in capsys.readouterr().out.replace("\n", " ")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["--uncertain", "r=normal(1 mm, 0.1 mm)"], "Option `--uncertain` must name parameters of the metal"),
+        (["--uncertain", "nothing.nc"], "nothing.nc: is not there"),
+        (["--uncertain", "k"], "must be a file (.nc, .csv) or a law"),
+        (["--set", "friction=1"], "must name an own parameter of finnie"),
         (["--spread", "3 m"], "Option `--spread` must be an angle"),
         (["--spread", "0 deg"], "Option `--spread` must be above 0°"),
         (["--speed-spread", "2"], "Option `--speed-spread` must be at least 0"),

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -115,9 +116,22 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, capsys):
     assert float(fitted.sigma) == printed["estimates"]["sigma"] == pytest.approx(1.5e9, rel=0.05)
     # The case was at 110 m/s, at which nothing was measured.
     assert float(fitted.v0) == 60.0
-    assert path.read_text().endswith("\ncutting_fraction = 0.3  # share of the particles that cut\n")
+    case, _, advice = path.read_text().partition("\n[advise]\n")
+    assert case.endswith("\ncutting_fraction = 0.3  # share of the particles that cut\n")
+    assert 'uncertain = { sigma = "lognormal(15' in advice
     assert _status(["run", "--case", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
+
+
+def test_an_estimate_at_a_bound_has_a_law_within_it_and_an_undetermined_one_none(sand, tmp_path):
+    path = tmp_path / "fitted.toml"
+    bounded = [*sand, "--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:1.4 GPa"]
+    assert _status([*bounded, "--write-case", str(path)]) == 0
+    law = tomllib.loads(path.read_text())["advise"]["uncertain"]["sigma"]
+    low, high = map(float, law.removeprefix("loguniform(").removesuffix(")").split(","))
+    assert 1e9 <= low < high == pytest.approx(1.4e9)
+    assert _status([*sand, "--model", "tan-alpha", "--free", "k,sigma", "--write-case", str(path)]) == 0
+    assert tomllib.loads(path.read_text())["advise"] == {"model": "tan-alpha"}
 
 
 def test_bounds_that_are_touched_are_in_table_and_json(sand, capsys):
@@ -197,7 +211,7 @@ def test_a_written_case_comes_with_the_command_for_its_model(aluminium, tmp_path
     options = [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
     assert _status(options) == 0
     captured = capsys.readouterr()
-    command = captured.out.split("the best angle of this fit: ")[1].strip()
+    command = captured.out.split("the best angle of this fit: ")[1].splitlines()[0]
     assert command.startswith("erosion optimum --case fitted.toml --model linearized-deformation --set energy_ratio=1.")
     assert command.endswith('--set "threshold=8 m/s"')
     assert f"use it as `{command}`." in captured.err
@@ -247,7 +261,9 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, caps
     words = ["calibrate", Path(data).name, "--case", case, "--density", "2.7 g/cm^3", "--free"]
     models = ["--model", "linearized,linearized-deformation"]
     assert _status([*words, "k,cutting_fraction,energy_ratio,threshold", *models]) == 0
-    assert capsys.readouterr().out.strip() in page
+    tables, next_step = capsys.readouterr().out.split("\na nozzle's angle")
+    assert tables.strip() in page
+    assert next_step == ": --write-case fitted.toml, then erosion advise fitted.toml\n"
 
 
 def test_without_a_case_the_units_are_those_of_the_data(tmp_path, capsys):
@@ -267,3 +283,34 @@ def test_without_a_case_the_units_are_those_of_the_data(tmp_path, capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["units"] == "si"
     assert document["case"]["parameters"]["r"] == {"value": 1e-3, "unit": "m"}
+
+
+@pytest.fixture(scope="module")
+def two_speeds(tmp_path_factory):
+    """Two speeds of the model with wear by deformation, and the case of the particles."""
+    folder = tmp_path_factory.mktemp("two speeds")
+    p, model = TABLE_1.to("si"), load_model("linearized-deformation").replace(threshold=17.0)
+    (folder / "case.toml").write_text(dump_case(p))
+    lines = ["angle [deg], speed [m/s], volume [mm^3], uncertainty [mm^3]"]
+    for speed in (60.0, 110.0):
+        volume = 1e9 * impact(model, p.replace(alpha=np.deg2rad(np.arange(10.0, 95.0, 10.0)), v0=speed)).volume
+        noisy = volume + 0.02 * volume.max() * np.random.default_rng(2).standard_normal(9)
+        lines += [f"{10 * i + 10}, {speed}, {one}, {0.02 * volume.max()}" for i, one in enumerate(noisy)]
+    (folder / "sand.csv").write_text("\n".join(lines))
+    return folder
+
+
+def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, capsys):
+    monkeypatch.chdir(two_speeds)
+    monkeypatch.setenv("COLUMNS", "300")
+    words = "calibrate sand.csv case.toml --model linearized,linearized-deformation --free k,threshold --starts 1"
+    bounds = ["--bounds", "threshold=0:12 m/s", "--profile", "threshold", "--write-case", "fitted.toml"]
+    assert _status([*words.split(), *bounds]) == 0
+    out, err = capsys.readouterr()
+    assert "threshold = 12 m/s (at its upper bound)" in out
+    assert "threshold [m/s]" in out
+    assert "threshold is at its upper bound, 12 m/s: its error means nothing." in err
+    assert ", threshold = 12 m/s, at v0 = " in Path("fitted.toml").read_text().splitlines()[1]
+    assert _status([*words.split(), "--profile", "threshold", "--json"]) == 0
+    profile = json.loads(capsys.readouterr().out)["result"]["profile"]
+    assert profile["values"]["unit"] == "m/s"

@@ -66,7 +66,7 @@ def test_own_parameters_are_set(tmp_path, capsys):
     path = tmp_path / "f.csv"
     words = ["export", "--model", "linearized-deformation", "--set", "energy_ratio=3", "--fluent", str(path)]
     assert _status(words) == 0
-    assert "linearized-deformation (energy_ratio = 3, threshold = 0)" in path.read_text()
+    assert "linearized-deformation (energy_ratio = 3, threshold = 0 m/s)" in path.read_text()
     assert float(path.read_text().splitlines()[-1].split(",")[1]) == pytest.approx(
         float(erosion.impact(erosion.load_model("linearized-deformation").replace(energy_ratio=3.0),
                              P.replace(alpha=np.pi / 2)).volume)

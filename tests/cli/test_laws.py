@@ -229,6 +229,20 @@ def test_own_parameters_must_be_those_of_the_fit(capsys: pytest.CaptureFixture[s
     assert not any("the draws hold for" in sentence for sentence in document["warnings"])
 
 
+def test_own_parameters_may_be_those_of_the_fit_in_other_units(capsys: pytest.CaptureFixture[str]) -> None:
+    model = ["--model", "linearized-deformation", "--set", "threshold=12 m/s"]
+    fit = ["calibrate", "tests.csv", "sand.toml", "--posterior", "--draws", "125", "--free", "psi"]
+    assert _status([*fit, *model, "-o", "slow.nc"]) == 0
+    capsys.readouterr()
+    line = "map impacts.csv --case sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"
+    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=12 m/s'", capsys)
+    assert not any("the draws hold for" in sentence for sentence in document["warnings"])
+    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=15 m/s'", capsys)
+    (warning,) = (sentence for sentence in document["warnings"] if "slow.nc: the draws hold" in sentence)
+    assert "threshold = 12 m/s, but the model has " in warning
+    assert warning.endswith("threshold = 15 m/s.")
+
+
 def test_draws_are_read_in_other_units() -> None:
     degrees = np.array([10.0, 30.0, 60.0])
     p = erosion.TABLE_1

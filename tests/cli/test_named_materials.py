@@ -10,6 +10,7 @@ import pytest
 
 import erosion
 from erosion.cli import _status
+from erosion.parameters.case_files import dump_case
 
 pytestmark = pytest.mark.slow
 
@@ -175,3 +176,20 @@ def test_export_writes_the_share_that_cuts(capsys: pytest.CaptureFixture[str]) -
     assert forms[1]["p"]["value"] == pytest.approx(forms[0]["p"]["value"] / 0.03, rel=1e-6)
     assert "cutting fraction 0.03 is part of what is written here" in Path("part.txt").read_text()
     assert "cutting fraction" not in Path("whole.txt").read_text()
+
+
+def test_bare_numbers_beside_a_named_particle_are_in_si(capsys, tmp_path):
+    named = ["run", "--particle", "garnet 0.3 mm", "--json"]
+    # Without a case file, and whatever the target; other cases say their own units.
+    assert _case([*named, "--v0", "100"], capsys)["v0"] == {"value": 100.0, "unit": "m/s"}
+    assert _case([*named, "--v0", "4400 in/s"], capsys)["v0"] == {"value": pytest.approx(111.76), "unit": "m/s"}
+    assert _case([*named, "--units", "inch-pound", "--v0", "4400"], capsys)["v0"] == {"value": 4400.0, "unit": "in/s"}
+    case = tmp_path / "case.toml"
+    case.write_text(dump_case(erosion.TABLE_1))
+    assert _case([*named, "--case", str(case), "--v0", "4400"], capsys)["v0"]["unit"] == "in/s"
+    assert _case(["run", "--target", "copper", "--v0", "4400", "--json"], capsys)["v0"]["unit"] == "in/s"
+
+
+def _case(line, capsys):
+    assert _status(line) == 0
+    return json.loads(capsys.readouterr().out)["case"]["parameters"]

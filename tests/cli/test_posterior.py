@@ -1,5 +1,6 @@
 """`erosion calibrate --posterior` as a user types it."""
 
+import re
 import sys
 
 import numpy as np
@@ -40,6 +41,13 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     with xr.open_datatree(tmp_path / "draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
         assert tree["posterior"]["psi"].shape == (4, 125)
+    next_step = f"a nozzle's angle by this fit, with the case's options: erosion advise --uncertain {tmp_path}/draws.nc"
+    assert out.splitlines()[-1] == next_step
+    # The model is that of the draws.
+    assert _status(["advise", "--uncertain", str(tmp_path / "draws.nc")]) == 0
+    advice = capsys.readouterr().out
+    assert "linearized, k = " in advice
+    assert "64 draws of" in advice
 
 
 def test_without_arviz_it_says_what_to_install(table, capsys, monkeypatch):
@@ -104,3 +112,11 @@ def test_mistakes_are_one_line(table, capsys, options, message):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_means_of_several_models_have_their_units(table, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    models = ["--model", "linearized,linearized-deformation", "--free", "psi,threshold"]
+    prior = ["--prior", "threshold=uniform(0, 500)", "--starts", "1"]
+    assert _status(["calibrate", str(table), "--posterior", "--draws", "125", *models, *prior]) == 0
+    assert re.search(r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ ± [\d.]+ in/s$", capsys.readouterr().out, re.MULTILINE)

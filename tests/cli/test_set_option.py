@@ -65,8 +65,8 @@ def test_quantities_are_read_in_the_units_of_the_case(harder):
 
     assert read("si") == {"speed": 10.0, "factor": 2.0}
     assert read("inch-pound")["speed"] == pytest.approx(10 / 0.0254)
-    assert in_full(harder, load_set(harder, said, "si")) == "harder.py (factor = 2, speed = 10)"
-    assert in_full("finnie", erosion.load_model("finnie")) == "finnie"
+    assert in_full(harder, load_set(harder, said, "si"), "si") == "harder.py (factor = 2, speed = 10 m/s)"
+    assert in_full("finnie", erosion.load_model("finnie"), "si") == "finnie"
 
 
 def test_run_takes_own_parameters(harder, capsys):
@@ -107,3 +107,8 @@ def test_models_lists_them(capsys, tmp_path, monkeypatch):
 def test_every_unit_that_is_shown_is_read():
     assert read_quantity("40.4 1/s", "rate", "si") == 40.4
     assert np.isclose(read_quantity("3 1/ms", "rate", "si"), 3000)
+
+
+def test_own_parameters_have_their_units_in_titles(capsys):
+    assert _status(["run", "--units", "si", "--model", "linearized-deformation", "--set", "threshold=12 m/s"]) == 0
+    assert "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s): one impact" in capsys.readouterr().out

@@ -1,6 +1,8 @@
 """What is said of a student's numbers."""
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -40,9 +42,6 @@ def test_the_sentence_says_how_far_off_an_answer_is() -> None:
     assert (
         str(KEY.check("t_c", 1.25 * t_c)) == "t_c: 25 % above the answer. It is to be the time at which the cut ends."
     )
-    assert str(KEY.check("volume", 57.3 * KEY.answer("volume"))).startswith(
-        "volume: a factor of 57.3 above the answer."
-    )
 
 
 @pytest.mark.parametrize(
@@ -57,6 +56,38 @@ def test_common_slips_are_named(factor: float, slip: str) -> None:
     verdict = KEY.check("alpha_max", factor * KEY.answer("alpha_max"))
     assert not verdict.right
     assert verdict.sentence == f"alpha_max: {slip}"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "sentence"),
+    [
+        (1.9, "90 % above the answer."),
+        (0.55, "45 % below the answer."),
+        (57.3, "It is 57.3 times the answer."),
+        (1e6, "It is 1000000 times the answer."),
+        (0.2, "The answer is 5 times as large."),
+        (1e-4, "The answer is 10000 times as large."),
+        (-1.1, "The sign is wrong. 10 % above the answer."),
+        (-3e3, "The sign is wrong. It is 3000 times the answer."),
+        (-0.01, "The sign is wrong. The answer is 100 times as large."),
+        (0.0, "The answer is not 0."),
+    ],
+)
+def test_an_answer_far_off_is_so_by_a_factor_and_a_sign(ratio: float, sentence: str) -> None:
+    said = str(KEY.check("volume", ratio * KEY.answer("volume")))
+    assert said == f"volume: {sentence} It is to be the removed volume."
+
+
+@pytest.mark.parametrize(
+    ("task", "factor", "unit"),
+    [("euler_depth", 0.0254, "in"), ("rk4_depth", 0.0254, "in"), ("volume", 0.0254**3, "in³")],
+)
+def test_an_answer_in_the_other_units_is_recognized(task: str, factor: float, unit: str) -> None:
+    assert str(KEY.check(task, KEY.answer(task) * factor)) == f"{task}: It is right in SI units; give {unit}."
+    in_si = erosion.AnswerKey(P.to("si"))
+    assert str(in_si.check(task, in_si.answer(task) / factor)) == (
+        f"{task}: It is right in inch-pound units; give {unit.replace('in', 'm')}."
+    )
 
 
 def test_only_angles_can_be_in_degrees() -> None:
@@ -130,3 +161,10 @@ def test_without_a_jump_its_tasks_are_left_out(monkeypatch: pytest.MonkeyPatch) 
 def test_a_speed_that_is_too_great_is_an_error_without_a_warning():
     with pytest.raises(ValueError, match="must be a finite number, but is"):
         _ = erosion.AnswerKey(erosion.TABLE_1.replace(v0=1e308)).with_spin
+
+
+def test_the_script_of_the_documentation_prints_what_it_says(capsys: pytest.CaptureFixture) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "classroom.md").read_text("utf-8")
+    (script,) = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    exec(script, {})
+    assert capsys.readouterr().out.splitlines() == re.findall(r"  # (.+)$", script, re.MULTILINE)

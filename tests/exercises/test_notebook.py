@@ -14,7 +14,7 @@ import pytest
 
 import erosion
 from erosion.cli import _status
-from erosion.exercises import AnswerKey
+from erosion.exercises import AnswerKey, Verdict
 from erosion.exercises.notebook import cells_of, notebook
 
 pytestmark = pytest.mark.slow
@@ -29,11 +29,11 @@ CASES = {
 }
 
 
-def verdicts(text: str) -> list[Any]:
-    """Run a notebook's code, and give what its last lines show where they check an answer."""
+def shown(text: str) -> list[Any]:
+    """Run a notebook's code, and give what the last lines of its cells show."""
     plt.switch_backend("agg")
     names: dict[str, Any] = {}
-    shown = []
+    values = []
     for cell in json.loads(text)["cells"]:
         if cell["cell_type"] != "code":
             continue
@@ -44,17 +44,33 @@ def verdicts(text: str) -> list[Any]:
         with redirect_stdout(io.StringIO()):
             exec(compile(tree, "cell", "exec"), names)
             if isinstance(last, ast.Expr):
-                shown.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
+                values.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
     plt.close("all")
-    return [value for value in shown if type(value).__name__ == "Verdict"]
+    return values
+
+
+def verdicts(values: list[Any]) -> list[Verdict]:
+    return [value for value in values if isinstance(value, Verdict)]
 
 
 @pytest.mark.parametrize("p", CASES.values(), ids=CASES)
 def test_all_solutions_are_right(p: erosion.Parameters) -> None:
     key = erosion.AnswerKey(p)
-    said = verdicts(notebook(key, title="a case", solved=True))
+    values = shown(notebook(key, title="a case", solved=True))
+    said = verdicts(values)
     assert [str(verdict) for verdict in said if not verdict.right] == []
     assert len(said) == len(key.tasks)
+    assert key.with_spin is None or "jump" in str(values[-1])
+
+
+@pytest.mark.parametrize(("lang", "still_to_do"), [("en", "still to do."), ("de", "noch zu lösen.")])
+def test_an_unfilled_notebook_runs_and_gives_no_answer_away(lang: str, still_to_do: str) -> None:
+    key = erosion.AnswerKey(P, lang)
+    values = shown(notebook(key, title="a case"))
+    tasks = [*key.tasks, "alpha_max_at_jump"]  # the last cell shows the tool's answer when the student's is right
+    said = [str(verdict) for verdict in verdicts(values)]
+    assert sorted(said) == sorted(f"{task}: {still_to_do}" for task in tasks)
+    assert not any(isinstance(value, erosion.Optimum) for value in values)
 
 
 def test_the_notebook_is_one_and_has_no_solutions() -> None:
@@ -64,8 +80,9 @@ def test_the_notebook_is_one_and_has_no_solutions() -> None:
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     assert "# How a grain cuts: Table 1" in "".join(cells[0]["source"])
     assert len({cell["id"] for cell in cells}) == len(cells)
-    assert sum("key.check(" in source for source in code) == len(erosion.AnswerKey(P).tasks)
-    assert all("..." in source for source in code if "key.check(" in source)
+    checks = [source for source in code if "key.check(" in source]
+    assert len(checks) == len(erosion.AnswerKey(P).tasks) + 1
+    assert all("..." in source for source in checks[:-1])
     for source in code:
         ast.parse(source)
     assert text == notebook(erosion.AnswerKey(P), title="Table 1")

@@ -252,3 +252,12 @@ def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
     degrees, at_contact = np.array(shaded[0]["data"], float).T
     expected = np.sin(np.deg2rad(degrees)) ** 2 / 3.2 * float(TABLE_1.volume_scale) / 1e-4
     np.testing.assert_allclose(at_contact, expected, atol=2e-5)
+
+
+def test_a_volume_has_its_amount_per_mass_below_it() -> None:
+    answers, case = Answers({"linearized": Linearized()}), Case.of(TABLE_1, ())
+    computed = Computed(
+        State(case, ("linearized",), "linearized"), points={"linearized": answers.point("linearized", case)}
+    )
+    # 1.81644e-4 in³ of 2.855e-7 slinch.
+    assert "1.8164·10⁻⁴ in³<br><small>59530 mm³/kg</small>" in numbers(computed, ["linearized"])[0]

@@ -12,14 +12,21 @@ from erosion.parameters.scales import readable_scale, table_scale
     [
         ("time", "inch-pound", 6.6e-5, 1e-6, "µs"),
         ("time", "si", 0.0, 1.0, "s"),
-        ("length", "inch-pound", 0.032, 1e-3, "10⁻³ in"),
+        ("length", "inch-pound", 0.032, 1e-3, "mil"),
+        ("length", "inch-pound", 2e-4, 1e-6, "µin"),
+        ("length", "inch-pound", 2e-9, 1e-9, "10⁻³ µin"),
         ("length", "si", 8e-4, 1e-3, "mm"),
-        ("length", "si", 2e-12, 1e-12, "10⁻¹² m"),
+        ("length", "si", 2e-12, 1e-12, "10⁻³ nm"),
         ("speed", "inch-pound", 4400.0, 1.0, "in/s"),
         ("volume", "inch-pound", 2.1e-4, 1e-4, "10⁻⁴ in³"),
         ("volume", "inch-pound", 1e-4, 1e-4, "10⁻⁴ in³"),
         ("volume", "si", 3e-9, 1e-9, "mm³"),
         ("volume", "si", 7e-11, 1e-9, "mm³"),
+        ("volume", "si", 1e-14, 1e-15, "10³ µm³"),
+        ("volume", "si", 4e-11, 1e-12, "10⁻³ mm³"),
+        ("volume", "si", 3e-5, 1e-6, "cm³"),
+        ("volume", "si", 5e-17, 1e-18, "µm³"),
+        ("area", "si", 2e-6, 1e-6, "mm²"),
         ("mass", "si", 5e-8, 1e-9, "µg"),
         ("mass", "inch-pound", 1 / 386.0885826771654, 1 / 386.0885826771654, "lb"),
         ("stress", "si", 1.4e9, 1e9, "GPa"),
@@ -39,7 +46,7 @@ def test_units_make_numbers_readable(dimension, units, largest, size, unit) -> N
 @pytest.mark.parametrize(
     ("dimension", "units", "largest", "unit"),
     [
-        ("length", "inch-pound", 0.032, "in"),  # a figure's axis has 10⁻³ in
+        ("length", "inch-pound", 0.032, "in"),  # a figure's axis has mil
         ("stress", "inch-pound", 2e5, "lbf/in²"),
         ("volume", "si", 2e-11, "mm³"),
         ("volume", "inch-pound", 1e-4, "10⁻⁴ in³"),
@@ -57,3 +64,22 @@ def test_rows_are_in_units_that_people_read() -> None:
     assert result_row("t_c", np.array([1e-6, np.nan, 5e-5]), "si")[2:4] == ("[3] 1 … 50", "µs")
     mixed = derivative_row("d2volume", 2e-9, [QUANTITIES["alpha"], QUANTITIES["phidot0"]], "si")
     assert mixed[2:4] == (f"{2 * np.pi / 180:.6g}", "mm³/°/(rad/s)")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "units", "words"),
+    [
+        ("v0", 30.0, "si", "30 m/s"),
+        ("alpha", np.deg2rad(40.0), "si", "40°"),
+        ("k", 2.0, "si", "2"),
+        ("m", 3.7463e-8, "si", "37.46 µg"),
+        ("m", 2.855e-7, "inch-pound", "110.2·10⁻⁶ lb"),
+    ],
+)
+def test_a_number_in_words_has_its_unit(name, value, units, words) -> None:
+    assert QUANTITIES[name].in_words(value, units) == words
+
+
+def test_a_power_of_ten_counts_for_the_error_too() -> None:
+    assert table_scale("volume", "inch-pound", 3.1e-7).beside("3.1 ± 2.5") == "(3.1 ± 2.5)·10⁻⁷ in³"
+    assert table_scale("speed", "si", 30.0).beside("30 ± 2") == "30 ± 2 m/s"

@@ -40,7 +40,7 @@ def test_histories_are_the_closed_form(cut: Trajectory) -> None:
         # The solver's tolerance of 1e-12 relative, against the greatest value: y returns to 0.
         np.testing.assert_allclose(drawn, np.asarray(values) / size, atol=1e-10 * np.abs(drawn).max())
         np.testing.assert_allclose(line(panel, "closed form")[1], np.asarray(values) / size, rtol=1e-14)
-    assert [panel.get_ylabel() for panel in panels] == ["x  [10⁻³ in]", "y  [10⁻³ in]", "ẋ  [in/s]", "ẏ  [in/s]"]
+    assert [panel.get_ylabel() for panel in panels] == ["x  [mil]", "y  [mil]", "ẋ  [in/s]", "ẏ  [in/s]"]
 
 
 def test_path_points_down_into_the_target(cut: Trajectory) -> None:

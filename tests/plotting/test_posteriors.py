@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.container import ErrorbarContainer
 
+from erosion import impact
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.posteriors import plot_best_angles, plot_next_experiment, plot_pairs, plot_prediction, plot_traces
@@ -49,6 +51,35 @@ def test_a_prediction_has_bands_and_how_cuts_end(result):
     labels = fig.legends[0].get_texts()
     assert {"95%", "50%", "median", "measured", "rebound", "stop"} <= {text.get_text() for text in labels}
     assert lower.get_ylim() == (0, 1)
+
+
+@pytest.mark.parametrize("model", ["linearized", "rotating"])
+def test_a_prediction_of_several_speeds_has_bands_and_rows_for_each(model):
+    degrees, speeds = np.tile(np.linspace(8.0, 80.0, 6), 2), np.repeat([2200.0, 8800.0], 6)
+    volume = impact(model, TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    data = {"angle [deg]": degrees, "volume [in^3]": volume, "speed [in/s]": speeds,
+            "uncertainty [in^3]": 0.05 * volume}  # fmt: skip
+    fig = plot_prediction(posterior(model, TABLE_1, data, ["psi"], draws=125))
+    upper, *lower = fig.axes
+    labels = {text.get_text() for text in fig.legends[0].get_texts()}
+    assert {"95%", "50%", "median", "v₀ = 2200 in/s", "v₀ = 8800 in/s", "rebound"} <= labels
+    medians = [line for line in upper.lines if len(np.asarray(line.get_xdata())) > 100]
+    for line, speed in zip(medians, (2200.0, 8800.0), strict=True):
+        angles, median = map(np.asarray, line.get_data())
+        exact = impact(model, TABLE_1.replace(alpha=np.deg2rad(angles), v0=speed)).volume
+        np.testing.assert_allclose(median[10:] / np.max(median), exact[10:] / np.max(exact), atol=0.1)
+    rows = [bar for bar in upper.containers if isinstance(bar, ErrorbarContainer)]
+    assert [len(np.asarray(bar.lines[0].get_xdata())) for bar in rows] == [6, 6]
+    assert [bar.lines[0].get_color() for bar in rows] == [line.get_color() for line in medians]
+    # How a cut ends depends on the speed if the body turns meanwhile.
+    panels = {"linearized": [""], "rotating": ["v₀ = 2200 in/s", "v₀ = 8800 in/s"]}[model]
+    assert [ax.get_title("left") for ax in lower] == panels
+
+
+def test_a_prediction_may_be_at_another_speed(result):
+    fig = plot_prediction(result, {"v0": 8800.0})
+    assert fig.axes[0].get_title("left") == "linearized  v₀ = 8800 in/s"
+    assert not any(isinstance(bar, ErrorbarContainer) for bar in fig.axes[0].containers)
 
 
 def test_best_angles_are_coloured_by_kind(result):

@@ -16,7 +16,7 @@ from erosion.advice.figure import plot_advice
 from erosion.advice.page import write_advice
 from erosion.cli import _status
 from erosion.exercises import AnswerKey, notebook
-from erosion.exercises.answer_key import SLIPS, TASKS
+from erosion.exercises.answer_key import IN_OTHER_UNITS, SLIPS, TASKS
 from erosion.language import ENGLISH, Language, catalogue_path, language, languages, message_blocks
 from erosion.parameters.materials import known_particles, known_targets
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
@@ -67,7 +67,11 @@ def test_no_message_is_missing_or_fuzzy() -> None:
 
 def test_what_a_key_says_is_translated() -> None:
     said = [words for task in TASKS.values() for words in (task.asks, task.hint) if " = " not in words]
-    assert [words for words in (*said, *(slip for _, slip in SLIPS)) if GERMAN.text(words) == words] == []
+    assert [
+        words
+        for words in (*said, *(slip for _, slip in SLIPS), *IN_OTHER_UNITS.values())
+        if GERMAN.text(words) == words
+    ] == []
     names = [*known_particles(), *known_targets()]
     assert [name for name in names if GERMAN.text(name) == name] == []
     key = AnswerKey(TABLE_1, "de")
@@ -75,7 +79,10 @@ def test_what_a_key_says_is_translated() -> None:
         "t_c: 1,3 % über der Lösung. Suchen Sie das Ende zwischen zwei Schritten, nicht bei einem Schritt."
     )
     assert str(key.check("volume", 100 * key.answer("volume"))) == (
-        "volume: um den Faktor 100 über der Lösung. Gesucht ist das abgetragene Volumen."
+        "volume: Das ist das 100-Fache der Lösung. Gesucht ist das abgetragene Volumen."
+    )
+    assert str(key.check("volume", 0.0254**3 * key.answer("volume"))) == (
+        "volume: In SI-Einheiten ist das richtig; geben Sie den Wert in in³ an."
     )
 
 

@@ -14,6 +14,7 @@ from playwright.sync_api import Browser
 
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
+from erosion.parameters.per_mass import PerMass
 from erosion.report import write_report
 from erosion.report.case import Answer, Case, question
 from erosion.report.page import PARTS
@@ -395,3 +396,18 @@ def test_a_report_that_is_interrupted_leaves_no_empty_folder(
     with pytest.raises(KeyboardInterrupt):
         write_report(TABLE_1, tmp_path / "new" / "deep")
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_best_angle_is_told_per_mass_of_abrasive(tmp_path):
+    per_mass = PerMass(density=2700.0, cutting_fraction=0.5)
+    page = write_report(TABLE_1, tmp_path / "g", only=["q4"], per_mass=per_mass)
+    numbers = json.loads((tmp_path / "g" / "numbers.json").read_text())["answers"]["q4"]
+    at_best = float(CLOSED.volume(TABLE_1.replace(alpha=numbers["alpha_max"])))
+    assert numbers["erosion_ratio_max"] == pytest.approx(float(per_mass.erosion_ratio(at_best, TABLE_1)))
+    assert numbers["specific_volume"] == pytest.approx(float(per_mass.specific_volume(CLOSED.volume(TABLE_1), TABLE_1)))
+    text = " ".join(page.read_text("utf-8").split())
+    assert "A kilogramme of abrasive removes 94.47 g at this angle and 80.37 g at 20°" in text
+    assert "mm³, if 0.5 of the particles cut." in text
+    without = write_report(TABLE_1, tmp_path / "mm", only=["q4"], lang="de").read_text("utf-8")
+    assert "Ein Kilogramm Strahlmittel trägt" in without
+    assert "erosion_ratio" not in (tmp_path / "mm" / "numbers.json").read_text()

@@ -37,6 +37,20 @@ def test_the_dataset_that_is_written_stays_as_it_is(tmp_path: Path) -> None:
     assert DATASET.attrs == {"model": "linearized"}
 
 
+def test_a_write_that_fails_keeps_no_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    contents = []
+
+    def full_disk(_: Path, content: memoryview) -> None:
+        contents.append(content)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("erosion.storage.netcdf.write_whole", full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        write_netcdf(DATASET, tmp_path / "out.nc", IDENTITY)
+    with pytest.raises(ValueError, match="released"):
+        contents[0].tobytes()
+
+
 def test_another_result_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "out.nc"
     write_netcdf(DATASET, path, IDENTITY)

@@ -1,15 +1,18 @@
 """The best angle of a nozzle, over models, correlations, the force ratio, the contact ratio and the jet."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from erosion.advice.result import NOZZLE_ANGLES, Advice, Curve
+from erosion.advice.uncertain import DRAWS, Uncertain
 from erosion.arguments import Progress, no_progress
+from erosion.calibration.forward import FRACTION
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
 from erosion.engine.impact import impact
-from erosion.models import load_model
+from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, per_mass_of
 from erosion.models.own_parameters import own_parameters
@@ -20,6 +23,7 @@ from erosion.parameters.materials import target as read_target
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.precision import require_float64
+from erosion.parameters.quantities import QUANTITIES
 from erosion.streams.particles import Particles
 from erosion.trajectory.trajectory import SimulationError
 
@@ -36,9 +40,11 @@ MODELS = (
 grazing angles, which no test shows."""
 
 CUTTING_FRACTION = 0.5  # Finnie, Wear 3 (1960) 87-103
+FRACTION_OF_A_FIT = 1.0  # as `erosion.calibrate` takes it
 _FACTORS = {"k": (0.5, 1.5), "psi": (0.5, 2.0)}  # no source gives ranges; these are guesses around Finnie's 2 and 2
 _DEVIATES = 64  # particles of a jet that stand for its angles
 _SPEEDS = 8
+_AT_ONCE = 8  # draws; more of them together take much memory
 _STEEP = np.deg2rad(45.0)  # any: deviations from it are what counts
 
 
@@ -50,8 +56,9 @@ def advise(
     spread: float = float(np.deg2rad(3.0)),
     speed_spread: float = 0.0,
     density: float | int | None = None,
-    cutting_fraction: float = CUTTING_FRACTION,
-    models: Sequence[str] = MODELS,
+    cutting_fraction: float | None = None,
+    models: Sequence[str | CuttingModel] = MODELS,
+    uncertain: Mapping[str, Any] | None = None,
     progress: Progress = no_progress,
 ) -> Advice:
     """The nozzle's angle that is good whichever model holds, and the erosion to expect there.
@@ -63,6 +70,12 @@ def advise(
     varied about their values, k by ± 50 % and ψ from half to twice. The advised angle is where the curve that loses
     most against its own maximum loses least.
 
+    After a fit to tests of your own, the draws of its posterior take the place of these ranges:
+
+        erosion.advise(p, models=["linearized-deformation"], uncertain=posterior.rows_of_draws())
+
+    The advised angle is then that of the draws alone; the correlations, which know nothing of your tests, do not count.
+
     Args:
         p: the case, all scalars; its angle is not used.
         particle: by name, in place of that of `p`; see `erosion.particle`.
@@ -70,8 +83,11 @@ def advise(
         spread: standard deviation of the angles of the particles in the jet [rad].
         speed_spread: standard deviation of the logarithm of their speeds; 0.1 is about 10 %.
         density: of the target [kg/m³], in place of that of `target`.
-        cutting_fraction: the share of the particles that cut; see `PerMass`.
-        models: names or paths.
+        cutting_fraction: the share of the particles that cut; see `PerMass`. Without it Finnie's 0.5, or with
+            `uncertain` 1, as in a fit.
+        models: models, names or paths.
+        uncertain: laws of what is one number for all particles, but not known, by parameter: of the metal (k, psi,
+            sigma), of a model's own, or "cutting_fraction". A posterior gives them: `Posterior.rows_of_draws`.
         progress: called with "models", how many are done, and how many there are.
 
     Raises:
@@ -83,46 +99,55 @@ def advise(
     metal = None if target is None else read_target(target)
     p = p if grit is None else p.with_particle(grit)
     p = p if metal is None else p.with_target(metal)
+    unknown = None if uncertain is None else Uncertain(uncertain)
+    if cutting_fraction is None:
+        cutting_fraction = CUTTING_FRACTION if unknown is None else FRACTION_OF_A_FIT
     per_mass = PerMass(metal.density if density is None and metal is not None else density, cutting_fraction)
-    return advise_case(p, grit, metal, (spread, speed_spread), per_mass, models, progress)
+    if isinstance(models, str) or not models:
+        raise ValueError(f"Argument `models` must be a list of models, but is {models!r}.")
+    loaded = {model if isinstance(model, str) else model_name(model): load_model(model) for model in models}
+    return advise_case(p, (grit, metal), (spread, speed_spread), per_mass, loaded, unknown, progress)
 
 
 def advise_case(
     p: Parameters,
-    grit: Particle | None,
-    metal: Target | None,
+    named: tuple[Particle | None, Target | None],
     spreads: tuple[float, float],
     per_mass: PerMass,
-    models: Sequence[str] = MODELS,
+    models: Mapping[str, CuttingModel],
+    uncertain: Uncertain | None = None,
     progress: Progress = no_progress,
 ) -> Advice:
     """The same for a case that has its particle and its target already; `spreads` of angle [rad] and speed."""
     validate(p)
     require_scalars(p)
-    spread, speed_spread = spreads
+    (grit, metal), (spread, speed_spread) = named, spreads
     if not 0 < spread < np.deg2rad(45):
         raise ValueError(f"Argument `spread` must be above 0° and below 45°, but is {np.rad2deg(spread):g}°.")
     if not 0 <= speed_spread < 1:
         raise ValueError(f"Argument `speed_spread` must be at least 0 and below 1, but is {speed_spread:g}.")
-    if isinstance(models, str) or not models:
-        raise ValueError(f"Argument `models` must be a list of models, but is {models!r}.")
-    loaded = {str(name): load_model(name) for name in models}
+    if uncertain is not None:
+        uncertain = uncertain.checked(models, p.units)
+        if uncertain.fraction is not None:
+            per_mass = PerMass(per_mass.density, uncertain.fraction)
+        middles = {name: uncertain.middle(model, p) for name, model in models.items()}
+        models, p = {name: model for name, (model, _) in middles.items()}, next(iter(middles.values()))[1]
     correlations = _correlations(metal)
     curves: list[Curve] = []
-    jet = _Jet(p, spread, speed_spread)
-    total = len(loaded) + len(correlations)
-    for done, (name, model) in enumerate(loaded.items()):
+    jet = _Jet(p, spread, speed_spread, uncertain)
+    total = len(models) + len(correlations)
+    for done, (name, model) in enumerate(models.items()):
         progress("models", done, total)
         curves += jet.of_model(name, model, per_mass_of(model, per_mass))
-    outside = [model.outside_of_range(p) for model in loaded.values()]
-    for done, (name, fits) in enumerate(correlations.items(), len(loaded)):
+    outside = [model.outside_of_range(p) for model in models.values()]
+    for done, (name, fits) in enumerate(correlations.items(), len(models)):
         progress("models", done, total)
         model = _of_particle(load_model(name), grit)
         curves.append(jet.of_correlation(name, model, fits=fits, known=per_mass.density is not None))
         outside.append(model.outside_of_range(p))
     progress("models", total, total)
     said = tuple(dict.fromkeys(message for message in outside if message))
-    return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said)
+    return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said, uncertain)
 
 
 def _of_particle(model: CuttingModel, grit: Particle | None) -> CuttingModel:
@@ -142,31 +167,48 @@ def _correlations(metal: Target | None) -> dict[str, bool]:
 class _Jet:
     """The particles of a jet at every angle of the nozzle."""
 
-    def __init__(self, p: Parameters, spread: float, speed_spread: float) -> None:
+    def __init__(self, p: Parameters, spread: float, speed_spread: float, uncertain: Uncertain | None) -> None:
         middles = (np.arange(_DEVIATES) + 0.5) / _DEVIATES
         angles = np.asarray(Normal(_STEEP, spread).ppf(middles))
         speeds = np.ones(1)
         if speed_spread:
             quantiles = Normal(0.0, speed_spread).ppf((np.arange(_SPEEDS) + 0.5) / _SPEEDS)
             speeds = np.exp(np.asarray(quantiles))
-        self._p, self._law = p, Normal(_STEEP, spread)
+        self._p, self._law, self._uncertain = p, Normal(_STEEP, spread), uncertain
         self._values = {"alpha": np.repeat(angles, speeds.size), "v0": float(p.v0) * np.tile(speeds, angles.size)}
 
     def of_model(self, name: str, model: CuttingModel, per_mass: PerMass) -> Iterator[Curve]:
-        """The curves of a model as it is, and with other k and ψ where they change its best angle or its erosion."""
-        settings = [("models", "", float(self._p.k), float(self._p.psi))]
-        for group, factors in _FACTORS.items() if not isinstance(model, Correlated) else ():
-            for factor in factors:
-                changed = {"k": float(self._p.k), "psi": float(self._p.psi)}
-                changed[group] *= factor
-                symbol = {"k": "k", "psi": "ψ"}[group]
-                settings.append((group, f"{symbol} = {changed[group]:.3g}", changed["k"], changed["psi"]))
-        varied = {"k": np.array([k for *_, k, _ in settings]), "psi": np.array([psi for *_, psi in settings])}
-        erosion = self._erosion(name, model, per_mass, varied)
-        single = float(alpha_max(model, self._p).alpha)
-        for (group, setting, *_), curve in zip(settings, erosion, strict=True):
-            alone = single if group == "models" else None
-            yield Curve(name, group, setting, curve, per_mass.density, single=alone)
+        """The curves of a model as it is, and with other k and ψ or with draws of what is uncertain."""
+        (erosion,) = self._erosion(name, model, per_mass, {"k": np.array([float(self._p.k)])})
+        yield Curve(name, "models", "", erosion, per_mass.density, single=float(alpha_max(model, self._p).alpha))
+        if isinstance(model, Correlated):
+            return
+        if self._uncertain is None:
+            yield from self._of_ranges(name, model, per_mass)
+        else:
+            yield from self._of_draws(name, model, per_mass, self._uncertain)
+
+    def _of_ranges(self, name: str, model: CuttingModel, per_mass: PerMass) -> Iterator[Curve]:
+        """The curves of a model with k and ψ at the ends of their ranges."""
+        case = {"k": float(self._p.k), "psi": float(self._p.psi)}
+        changed = [(group, case | {group: factor * case[group]}) for group, factors in _FACTORS.items()
+                   for factor in factors]  # fmt: skip
+        varied = {parameter: np.array([setting[parameter] for _, setting in changed]) for parameter in case}
+        for (group, setting), erosion in zip(changed, self._erosion(name, model, per_mass, varied), strict=True):
+            words = f"{QUANTITIES[group].symbol} = {setting[group]:.3g}"
+            yield Curve(name, group, words, erosion, per_mass.density)
+
+    def _of_draws(self, name: str, model: CuttingModel, per_mass: PerMass, uncertain: Uncertain) -> Iterator[Curve]:
+        """The curves of a model for draws of what is uncertain."""
+        draws = uncertain.draws(model)
+        shares = draws.pop(FRACTION, np.full(DRAWS, per_mass.cutting_fraction)) / per_mass.cutting_fraction
+        # A share alone still needs a parameter to loop over.
+        draws = draws or {"k": np.full(DRAWS, float(self._p.k))}
+        for begin in range(0, DRAWS, _AT_ONCE):
+            part = slice(begin, begin + _AT_ONCE)
+            erosion = self._erosion(name, model, per_mass, {key: values[part] for key, values in draws.items()})
+            for number, curve in enumerate(erosion * shares[part, None], begin + 1):
+                yield Curve(name, "draws", f"draw {number}", curve, per_mass.density)
 
     def of_correlation(self, name: str, model: CuttingModel, *, fits: bool, known: bool) -> Curve:
         """The curve of a correlation, whose absolute numbers may be made for another target."""

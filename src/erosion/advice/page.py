@@ -62,6 +62,10 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
     """What the advice rests on, names with their texts."""
     say, text = advice.language.say, advice.language.text
     notes = [(text("The case"), _case(advice)), (text("The jet"), _jet(advice))]
+    if advice.uncertain is not None:
+        spreads = (", " if not advice.language.comma else "; ").join(advice.uncertain.values)
+        name = say("{source}, each median with 95% of the values", source=str(advice.uncertain))
+        notes.append((name, advice.language.number(spreads)))
     if advice.particle is not None:
         grit = advice.particle
         notes.append((text("Particle"), f"{advice.particle_name}, {grit.density:g} kg/m³ ({grit.source})"))
@@ -71,12 +75,13 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
         density = "" if metal.density is None else f", {metal.density:g} kg/m³"
         stress = say("{target}, σ from {low} to {high} MPa", target=text(metal.name), low=low, high=high)
         notes.append((text("Target"), f"{stress}{density} ({metal.source})"))
-    if any(not curve.fits for curve in advice.group("correlations")):
+    if advice.uncertain is None and any(not curve.fits for curve in advice.group("correlations")):
         count = text("those that are not made for this metal count for the angle, not for the amount")
         notes.append((text("Correlations"), count))
     notes += [(text("Note"), sentence.rstrip(".")) for sentence in advice.warnings]
-    fraction = f"{advice.per_mass.cutting_fraction:.3g}"
-    notes.append((text("Cutting particles"), say("{fraction} of all (Finnie: about one half)", fraction=fraction)))
+    if advice.uncertain is None:
+        fraction = f"{advice.per_mass.cutting_fraction:.3g}"
+        notes.append((text("Cutting particles"), say("{fraction} of all (Finnie: about one half)", fraction=fraction)))
     return notes
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from erosion.advice.uncertain import Uncertain
 from erosion.language import ENGLISH, Language
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.parameters import Parameters
@@ -24,8 +25,8 @@ class Curve:
 
     Args:
         name: of the model or correlation.
-        group: "models", "k", "psi" or "correlations": what differs within the group.
-        setting: what differs from the case, "k = 1", or "".
+        group: "models", "k", "psi", "draws" or "correlations": what differs within the group.
+        setting: what differs from the case, "k = 1" or "draw 3", or "".
         erosion: volume per mass of abrasive at `NOZZLE_ANGLES`, shape (n,) [m³/kg].
         density: of the target [kg/m³], or None.
         fits: whether the absolute numbers are made for this target.
@@ -75,6 +76,7 @@ class Advice(Result):
         curves: every model, its variations, and every correlation.
         particle, target: where they were named.
         outside: sentences on correlations that are used outside of their range.
+        uncertain: the laws that took the place of the ranges of k and ψ, from a fit for example.
         language: of all texts but `to_dict`'s.
     """
 
@@ -86,6 +88,7 @@ class Advice(Result):
     particle: Particle | None = None
     target: Target | None = None
     outside: tuple[str, ...] = ()
+    uncertain: Uncertain | None = None
     language: Language = ENGLISH
 
     @functools.cached_property
@@ -94,27 +97,34 @@ class Advice(Result):
         return float(NOZZLE_ANGLES[int(np.argmax(self.worst_shares))])
 
     @property
+    def counted(self) -> Sequence[Curve]:
+        """The curves that decide: all of them, or after a fit those of the models, for its tests know this metal."""
+        if self.uncertain is None:
+            return self.curves
+        return [curve for curve in self.curves if curve.group != "correlations"]
+
+    @property
     def worst_shares(self) -> np.ndarray:
-        """At each angle the least of all curves' shares of their own greatest erosion, shape (n,)."""
-        return np.min([curve.shares for curve in self.curves], axis=0)
+        """At each angle the least of the counted curves' shares of their own greatest erosion, shape (n,)."""
+        return np.min([curve.shares for curve in self.counted], axis=0)
 
     @property
     def low(self) -> float:
-        """The least of the curves' own best angles [rad]."""
-        return min(curve.best for curve in self.curves)
+        """The least of the counted curves' own best angles [rad]."""
+        return min(curve.best for curve in self.counted)
 
     @property
     def high(self) -> float:
-        """The greatest of the curves' own best angles [rad]."""
-        return max(curve.best for curve in self.curves)
+        """The greatest of the counted curves' own best angles [rad]."""
+        return max(curve.best for curve in self.counted)
 
     @property
     def worst(self) -> float:
-        """The share of its own greatest erosion that every curve reaches at the advised angle."""
-        return min(curve.share(self.alpha) for curve in self.curves)
+        """The share of its own greatest erosion that every counted curve reaches at the advised angle."""
+        return min(curve.share(self.alpha) for curve in self.counted)
 
     def group(self, name: str) -> list[Curve]:
-        """The curves of a group; those of "k" and "psi" beside the models as they are."""
+        """The curves of a group; those of "k", "psi" and "draws" beside the models as they are."""
         return [curve for curve in self.curves if curve.group == name]
 
     @property
@@ -162,8 +172,8 @@ class Advice(Result):
         """What varies, the range of best angles, and what the advised angle gives."""
         say, text = self.language.say, self.language.text
         models = self.group("models")
-        count = text("one model") if len(models) == 1 else say("{count} models", count=str(len(models)))
-        at = f", k = {float(self.p.k):g}, ψ = {float(self.p.psi):g}"
+        count = models[0].name if len(models) == 1 else say("{count} models", count=str(len(models)))
+        at = f", k = {float(self.p.k):.4g}, ψ = {float(self.p.psi):.4g}"
         rows = [self._row(count + self.language.number(at), models)]
         for name, symbol in (("k", "k"), ("psi", "ψ")):
             varied = self.group(name)
@@ -171,16 +181,22 @@ class Advice(Result):
                 ends = list(dict.fromkeys(curve.setting.partition(" = ")[2] for curve in varied))
                 what = say("{symbol} from {low} to {high}", symbol=symbol, low=ends[0], high=ends[-1])
                 rows.append(self._row(what, varied))
+        draws = self.group("draws")
+        if draws:
+            what = say("{count} draws of {source}", count=str(len(draws)), source=str(self.uncertain))
+            rows.append(self._row(what, draws))
         correlations = self.group("correlations")
         if correlations:
             rows.append(self._row(say("{count} correlations of tests", count=str(len(correlations))), correlations))
+            rows += [self._row(f"· {curve.name}", [curve]) for curve in correlations]
         singles = [curve.single for curve in models if curve.single is not None]
         rows.append((text("the models without the spread of the jet"), self._between(singles), "", ""))
         return rows
 
     def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
         best = self._between([curve.best for curve in curves])
-        least = self.language.say("at least {share}%", share=_percent(min(curve.share(self.alpha) for curve in curves)))
+        share = _percent(min(curve.share(self.alpha) for curve in curves))
+        least = f"{share}%" if len(curves) == 1 else self.language.say("at least {share}%", share=share)
         return what, best, least, self.span([curve for curve in curves if curve.fits])
 
     def _between(self, angles: Sequence[float]) -> str:
@@ -200,22 +216,12 @@ class Advice(Result):
     @property
     def statements(self) -> list[str]:
         """The advice in sentences."""
-        say = self.language.say
-        sentences = [
-            say(
-                "Set the nozzle to {angle} from the surface. There every model and correlation removes at least "
-                "{share}% of what it removes at its own best angle; these best angles lie from {low} to {high}.",
-                angle=degrees(self.alpha),
-                share=_percent(self.worst),
-                low=degrees(self.low),
-                high=degrees(self.high),
-            ),
-            self._amount(),
-            self._narrowing(),
-        ]
+        sentences = [self._setting(), self._amount(), self._narrowing()]
         if self.particle is not None and self.particle.shape == "round":
             sentences.append(
-                say("The models take a sharp edge; round particles plough more and cut less, so expect less.")
+                self.language.say(
+                    "The models take a sharp edge; round particles plough more and cut less, so expect less."
+                )
             )
         return sentences
 
@@ -234,17 +240,45 @@ class Advice(Result):
         name, gap, rest = message.partition(" ")
         return name + gap + self.language.text(rest) if message in self.outside else self.language.text(message)
 
+    def _setting(self) -> str:
+        """The advised angle, and what it is worth by the curves that count."""
+        say = self.language.say
+        numbers = {"angle": degrees(self.alpha), "share": _percent(self.worst), "low": degrees(self.low),
+                   "high": degrees(self.high)}  # fmt: skip
+        if self.uncertain is None:
+            return say(
+                "Set the nozzle to {angle} from the surface. There every model and correlation removes at least "
+                "{share}% of what it removes at its own best angle; these best angles lie from {low} to {high}.",
+                **numbers,
+            )
+        return say(
+            "Set the nozzle to {angle} from the surface. There each of {count} draws of {source} removes at least "
+            "{share}% of what it removes at its own best angle; these best angles lie from {low} to {high}. The "
+            "correlations are shown beside them, but do not count.",
+            **numbers,
+            count=str(len(self.group("draws"))),
+            source=str(self.uncertain),
+        )
+
     def _amount(self) -> str:
         say = self.language.say
         models = [curve for curve in self.curves if curve.group != "correlations"]
         fitting = [curve for curve in self.group("correlations") if curve.fits]
-        numbers = {"amount": self.span(models), "unit": self.unit, "fraction": f"{self.per_mass.cutting_fraction:.3g}"}
-        if fitting:
+        share = self.per_mass.cutting_fraction
+        fraction = self.language.text("all") if share == 1 else f"{share:.3g}"
+        numbers = {"amount": self.span(models), "unit": self.unit, "fraction": fraction}
+        numbers |= {"tests": self.span(fitting)} if fitting else {}
+        if fitting and self.uncertain is not None:
+            text = say(
+                "The draws remove {amount} {unit} there if {fraction} of the particles cut; the correlations for this "
+                "metal, which are made from other tests, {tests} {unit}.",
+                **numbers,
+            )
+        elif fitting:
             text = say(
                 "The models remove {amount} {unit} there if {fraction} of the particles cut, and the correlations for "
                 "this metal {tests} {unit}: trust these more.",
                 **numbers,
-                tests=self.span(fitting),
             )
         else:
             text = say("The models remove {amount} {unit} there if {fraction} of the particles cut.", **numbers)
@@ -252,6 +286,11 @@ class Advice(Result):
 
     def _narrowing(self) -> str:
         """What would narrow the range of best angles most."""
+        if self.uncertain is not None:
+            return self.language.say(
+                "What would narrow it: more tests. “erosion calibrate” with --posterior and --next-experiment says at "
+                "which angle and speed one more test tells most."
+            )
         models, text = self.group("models"), self.language.text
         spans = {text("the choice of the model"): _width(models)}
         for name, words in (("k", text("the force ratio k")), ("psi", text("the contact ratio ψ"))):
@@ -280,6 +319,7 @@ class Advice(Result):
             "density": self.per_mass.density, "cutting_fraction": self.per_mass.cutting_fraction,
             "particle": None if self.particle is None else str(self.particle),
             "target": None if self.target is None else str(self.target),
+            "uncertain": None if self.uncertain is None else str(self.uncertain),
             "curves": curves, "statements": self.statements,
         }  # fmt: skip
         return to_plain(numbers)

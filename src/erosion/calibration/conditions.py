@@ -7,7 +7,7 @@ import numpy as np
 
 from erosion.calibration.measurements import Measurements
 from erosion.parameters.quantities import QUANTITIES
-from erosion.parameters.units import System, unit_name
+from erosion.parameters.units import System
 
 MOST = 12  # groups that a figure can tell apart
 _DIGITS = 3  # speeds and masses that agree to so many are the same
@@ -57,8 +57,7 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
 
 
 def describe(values: Mapping[str, float], units: System, sign: str = "=") -> str:
-    """Parameters in words: "v₀ = 30 m/s, m = 3.7e-08 kg"."""
+    """Parameters in words: "v₀ = 30 m/s, m = 37 µg"."""
     return ", ".join(
-        f"{QUANTITIES[name].symbol} {sign} {value:.4g} {unit_name(QUANTITIES[name].dimension, units)}"
-        for name, value in values.items()
+        f"{QUANTITIES[name].symbol} {sign} {QUANTITIES[name].in_words(value, units)}" for name, value in values.items()
     )

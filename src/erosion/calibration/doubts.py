@@ -159,13 +159,13 @@ def _at_bounds(fit: "Calibration") -> list[str]:
         if name in fit.undetermined:
             continue
         marks = touched.get(name, ())
-        bound = {side: fit.bounds[name][i] for i, side in enumerate(("lower", "upper"))}
+        bound = {side: fit.in_words(name, fit.bounds[name][i], 6) for i, side in enumerate(("lower", "upper"))}
         estimate = next((side for side in bound if f"estimate at {side}" in marks), None)
         ends = [side for side in bound if f"interval at {side}" in marks]
         if estimate is not None:
-            said.append(f"{name} is at its {estimate} bound, {bound[estimate]:.6g}: its error means nothing.")
+            said.append(f"{name} is at its {estimate} bound, {bound[estimate]}: its error means nothing.")
         elif ends:
-            places = " and ".join(f"its {side} bound, {bound[side]:.6g}" for side in ends)
+            places = " and ".join(f"its {side} bound, {bound[side]}" for side in ends)
             said.append(f"The interval of {name} ends at {places}: the data do not end it there.")
         elif name not in fit.undecided:
             said += _misshapen(fit, at)

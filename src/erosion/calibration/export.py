@@ -1,13 +1,16 @@
 """A fit, or a model and its case, in the forms of CFD codes; a fit also as a case file."""
 
 import dataclasses
+import itertools
 import string
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from erosion.calibration.conditions import MOST, conditions
+from erosion.calibration.forward import SCALE
 from erosion.calibration.result import Calibration
 from erosion.engine.impact import impact
 from erosion.exports.fluent import AngleTable, angle_table
@@ -17,12 +20,15 @@ from erosion.exports.reach import ANGLES, Reach
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
-from erosion.parameters.case_files import dump_case
+from erosion.parameters.case_files import dump_case, toml_string
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import System, conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20
+_CUT = 0.025  # the share of a law beyond a bound of its parameter, from which it is no longer normal
+_SHARP = 1e-9  # errors of exact data, which are rounding
 _PLAIN = {*string.ascii_letters, *string.digits, *"=./_-+:"}  # characters that a shell takes as they are
 _Exported = Calibration | CuttingModel | str | Path
 
@@ -113,31 +119,76 @@ def _particle(
     return particle, particle.origin(), p
 
 
-def to_case(calibration: Calibration, path: str = "fitted.toml") -> str:
+def to_case(
+    calibration: Calibration, path: str = "fitted.toml", *, particle: str | None = None, target: str | None = None
+) -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
-    What a case file has no field for, the model and its own parameters, is in comments.
+    The model, its own parameters and the errors of the estimates, as laws, are in the table [advise], which
+    `erosion advise` reads. Other verbs take them from the command in the comment.
 
     Args:
         calibration: the fit.
         path: the file's, for the command in its comment.
+        particle: its name and size, where the case has it by name.
+        target: its name, where the case has it by name.
     """
     lines = _origin(calibration)
     lines += calibration.statements
     lines.append(f"The best angle of this fit: {command(calibration, path)}")
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
     case = dump_case(exported_case(calibration), calibration.title)
-    return commented(text, "#") + case + _per_mass(calibration)
+    names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
+    named = "".join(f"{name} = {toml_string(value)}\n" for name, value in names.items())
+    return commented(text, "#") + case + named + _per_mass(calibration) + _for_advice(calibration)
+
+
+def _for_advice(calibration: Calibration) -> str:
+    """The table [advise] of a case file; without laws where the data does not determine all parameters."""
+    own = {name: float(parameter.value) for name, parameter in own_parameters(calibration.model).items()}
+    lines = ["", "[advise]", f"model = {toml_string(model_name(calibration.model))}"]
+    if own:
+        lines.append(f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}")
+    laws = _laws(calibration)
+    if laws:
+        lines.append("uncertain = { " + ", ".join(f'{name} = "{law}"' for name, law in laws.items()) + " }")
+    names, correlation = calibration.names, calibration.correlation
+    # A little less than the fit has, so that rounding cannot make it impossible.
+    pairs = {f"{first},{second}": (1 - 1e-6) * float(correlation[names.index(first), names.index(second)])
+             for first, second in itertools.combinations(laws, 2)}  # fmt: skip
+    if pairs:
+        lines.append("correlation = { " + ", ".join(f'"{pair}" = {value!r}' for pair, value in pairs.items()) + " }")
+    return "\n".join(lines) + "\n"
+
+
+def _laws(calibration: Calibration) -> dict[str, str]:
+    """The law of each estimate, normal in its θ; one that a bound cuts is uniform over the 95 % interval."""
+    errors = np.sqrt(np.diag(calibration.covariance_of_theta)) if not calibration.undetermined else np.array([np.nan])
+    if not np.isfinite(errors).all():
+        return {}
+    problem, theta, laws = calibration.problem, calibration.solution.theta, {}
+    for i, name in enumerate(calibration.names):
+        if name == SCALE or errors[i] < _SHARP * max(1.0, abs(theta[i])):
+            continue
+        log = "log" if problem.forward.logarithmic[i] else ""
+        outside = stats.norm.cdf([(problem.lower[i] - theta[i]) / errors[i], (theta[i] - problem.upper[i]) / errors[i]])
+        low, high = calibration.intervals()[name]
+        if outside.max() < _CUT:
+            error = errors[i] if log else calibration.standard_errors[name]
+            laws[name] = f"{log}normal({calibration.estimates[name]!r}, {float(error)!r})"
+        elif np.isfinite([low, high]).all() and low < high:
+            laws[name] = f"{log}uniform({low!r}, {high!r})"
+    return laws
 
 
 def _per_mass(calibration: Calibration) -> str:
     """The lines of a case file on erosion per mass of abrasive."""
-    lines, density = [], calibration.problem.forward.density
+    lines, density = list[str](), calibration.problem.forward.density
     if density is not None:
         in_si = density * conversion_factor("density", calibration.p.units, "si")
         lines.append(f'density = "{in_si:.15g} kg/m^3"  # of the target')
-    if calibration.cutting_fraction != 1:
-        lines.append(f"cutting_fraction = {calibration.cutting_fraction!r}  # share of the particles that cut")
+    # Also where all particles cut: `advise` takes another share without it.
+    lines.append(f"cutting_fraction = {calibration.cutting_fraction!r}  # share of the particles that cut")
     return "".join(line + "\n" for line in lines)
 
 
@@ -150,8 +201,26 @@ def command(calibration: Calibration, path: str) -> str:
     """
     words = ["erosion", "optimum", "--case", path, "--model", model_name(calibration.model)]
     for name, parameter in own_parameters(calibration.model).items():
-        unit = parameter.quantity.unit(calibration.p.units)
-        words += ["--set", f"{name}={float(parameter.value):.9g}" + (f" {unit}" if unit != "1" else "")]
+        value = f"{name}={float(parameter.value):.9g}"
+        words += ["--set", _with_unit(value, parameter.quantity, calibration.p.units)]
+    return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
+
+
+def _with_unit(number: str, quantity: Quantity, units: System) -> str:
+    """A number with its unit as programs read it."""
+    unit = quantity.unit(units)
+    return number if unit == "1" else f"{number} {unit}"
+
+
+def advice_command(case_file: Path | None, draws: Path | None) -> str:
+    """The command that advises a nozzle's angle by a fit.
+
+    Args:
+        case_file: that `to_case` has written.
+        draws: that `Posterior.save` has written.
+    """
+    words = ["erosion", "advise", *([] if case_file is None else [str(case_file)])]
+    words += [] if draws is None else ["--uncertain", str(draws)]
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
 
 
@@ -183,8 +252,11 @@ def _origin(calibration: Calibration) -> list[str]:
     p, data = exported_case(calibration), calibration.data
     return [
         f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(data)} rows of {data.source}",
-        ", ".join(f"{name} = {value:.6g}" for name, value in calibration.estimates.items())
-        + f" ({p.units} units), at v0 = {float(p.to('si').v0):.6g} m/s",
+        ", ".join(
+            _with_unit(f"{name} = {calibration.estimates[name]:.6g}", quantity, p.units)
+            for name, quantity in calibration.quantities.items()
+        )
+        + f", at v0 = {float(p.to('si').v0):.6g} m/s",
         *_other_speeds(calibration, p),
     ]
 

@@ -149,8 +149,9 @@ def unit_system(path: Path) -> System | None:
         with path.open(encoding="utf-8-sig", newline="") as file:
             cells = next(_lines(file, path)[0])[1]
         given = dict(map(header_parts, cells))
-        systems = (system_of_unit(given[name]) for name in (*REMOVALS, "speed", "mass") if name in given)
-        return next((system for system in systems if system is not None), None)
+        units = (given.get(name, "") for name in (*REMOVALS, "speed", "mass"))
+        known: list[System] = [system for unit in units if (system := system_of_unit(unit)) is not None]
+        return known[0] if known else None
     return None
 
 

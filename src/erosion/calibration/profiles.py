@@ -26,11 +26,13 @@ class Profile(Result):
         name: of the parameter.
         values: ascending, shape (points,).
         rise: Δχ² above the best fit, shape (points,); a quadratic where the fit is linear.
+        unit: of the values, empty for pure numbers.
     """
 
     name: str
     values: np.ndarray
     rise: np.ndarray
+    unit: str = ""
 
     @property
     def title(self) -> str:
@@ -40,7 +42,7 @@ class Profile(Result):
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        return (self.name, "Δχ²")
+        return (f"{self.name} [{self.unit}]" if self.unit else self.name, "Δχ²")
 
     def rows(self) -> list[tuple[str, str]]:
         """Value and rise of each point."""

@@ -16,7 +16,7 @@ from erosion.calibration.measurements import read_measurements
 from erosion.calibration.result import Calibration
 from erosion.models import load_model, model_name, usable_models
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import quantities
+from erosion.models.own_parameters import own_in_words, quantities
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.scales import Scale, table_scale
 from erosion.tables import Result, format_number, to_plain
@@ -62,10 +62,27 @@ class Ranking(Result):
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """Sentences on models that cannot be distinguished, on failures, and on the best fit."""
-        ties = [f"{', '.join(tie[:-1])} and {tie[-1]} give the same curve: these data cannot tell them apart."
-                for tie in self.ties]  # fmt: skip
-        return (*self._poor(), *ties, *self._equals(), *self.failures, *self.best.statements)
+        """Sentences on models that cannot be distinguished, on what is held, on failures, and on the best fit."""
+        return (
+            *self._poor(), *self._tied(), *self._equals(), *self._held(), *self.failures, *self.best.statements
+        )  # fmt: skip
+
+    def _tied(self) -> tuple[str, ...]:
+        """A sentence on the models of the same curve."""
+        groups = [f"{', '.join(tie[:-1])} and {tie[-1]}" for tie in self.ties]
+        if len(groups) < 2:
+            return tuple(f"{group} give the same curve: these data cannot tell them apart." for group in groups)
+        return (f"These data cannot tell models of the same curve apart: {'; '.join(groups)}.",)
+
+    def _held(self) -> tuple[str, ...]:
+        """A sentence on the own parameters of the models that were not fitted."""
+        models: dict[str, list[str]] = {}
+        for name, fit in zip(self.names, self.fits, strict=True):
+            models.setdefault(own_in_words(fit.model, but=fit.names, units=fit.p.units), []).append(name)
+        held = [f"{own} ({', '.join(names)})" for own, names in models.items() if own]
+        if not held or len(self.fits) < 2:
+            return ()
+        return (f"Own parameters that are not free are held: {'; '.join(held)}.",)
 
     def _poor(self) -> tuple[str, ...]:
         """A sentence where no one of several models fits."""
@@ -86,24 +103,34 @@ class Ranking(Result):
         """A row for each model."""
         rows = []
         for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True):
-            values = ", ".join(f"{key} = {value:.4g}{_mark(fit, key)}" for key, value in fit.estimates.items())
             size = self._scale().size
             reduced = fit.data.uncertainty is not None
             misfit = format_number(fit.chi2 / fit.degrees_of_freedom, 3) if reduced else format_number(fit.rms, 4, size)
             left_out = format_number(fit.leave_one_out, 4, size)
-            rows.append((name, f"{abs(fit.aicc - self.best.aicc):.2f}", f"{weight:.1%}", misfit, left_out, values))
+            difference = f"{abs(fit.aicc - self.best.aicc):.2f}"
+            rows.append((name, difference, f"{weight:.1%}", misfit, left_out, self._estimates(fit)))
         return rows
+
+    def _estimates(self, fit: Calibration) -> str:
+        """The estimates in words; of models of the same curve, the first one that has it."""
+        words, name = _in_words(fit), model_name(fit.model)
+        first = next((tie[0] for tie in self.ties if name in tie[1:]), None)
+        if first is None:
+            return words
+        return f"same as {first}" if words == _in_words(self.fits[self.names.index(first)]) else (
+            f"{words} (curve of {first})"
+        )  # fmt: skip
 
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
         unit = f" [{self._scale().unit}]" if self._scale().unit else ""
         misfit = f"rms{unit}" if self.best.data.uncertainty is None else "χ²/dof"
-        return ("model", "ΔAICc", "weight", misfit, f"left-out error{unit}", "estimates")
+        return ("model", "ΔAICc", "weight", misfit, f"left out{unit}", "estimates")
 
     def _scale(self) -> Scale:
         """The unit in which errors read well."""
-        return table_scale(self.best.data.dimension, self.best.p.units, self.best.leave_one_out)
+        return table_scale(self.best.data.dimension, self.best.p.units, self.best.rms)
 
     def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""
@@ -197,12 +224,19 @@ def _free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[S
     return of_each
 
 
-def _mark(fit: Calibration, name: str) -> str:
-    """What the estimate is worth, where that is little."""
-    if name in fit.undetermined:
-        return " (not determined)"
-    if name in fit.undecided:
-        return " (not decided)"
+def _in_words(fit: Calibration) -> str:
+    """The estimates, then the parameters whose estimates mean nothing: "psi = 0.13, k not determined"."""
+    left_open = dict.fromkeys(fit.undetermined, "not determined") | dict.fromkeys(fit.undecided, "not decided")
+    known = [
+        f"{name} = {fit.in_words(name, value)}{_at_bound(fit, name)}"
+        for name, value in fit.estimates.items()
+        if name not in left_open
+    ]
+    return ", ".join([*known, *(f"{name} {state}" for name, state in left_open.items())])
+
+
+def _at_bound(fit: Calibration, name: str) -> str:
+    """Which bound the estimate touches, if any."""
     sides = [side for side in ("lower", "upper") if f"estimate at {side}" in fit.bounds_touched().get(name, ())]
     return f" (at its {sides[0]} bound)" if sides else ""
 

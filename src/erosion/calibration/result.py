@@ -20,12 +20,15 @@ from erosion.calibration.patterns import Pattern, are_noise, find_patterns
 from erosion.calibration.profiles import Profile, Ridge
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import quantities
+from erosion.models.own_parameters import own_parameters, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import Quantity, quantity_row
 from erosion.parameters.scales import table_scale
+from erosion.parameters.units import unit_name
 from erosion.tables import Result, Row, format_number, to_plain
 
+_ROUNDING = 1e-9  # of leverages
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
 
 
@@ -75,6 +78,16 @@ class Calibration(Result):
     def estimates(self) -> dict[str, float]:
         """The best value of each free parameter, in the case's units."""
         return self.problem.forward.values(self.solution.theta)
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Symbol, meaning and dimension of each free parameter."""
+        known = {**quantities(self.model), **FACTORS}
+        return {name: known[name] for name in self.names}
+
+    def in_words(self, name: str, value: float, digits: int = 4) -> str:
+        """A value of a free parameter with its unit: "7.25 m/s"."""
+        return self.quantities[name].in_words(value, self.p.units, digits)
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -171,12 +184,13 @@ class Calibration(Result):
         """Root mean square of the errors at rows left out of the fit, in the data's dimension.
 
         From the leverage of each row (Allen's PRESS): exact for linear models, and to first
-        order in the noise for these.
+        order in the noise for these. Infinite where one row alone determines a parameter.
         """
         leverage = np.sum((self.solution.jacobian @ self.identifiability.modes) ** 2, axis=1)
-        with np.errstate(divide="ignore"):
-            alone = self.residuals / (1 - leverage)
-        return float(np.sqrt(np.mean(alone**2)))
+        rest = 1 - leverage
+        if np.min(rest) < _ROUNDING:
+            return np.inf
+        return float(np.sqrt(np.mean((self.residuals / rest) ** 2)))
 
     @functools.cached_property
     def identifiability(self) -> Identifiability:
@@ -258,24 +272,29 @@ class Calibration(Result):
         rise = self._ridge(at).rises(offsets, self._variance / 2)
         values = forward.from_theta(name, best + offsets)
         if np.isnan(rise + offsets).any():
-            raise CalibrationError(
-                f"The profile of {name} cannot be made: the model fails near {self.estimates[name]:g}."
-            )
-        return Profile(name, values, 2 * rise / self._variance)
+            where = self.in_words(name, self.estimates[name])
+            raise CalibrationError(f"The profile of {name} cannot be made: the model fails near {where}.")
+        return Profile(
+            name, values, 2 * rise / self._variance, unit_name(self.quantities[name].dimension, self.p.units)
+        )
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Estimates with standard errors and intervals of `level`."""
-        quantity_of = {**quantities(self.model), **FACTORS}
         rows = []
-        for name in self.names:
-            quantity = quantity_of[name]
+        for name, quantity in self.quantities.items():
             scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
             value, meaning = doubts.in_words(self, name, level, scale.size)
             rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
+        rows += [
+            quantity_row(name, own.quantity, float(own.value), self.p.units)._replace(meaning="held")
+            for name, own in own_parameters(self.model).items()
+            if name not in self.names
+        ]
         scale = table_scale(self.data.dimension, self.p.units, self.rms)
         rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
         left_out = format_number(self.leave_one_out, 4, scale.size)
-        rows.append(Row("leave_one_out", "", left_out, scale.unit, "rms at rows left out"))
+        alone = "" if np.isfinite(self.leave_one_out) else ": there is a row without which a parameter is open"
+        rows.append(Row("leave_one_out", "", left_out, scale.unit, f"rms at rows left out{alone}"))
         if self.data.uncertainty is not None:
             rows.append(
                 Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import user_errors
+from erosion.cli.fitted import FIELDS, FitOptions, GivenFit
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, LangOption, load, read_option, with_file
+from erosion.cli.options import AllAngles, CaseFile, JsonOption, LangOption, read_option, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import progress_bar
 
 if TYPE_CHECKING:
     from erosion.advice.result import Advice
+    from erosion.advice.uncertain import Uncertain
+    from erosion.posteriors.files import Draws
 
 
 def advise(
@@ -30,6 +33,7 @@ def advise(
     speed_spread: Annotated[float, Parameter(help="Standard deviation of the speeds: 0.1 is 10 %.")] = 0.0,
     abrasive: PerMassOptions | None = None,
     model: ModelsOption = None,
+    fit_of_tests: FitOptions | None = None,
     output: Annotated[
         Path | None, Parameter(name=("--output", "-o"), help="Also write it as a page: advice.html or advice.pdf.")
     ] = None,
@@ -42,35 +46,49 @@ def advise(
     Give --particle, --target and --v0. Models, correlations, the force ratio k,
     the contact ratio ψ and the spread of the jet are compared. Without
     --cutting-fraction half of the particles cut, as Finnie found.
+
+    After tests of your own: --uncertain with the draws of `calibrate --posterior
+    -o`, or the case file of `calibrate --write-case`. They take the place of the
+    ranges of k and ψ, and the correlations do not count.
     """
     options = with_file(case, file)
     options.refuse_angle("all angles of the nozzle are compared")
     p = options.parameters()
     deviation = read_option("spread", spread, "angle", "si")
-    grit, metal = options.materials()
-    from erosion.advice.advise import CUTTING_FRACTION, MODELS, advise_case
-
-    per_mass = (abrasive or PerMassOptions()).per_mass(options, CUTTING_FRACTION)
-    names = chosen_models(model) or list(MODELS)
-    _require(output, plot, (options.case, *names), lang)
-    for name in names:
-        load(name)
+    fit = GivenFit(fit_of_tests or FitOptions(), options, options.section("advise", FIELDS))
+    _require(output, plot, (options.case, *fit.files, *(model or ())), lang)
+    models = fit.models(chosen_models(model), p)
+    uncertain, draws = fit.uncertain(models, p)
+    per_mass = (abrasive or PerMassOptions()).per_mass(options, _usual_fraction(uncertain, draws))
     start_engine()
+    from erosion.advice.advise import advise_case
+
     with progress_bar("advise") as progress, user_errors():
-        advice = advise_case(p, grit, metal, (deviation, speed_spread), per_mass, names, progress)
+        advice = advise_case(p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress)
     with user_errors():
         _write(advice, output, plot, lang)
     printed = Output("advise", p, options.case, json=json)
     for message in advice.warnings:
         if message not in printed.warnings:
             printed.warn(message)
+    for part in draws:
+        printed.warn_all([part.doubts(model, advice.p, advice.per_mass.cutting_fraction) for model in models.values()])
     if json:
         from erosion.advice.result import UNITS
 
-        printed.document(advice.to_dict(), {name: load(name) for name in names}, UNITS)
+        printed.document(advice.to_dict(), models, UNITS)
         return
     print_table(advice.title, advice.rows(), advice.headings, (), advice.statements)
     print_paths(figure=plot, page=output)
+
+
+def _usual_fraction(uncertain: "Uncertain | None", draws: "Sequence[Draws]") -> float:
+    """The share of the particles that cut, where nothing gives it: that of the fit, or Finnie's."""
+    from erosion.advice.advise import CUTTING_FRACTION, FRACTION_OF_A_FIT
+
+    if uncertain is None:
+        return CUTTING_FRACTION
+    return next((part.cutting_fraction for part in draws if part.cutting_fraction is not None), FRACTION_OF_A_FIT)
 
 
 def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any], lang: str) -> None:

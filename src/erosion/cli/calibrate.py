@@ -74,7 +74,7 @@ def calibrate(
         along_profile = None if profile is None else ranking.best.profile(profile)
         drawn = draw.drawn(p, measured, chosen, fit, laws, progress)
     try:
-        written, warnings, refused = *files.write(ranking, level), None
+        written, warnings, refused = *files.write(ranking, level, options), None
         written += [] if drawn is None else draw.write(drawn)
     except InputError as error:
         # A fit takes longer than any file: it is shown first.
@@ -84,7 +84,7 @@ def calibrate(
     if json:
         _document(output, ranking, level, along_profile, drawn)
     else:
-        sentences = _advice(ranking, None if refused else files.write_case, drawn)
+        sentences = _advice(ranking, *((None, None) if refused else (files.write_case, draw.output)), drawn)
         _print(_tables(ranking, level, along_profile, drawn), written, sentences)
     if refused is not None:
         raise refused
@@ -109,12 +109,18 @@ def _of_draws(drawn: "Drawn | None") -> list[str]:
     return [] if drawn is None else [f"posterior: {sentence}" for sentence in drawn.posteriors.statements]
 
 
-def _advice(ranking: "Ranking", case_file: Path | None, drawn: "Drawn | None") -> list[str]:
-    """The command for the best angle, where a case is written, and what to measure next, where that is asked for."""
-    from erosion.calibration.export import command
+def _advice(ranking: "Ranking", case_file: Path | None, draws: Path | None, drawn: "Drawn | None") -> list[str]:
+    """The commands for the best angle and the advice, and what to measure next, where that is asked for."""
+    from erosion.calibration.export import advice_command, command
 
-    best_angle = [] if case_file is None else [f"the best angle of this fit: {command(ranking.best, str(case_file))}"]
-    return best_angle + ([] if drawn is None or drawn.experiment is None else [drawn.experiment.sentence])
+    lines = [] if case_file is None else [f"the best angle of this fit: {command(ranking.best, str(case_file))}"]
+    if case_file is not None:
+        lines.append(f"a nozzle's angle by this fit: {advice_command(case_file, draws)}")
+    elif draws is not None:
+        lines.append(f"a nozzle's angle by this fit, with the case's options: {advice_command(None, draws)}")
+    else:
+        lines.append("a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml")
+    return lines + ([] if drawn is None or drawn.experiment is None else [drawn.experiment.sentence])
 
 
 def _require_one_model(own: list[str] | None, names: list[str]) -> None:
@@ -131,7 +137,7 @@ def _tables(
         tables.append((ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4)))
     tables.append((ranking.best.title, ranking.best.rows(level)))
     if profile is not None:
-        tables.append((f"profile of {profile.name}", profile.rows(), (profile.name, "Δχ²"), (0, 1)))
+        tables.append((profile.title, profile.rows(), profile.headings, (0, 1)))
     if drawn is not None:
         posteriors, experiment = drawn
         if len(posteriors.posteriors) > 1:
@@ -166,6 +172,10 @@ def _document(
     """The best fit, the ranking of several models, the profile and the posteriors as JSON."""
     from erosion.models.own_parameters import quantities
 
+    fits = dict(zip(ranking.names, ranking.fits, strict=True))
+    units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
+             for name, quantity in quantities(fit.model).items()}  # fmt: skip
+    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
     content = _fit_as_json(ranking.best, level)
     if _ranks_several(ranking):
         content["ranking"] = [
@@ -174,15 +184,12 @@ def _document(
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
+        units["values"] = profile.unit or "1"
     if drawn is not None:
         parts = [_as_json(part) for part in drawn.posteriors.to_dict(level)["posteriors"]]
         content["posterior"], content["posteriors"] = parts[0], parts
         if drawn.experiment is not None:
             content["next_experiment"] = drawn.experiment.to_dict()
-    fits = dict(zip(ranking.names, ranking.fits, strict=True))
-    units = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
-             for name, quantity in quantities(fit.model).items()}  # fmt: skip
-    units |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.data.erosion_unit)
     output.document(content, {name: fit.model for name, fit in fits.items()}, units)
 
 

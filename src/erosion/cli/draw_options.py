@@ -44,7 +44,8 @@ class DrawOptions:
     output: Annotated[
         Path | None,
         Parameter(
-            name=("--output", "-o"), help="Keep the likeliest model's draws in this file (.nc), for `map --uncertain`."
+            name=("--output", "-o"),
+            help="Keep the likeliest model's draws in this file (.nc), for --uncertain of map, stream and advise.",
         ),
     ] = None
     plot_pairs: Annotated[Path | None, Parameter(help="Draw each pair of parameters.")] = None

@@ -104,7 +104,7 @@ def export(
         output.document(result, {model: chosen}, {"p": "Pa"})
         return
     rows = [(str(part.path), part.line) for part in parts.values()]
-    print_table(f"{in_full(model, chosen)}: for CFD codes", rows, ("file", "holds"), numbers=())
+    print_table(f"{in_full(model, chosen, p.units)}: for CFD codes", rows, ("file", "holds"), numbers=())
 
 
 def _require_one(outputs: _Outputs) -> None:

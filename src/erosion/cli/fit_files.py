@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import user_errors
+from erosion.cli.options import CaseOptions
 from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class FitFiles:
         """Know before the fit that all files can be written, and that none of them is read."""
         require_outputs(self.openfoam, self.fluent, self.write_case, plot=self.plot, inputs=inputs)
 
-    def write(self, ranking: "Ranking", level: float) -> tuple[list[Path], list[str]]:
+    def write(self, ranking: "Ranking", level: float, options: CaseOptions) -> tuple[list[Path], list[str]]:
         """Write the files; gives their paths, and what they lack."""
         from erosion.calibration import CalibrationError, to_case, to_fluent, to_openfoam
         from erosion.calibration.export import command
@@ -50,11 +51,11 @@ class FitFiles:
                     texts.append((path, form.text()))
                     warnings += [form.warning] if form.warning else []
             if self.write_case is not None:
-                texts.append((self.write_case, to_case(best, str(self.write_case))))
+                texts.append((self.write_case, to_case(best, str(self.write_case), **options.names())))
                 if {*best.names} & {*own_parameters(best.model)}:
                     warnings.append(
-                        f"{self.write_case} holds neither the model nor its own parameters: "
-                        f"use it as `{command(best, str(self.write_case))}`."
+                        f"{self.write_case} holds the model and its own parameters for `erosion advise` alone: "
+                        f"elsewhere use it as `{command(best, str(self.write_case))}`."
                     )
             written = []
             if self.plot is not None:

@@ -1,7 +1,7 @@
 """Laws at the command line and in case files: of what varies from particle to particle, and of what is uncertain."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -176,6 +176,17 @@ class GivenLaws:
         return tied[0], tied[1]
 
 
+def require_same_model(draws: "Sequence[Draws]", model: "CuttingModel", where: str) -> None:
+    """Refuse draws of another model's parameters, which mean something else."""
+    from erosion.models import model_name
+
+    for part in draws:
+        if part.model != model_name(model):
+            raise InputError(
+                f"{where}: {part.path} has the parameters of {part.model}, but Option `--model` is {model_name(model)}."
+            )
+
+
 def _is_file(text: str) -> bool:
     return text.strip().endswith((".nc", ".csv"))
 
@@ -243,15 +254,8 @@ class CaseAndLaws:
 
     def read_laws(self) -> "tuple[dict[str, Any], dict[str, Any], list[Draws]]":
         """As of `GivenLaws.read`; draws of another model's parameters, which mean something else, are refused."""
-        from erosion.models import model_name
-
         varied, uncertain, draws = self.given.read(self.base, self.p.units, self.laws)
-        for part in draws:
-            if part.model != model_name(self.base):
-                raise InputError(
-                    f"{self.given.uncertain[0]}: {part.path} has the parameters of {part.model}, but Option `--model` "
-                    f"is {model_name(self.base)}."
-                )
+        require_same_model(draws, self.base, self.given.uncertain[0])
         return varied, uncertain, draws
 
 

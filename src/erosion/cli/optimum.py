@@ -109,7 +109,8 @@ def _print(model: str, best: "Optimum", per_mass: "PerMass") -> None:
     from erosion.parameters.quantities import QUANTITIES, quantity_row
     from erosion.tables import Row
 
-    title = f"{in_full(model, best.model)}: the angle of {'least' if best.least else 'greatest'} {best.objective}"
+    extreme = "least" if best.least else "greatest"
+    title = f"{in_full(model, best.model, best.p.units)}: the angle of {extreme} {best.objective}"
     *rows, certificate = best.rows()
     print_table(title, [*rows, *per_mass.rows(best.volume, best.p), certificate])
     value = best.value_row(best.value)

@@ -74,8 +74,11 @@ class CaseOptions:
         with user_errors(), warnings.catch_warnings():
             warnings.simplefilter("ignore", SizeWarning)
             p = TABLE_1 if self.case is None else load_case(self.case)
-            if self.units is not None:
-                p = p.to(self.units)
+            # Who names a particle and its size in mm means m/s by a bare 100; a case file says its own units.
+            in_si = self.units is None and self.case is None and self.particle is not None
+            units = "si" if in_si else self.units
+            if units is not None:
+                p = p.to(units)
             if self.particle is not None:
                 p = self._replaced(p, p.with_particle(self.particle), "particle")
             if self.target is not None:
@@ -113,6 +116,15 @@ class CaseOptions:
                 grit if self.particle is None else particle(self.particle),
                 metal if self.target is None else target(self.target),
             )
+
+    def names(self) -> dict[str, str]:
+        """The names of the particle and the target as they are typed, in options or the case file; options win."""
+        from erosion.parameters.case_files import names_of_materials
+
+        with user_errors():
+            in_file = {} if self.case is None else names_of_materials(self.case)
+        options = {"particle": self.particle, "target": self.target}
+        return in_file | {name: text for name, text in options.items() if text is not None}
 
     def title(self) -> str:
         """What to call the case: its file's title or "Table 1", and what options change."""

@@ -10,6 +10,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED
 from erosion.cli.options import CaseFile, CaseOptions, LangOption, with_file
 from erosion.cli.output import require_apart
+from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import progress_bar
 
 
@@ -33,11 +34,13 @@ def report(
         bool,
         Parameter(negative="", show_default=False, help="Answers and figures alone; a question fits on a sheet of A4."),
     ] = False,
+    abrasive: PerMassOptions | None = None,
     lang: LangOption = "en",
 ) -> None:
     """Answer the scenario's questions for a case, on one self-contained page."""
     options = with_file(case, file)
     p = options.parameters()
+    per_mass = (abrasive or PerMassOptions()).per_mass(options)
     start_engine()
     from erosion.language import language
     from erosion.report.page import PARTS, chosen_questions, require_folder, write_report
@@ -48,5 +51,6 @@ def report(
         language(lang)
         require_folder(output)
     with progress_bar("report") as progress:
-        page = write_report(p, output, case_name=options.title(), only=only, brief=brief, lang=lang, progress=progress)
+        chosen = {"case_name": options.title(), "only": only, "brief": brief, "lang": lang, "per_mass": per_mass}
+        page = write_report(p, output, **chosen, progress=progress)
     print(page.resolve())

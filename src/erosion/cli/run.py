@@ -61,7 +61,8 @@ def run(
         output.document({"ended_by": trajectory.ended_by, **numbers}, {model: chosen}, units)
         return
     print_table(
-        f"{in_full(model, chosen)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°", _rows(trajectory, per_mass)
+        f"{in_full(model, chosen, p.units)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°",
+        _rows(trajectory, per_mass),
     )
     print_paths(figure=plot)
 

@@ -94,9 +94,9 @@ def load_set(name: str, given: Settings, units: "System") -> "CuttingModel":
     return model.replace(**read_settings(name, model, given, units))
 
 
-def in_full(name: str, model: "CuttingModel") -> str:
-    """A model's name with its own parameters: "friction.py (friction = 0.3)"."""
+def in_full(name: str, model: "CuttingModel", units: "System") -> str:
+    """A model's name with its own parameters: "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s)"."""
     from erosion.models.own_parameters import own_in_words
 
-    own = own_in_words(model)
+    own = own_in_words(model, units=units)
     return f"{name} ({own})" if own else name

@@ -15,7 +15,7 @@ from erosion.models import Linearized
 from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.optimum.maxima import Jump
 from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.units import Dimension, shown, unit_name
+from erosion.parameters.units import Dimension, System, conversion_factor, shown, unit_name
 
 EULER_STEPS = 100
 RK4_STEPS = 10
@@ -76,10 +76,16 @@ SLIPS = (
 )
 """Factors by which an answer is often off, and what to say then."""
 
+IN_OTHER_UNITS: Mapping[System, str] = {
+    "si": "It is right in SI units; give {unit}.",
+    "inch-pound": "It is right in inch-pound units; give {unit}.",
+}
+"""What to say of an answer in the other system than that of the case."""
+
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Verdict:
-    """What is said of an answer; a notebook shows the sentence.
+    """What is said of an answer; a notebook shows the sentence, and a script prints it by `print`.
 
     Args:
         right: whether the answer is within the tolerance.
@@ -97,7 +103,7 @@ class AnswerKey:
     """The answers to the tasks of `erosion exercise`, computed from the case.
 
         key = erosion.AnswerKey(erosion.TABLE_1)
-        key.check("t_c", 4.9e-5)      # t_c: 27 % below the answer. …
+        print(key.check("t_c", 4.9e-5))  # t_c: 26 % below the answer. It is to be the time at which the cut ends.
 
     Args:
         p: the case, all scalars. Its own spin is left aside: the tasks are about the linearized model, and about
@@ -161,7 +167,7 @@ class AnswerKey:
         return self._answers[task]()
 
     def check(self, task: str, answer: Any) -> Verdict:
-        """Compare a student's number with the answer.
+        """Compare a student's number with the answer: the last line of a notebook's cell, or `print(key.check(…))`.
 
         Args:
             task: its name, one of `tasks`.
@@ -179,18 +185,44 @@ class AnswerKey:
         say, text = self.language.say, self.language.text
         if given is None:
             return Verdict(False, f"{task}: {text('still to do.')}")
-        off = given / right - 1
-        if abs(off) <= asked.tolerance:
+        ratio = given / right
+        if abs(ratio - 1) <= asked.tolerance:
             words = self._in_words(right, asked.dimension)
             return Verdict(
                 True, f"{task}: {say('right. It is {asks}: {answer}.', asks=text(asked.asks), answer=words)}"
             )
+        slip = self._slip(ratio, asked)
+        if slip:
+            return Verdict(False, f"{task}: {slip}")
+        near = abs(ratio - 1) <= _NEAR
+        hint = text(asked.hint) if near else say("It is to be {asks}.", asks=text(asked.asks))
+        return Verdict(False, f"{task}: {self._how_far(ratio)} {hint}")
+
+    def _slip(self, ratio: float, asked: Task) -> str:
+        """What is said of an answer that is off by the factor of a common slip; empty for any other."""
         for factor, slip in SLIPS:
-            if abs((1 + off) / factor - 1) <= asked.tolerance and (asked.dimension == "angle" or "radians" not in slip):
-                return Verdict(False, f"{task}: {text(slip)}")
-        side = "{share} above the answer." if off > 0 else "{share} below the answer."
-        hint = text(asked.hint) if abs(off) <= _NEAR else say("It is to be {asks}.", asks=text(asked.asks))
-        return Verdict(False, f"{task}: {say(side, share=self._share(abs(off)))} {hint}")
+            if abs(ratio / factor - 1) <= asked.tolerance and (asked.dimension == "angle" or "radians" not in slip):
+                return self.language.text(slip)
+        units = self.p.units
+        for other, slip in IN_OTHER_UNITS.items():
+            factor = conversion_factor(asked.dimension, units, other)
+            if factor != 1 and abs(ratio / factor - 1) <= asked.tolerance:
+                return self.language.say(slip, unit=unit_name(asked.dimension, units))
+        return ""
+
+    def _how_far(self, ratio: float) -> str:
+        """How far off a number is, to two or three digits, as a sentence."""
+        say = self.language.say
+        if ratio == 0:
+            return say("The answer is not 0.")
+        sign = "" if ratio > 0 else say("The sign is wrong.") + " "
+        size = abs(ratio)
+        if size >= 2:
+            return sign + say("It is {factor} times the answer.", factor=_plain_digits(size, 3))
+        if size <= 0.5:
+            return sign + say("The answer is {factor} times as large.", factor=_plain_digits(1 / size, 3))
+        side = "{share} above the answer." if size > 1 else "{share} below the answer."
+        return sign + say(side, share=f"{_plain_digits(100 * abs(size - 1), 2)} %")
 
     def _in_words(self, value: float, dimension: Dimension) -> str:
         if dimension == "angle":
@@ -231,12 +263,6 @@ class AnswerKey:
         best = self._best_with_spin
         return min(best.jumps, key=lambda jump: abs(float(jump.alpha) - float(best.alpha)))
 
-    def _share(self, off: float) -> str:
-        """How far off, to two digits: "27 %", "0.0031 %", "a factor of 57"."""
-        if off > 2:
-            return self.language.say("a factor of {factor}", factor=f"{1 + off:.3g}")
-        return f"{float(f'{100 * off:.2g}'):g} %"
-
 
 def _finite_number(answer: Any) -> float:
     try:
@@ -246,3 +272,8 @@ def _finite_number(answer: Any) -> float:
     if given.dtype.kind in "iuf" and given.size == 1 and np.isfinite(given).all() and not np.ma.is_masked(answer):
         return float(given.reshape(()))
     raise ValueError(f"Argument `answer` must be one finite number, but is {shown(answer)}.")
+
+
+def _plain_digits(value: float, digits: int) -> str:
+    """A number rounded to some digits, without an exponent up to 10¹⁵: "27", "0.0031", "1000000"."""
+    return f"{float(f'{value:.{digits}g}'):.15g}"

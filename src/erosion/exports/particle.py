@@ -78,7 +78,7 @@ class Particle:
 
     def origin(self) -> str:
         """Lines on what an exported file comes from: model, case, and the particle's diameter."""
-        own = own_in_words(self.model)
+        own = own_in_words(self.model, units="si")
         units = {name: quantity.unit("si") for name, quantity in QUANTITIES.items() if name != "alpha"}
         numbers = {name: f"{float(getattr(self.p, name)):.6g}" for name in units}
         case = ", ".join(f"{name} = {numbers[name]}{'' if unit == '1' else f' {unit}'}" for name, unit in units.items())

@@ -20,7 +20,7 @@ from erosion.arguments import check_scalars, check_unmasked
 from erosion.array_types import Number
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
 from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import Dimension, conversion_factor
+from erosion.parameters.units import Dimension, System, conversion_factor
 from erosion.tables import abbreviate
 
 _Model = TypeVar("_Model", bound=eqx.Module)
@@ -184,10 +184,19 @@ def with_values(model: _Model, p: Parameters, changes: Mapping[str, Number]) -> 
     )
 
 
-def own_in_words(model: eqx.Module, but: Collection[str] = ()) -> str:
-    """The own parameters with their values in one line, those named `but` left out; empty where there are none."""
-    own = own_parameters(model).items()
-    return ", ".join(f"{name} = {abbreviate(parameter.value)}" for name, parameter in own if name not in but)
+def own_in_words(model: eqx.Module, but: Collection[str] = (), units: System | None = None) -> str:
+    """The own parameters with their values in one line; empty where there are none.
+
+    Args:
+        model: whose own parameters.
+        but: names that are left out.
+        units: of the values, which are rounded and have their units; without it exact numbers alone.
+    """
+    own = {name: parameter for name, parameter in own_parameters(model).items() if name not in but}
+    return ", ".join(
+        f"{name} = {abbreviate(value) if units is None else quantity.in_words(float(value), units, 6)}"
+        for name, (_, _, value, quantity, _) in own.items()
+    )
 
 
 def _is_number(value: object, *, many: bool = False) -> TypeGuard[Number]:

@@ -28,7 +28,7 @@ from erosion.parameters.units import System, about, check_system, has_unit, show
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
 """What only erosion per mass of abrasive needs; see `load_per_mass`."""
-SECTIONS = ("sweep", "stream", "map")
+SECTIONS = ("sweep", "stream", "map", "advise")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
 
@@ -76,6 +76,16 @@ def stated(path: str | Path) -> list[str]:
         CaseError: for a file that cannot be read.
     """
     return [name for name in QUANTITIES if name in _read(Path(path))]
+
+
+def names_of_materials(path: str | Path) -> dict[str, str]:
+    """The names of the particle and the target as a case file has them, where it has them.
+
+    Raises:
+        CaseError: for a file that cannot be read.
+    """
+    table = _read(Path(path))
+    return {name: table[name] for name in ("particle", "target") if isinstance(table.get(name), str)}
 
 
 def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:
@@ -160,7 +170,7 @@ def dump_case(p: Parameters, title: str = "") -> str:
         ValueError: for a parameter that is an array.
     """
     require_scalars(p)
-    lines = [f"title = {_toml_string(title)}"] if title else []
+    lines = [f"title = {toml_string(title)}"] if title else []
     lines.append(f'units = "{p.units}"')
     for name, quantity in QUANTITIES.items():
         unit = unit_name(quantity.dimension, p.units)
@@ -221,7 +231,8 @@ def _in_file(path: Path) -> Iterator[None]:
         raise CaseError(f"{path}: {sentence[0].lower()}{sentence[1:]}") from error
 
 
-def _toml_string(text: str) -> str:
+def toml_string(text: str) -> str:
+    """A text in quotes, as TOML has it."""
     import json
 
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

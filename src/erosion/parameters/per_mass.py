@@ -26,6 +26,7 @@ _TESTED = (1e-4, 1e-3)  # kg/kg at `_TESTED_SPEED`
 _TESTED_SPEED, _TESTED_EXPONENT = 100.0, 2.4  # m/s, -
 _TESTED_DENSITIES = (2700.0, 7800.0)  # kg/m³, the aluminium and the steels of that table
 _FAR = 3.0  # outside of the tests by this factor
+_LEAST_SHARE = 1e-9  # one particle in a thousand million; erosion by far fewer is lost in rounding
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class PerMass:
 
     Args:
         density: of the target [kg/m³], whatever the units of the case; None where it is not known.
-        cutting_fraction: the share of the particles that cut, in (0, 1].
+        cutting_fraction: the share of the particles that cut, from 1e-9 to 1.
 
     Raises:
         ValueError: for a number out of range.
@@ -58,6 +59,10 @@ class PerMass:
         if not 0 < self.cutting_fraction <= 1:
             raise ValueError(
                 f"Argument `cutting_fraction` must be above 0 and at most 1, but is {self.cutting_fraction!r}."
+            )
+        if self.cutting_fraction < _LEAST_SHARE:
+            raise ValueError(
+                f"Argument `cutting_fraction` must be at least {_LEAST_SHARE:g}, but is {self.cutting_fraction!r}."
             )
         object.__setattr__(self, "density", None if self.density is None else float(self.density))
         object.__setattr__(self, "cutting_fraction", float(self.cutting_fraction))

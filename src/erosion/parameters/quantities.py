@@ -36,6 +36,11 @@ class Quantity:
         """The unit as programs read it: "in^3", "1" for a pure number."""
         return ascii_unit(unit_name(self.dimension, units))
 
+    def in_words(self, value: float, units: System, digits: int = 4) -> str:
+        """A number of it with the unit in which it reads well: "30 m/s", "40°", "110.2·10⁻⁶ lb"."""
+        scale = table_scale(self.dimension, units, abs(value))
+        return scale.beside(f"{value / scale.size:.{digits}g}")
+
     def attributes(self, units: System) -> dict[str, str]:
         """The same as attributes of a labelled array, in the words of the CF conventions."""
         return {"long_name": self.meaning, "symbol": self.symbol, "units": self.unit(units)}

@@ -1,4 +1,4 @@
-"""Units in which numbers read well: µs, mm, mm³, degrees, powers of ten of an inch."""
+"""Units in which numbers read well: µs, mm, mm³, mil, degrees, and else powers of ten of the nearest of them."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,6 +13,12 @@ class Scale(NamedTuple):
     size: float
     unit: str
 
+    def beside(self, number: str) -> str:
+        """A number in this unit, with it: "30 m/s", "40°", "(3.1 ± 2.5)·10⁻⁷ in³"."""
+        if self.unit.startswith("10"):
+            return f"({number})·{self.unit}" if "±" in number else f"{number}·{self.unit}"
+        return f"{number} {self.unit}".rstrip().replace(" °", "°")
+
 
 _DEGREE = math.pi / 180
 _POUND = 0.45359237 / conversion_factor("mass", "inch-pound", "si")  # lb in slinch
@@ -21,11 +27,17 @@ _NAMED: Mapping[tuple[str, str], Sequence[tuple[str, float]]] = {
     **{("time", units): (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)) for units in SYSTEMS},
     **{("mass per mass", units): (("g/kg", 1e-3), ("mg/kg", 1e-6), ("µg/kg", 1e-9)) for units in SYSTEMS},
     ("length", "si"): (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)),
+    ("area", "si"): (("m²", 1.0), ("mm²", 1e-6), ("µm²", 1e-12)),
     ("volume", "si"): (("m³", 1.0), ("mm³", 1e-9), ("µm³", 1e-18)),
     ("mass", "si"): (("kg", 1.0), ("g", 1e-3), ("mg", 1e-6), ("µg", 1e-9), ("ng", 1e-12)),
     ("stress", "si"): (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0)),
     ("volume per mass", "si"): (("mm³/g", 1e-6), ("mm³/kg", 1e-9)),
 }
+_RARE: Mapping[tuple[str, str], Sequence[tuple[str, float]]] = {
+    ("length", "inch-pound"): (("mil", 1e-3), ("µin", 1e-6)),
+    ("volume", "si"): (("cm³", 1e-6),),
+}
+"""Units for numbers that would need a power of ten otherwise."""
 _BASES: Mapping[tuple[str, str], tuple[str, float]] = {
     **{("angle", units): ("°", _DEGREE) for units in SYSTEMS},
     ("mass", "inch-pound"): ("lb", _POUND),
@@ -43,7 +55,7 @@ def superscript(exponent: int) -> str:
 
 
 def readable_scale(dimension: Dimension, units: System, largest: float) -> Scale:
-    """The unit in which numbers up to `largest` read well: "µs", "mm", "°", "10⁻³ in", "10⁻⁴ in³/°".
+    """The unit in which numbers up to `largest` read well: "µs", "mm", "°", "mil", "10⁻⁴ in³/°".
 
     Args:
         dimension: the dimension of the numbers.
@@ -78,6 +90,13 @@ def _scale(dimension: Dimension, units: System, largest: float, plain: tuple[flo
     greatest = 1e5 if dimension in _ANY_SIZE else 1e3
     if plain[0] <= largest / size < max(greatest, plain[1]):
         return Scale(size, base)
-    exponent = math.floor(math.log10(largest / size) + 1e-9)
-    exponent -= 0 if dimension == "volume" else exponent % 3
-    return Scale(size * 10.0**exponent, f"10{superscript(exponent)} {base}".strip())
+    # Powers of ten of volumes in in³, as the source has them, are not in steps of three.
+    step = 3 if named or dimension != "volume" else 1
+    scales = [
+        (step * math.floor((math.log10(largest / unit_size) + 1e-9) / step), unit, unit_size)
+        for unit, unit_size in ((base, size), *named, *_RARE.get((dimension, units), ()))
+    ]
+    exponent, unit, unit_size = min(scales, key=lambda scale: abs(scale[0]))
+    # A division by a whole power of ten rounds once.
+    factor = unit_size * 10.0**exponent if exponent > 0 else unit_size / 10.0**-exponent
+    return Scale(factor, f"10{superscript(exponent)} {unit}".strip() if exponent else unit)

@@ -12,9 +12,8 @@ from scipy import stats
 from erosion.calibration import Calibration
 from erosion.calibration.conditions import MOST, Condition, conditions
 from erosion.models import model_name
-from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.scales import Scale, readable_scale
-from erosion.plotting.colors import INK, PALETTE
+from erosion.plotting.colors import INK, MARKS, PALETTE
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
 
 _ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
@@ -27,7 +26,6 @@ _DASHES: Sequence[Any] = (
     (0, (3, 1, 1, 1, 1, 1)),
 )
 _RIGHT = 92  # degrees, so that a mark at 90° is whole
-_MARKS = "os^Dv<>phX*P"
 
 
 @house_style()
@@ -50,7 +48,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     _draw_curves(upper, fits[: len(PALETTE)], groups, scale, float(stats.norm.ppf((1 + level) / 2)))
     for i, group in enumerate(groups):
         label = group.label or ("measured" if data.source == "data" else data.source)
-        look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": _MARKS[i]}
+        look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": MARKS[i]}
         _draw_data(upper, best, data.erosion, group.rows, scale, {**look, "label": label})
         _draw_data(lower, best, best.residuals, group.rows, scale, look)
     lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
@@ -80,7 +78,7 @@ def plot_profile(ax: Axes, fit: Calibration, name: str, level: float = 0.95) -> 
     for end in fit.intervals(level)[name]:
         if 0 < abs(end) < np.inf:
             ax.axvline(end, color=PALETTE["vermillion"], linewidth=1.2, linestyle=(0, (4, 3)))
-    ax.set_xlabel(name if name not in QUANTITIES else QUANTITIES[name].symbol)
+    ax.set_xlabel(typeset(fit.quantities[name].symbol) + (f" [{profile.unit}]" if profile.unit else ""))
     ax.set_ylabel("Δχ² above the best fit")
     ax.set_ylim(0, 2.5 * height)
     ax.legend()

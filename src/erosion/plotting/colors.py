@@ -15,6 +15,9 @@ STYLES: Sequence[tuple[str, Any]] = tuple(
 )
 """Colour and line style of the first, second, … curve of a figure."""
 
+MARKS = "os^Dv<>phX*P"
+"""The mark of the first, second, … group of measurements."""
+
 INK = "#24292f"
 FAINT = "#d0d7de"
 DIM = "#7d858e"

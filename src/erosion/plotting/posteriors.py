@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from erosion.calibration.conditions import conditions
+from erosion.calibration.conditions import Condition, conditions, describe
 from erosion.models import model_name
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import unit_name
-from erosion.plotting.colors import ENDS, INK, PALETTE, STYLES
+from erosion.plotting.colors import ENDS, INK, MARKS, PALETTE, STYLES
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
 from erosion.posteriors import NextExperiment, Posterior
 from erosion.posteriors.best_angles import BestAngles
@@ -86,34 +86,57 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
 
     Args:
         posterior: the draws.
-        at: other parameters of the case, such as {"v0": 60.0}; by default those of the first group of rows that were
-            measured together, whose rows are drawn.
+        at: other parameters of the case, such as {"v0": 60.0}. Without it each speed and mass of the data has bands, in
+            a colour of its own, and its rows; of more than six, those of similar energy share one. They have a panel on
+            their ends together where these are the same, as without rotation, else one each.
     """
     data = posterior.data
-    group = conditions(data)[0]
-    at = dict(group.values) if at is None else dict(at)
-    rows = group.rows if at == dict(group.values) else np.zeros(0, int)
-    curves = posterior.predict(_ANGLES, at, _DRAWS)
-    scale = readable_scale(data.dimension, data.units, float(np.nanmax(np.abs(curves))))
-    fig = new_figure(6.2, 5.4)
-    upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.76, 0.24))
-    degrees = np.rad2deg(_ANGLES)
-    for level, opacity in _BANDS:
-        low, high = np.nanquantile(curves, [(1 - level) / 2, (1 + level) / 2], axis=0) / scale.size
-        upper.fill_between(degrees, low, high, color=PALETTE["blue"], alpha=opacity, linewidth=0, label=f"{level:.0%}")
-    upper.plot(degrees, np.nanmedian(curves, axis=0) / scale.size, color=PALETTE["blue"], label="median")
-    _draw_rows(upper, posterior, rows, scale)
-    _draw_ends(lower, posterior, at)
-    angle_axis(lower)
-    lower.set_xlim(0, 92)
+    groups = _drawn_groups(posterior, at)
+    curves = [posterior.predict(_ANGLES, group.values, _DRAWS) for group in groups]
+    scale = readable_scale(data.dimension, data.units, max(float(np.nanmax(np.abs(curve))) for curve in curves))
+    ends = [posterior.ends(_ANGLES, group.values, _DRAWS) for group in groups]
+    is_alone, are_same = len(groups) == 1, all(np.array_equal(ends[0], other) for other in ends)
+    panels = (1.15,) if are_same else (0.72,) * len(groups)
+    fig = new_figure(6.2, 4.2 + sum(panels))
+    upper, *lower = fig.subplots(1 + len(panels), 1, sharex=True, height_ratios=(3.7, *panels))
+    for ax, of_group, group in zip(lower, ends, groups, strict=False):
+        _draw_ends(ax, of_group)
+        ax.set_ylabel("share of draws" if are_same else "share")
+        ax.set_title("" if are_same else group.label, fontsize=8, loc="left", pad=2)
+    for group, curve, color, mark in zip(groups, curves, PALETTE.values(), MARKS, strict=False):
+        source = "measured" if data.source == "data" else data.source
+        look = {"color": INK, "fmt": "o", "label": source}
+        if not is_alone:
+            look = {"color": color, "fmt": mark, "label": group.label}
+        _draw_bands(upper, curve / scale.size, color, labelled=is_alone)
+        _draw_rows(upper, posterior, group.rows, scale, look)
+    if not is_alone:
+        # One entry for a band, whatever its colour.
+        for level, opacity in _BANDS:
+            upper.fill_between([], [], color=INK, alpha=opacity, linewidth=0, label=f"{level:.0%}")
+        upper.plot([], [], color=INK, label="median")
+    angle_axis(lower[-1])
+    lower[-1].set_xlim(0, 92)
     unit = f"  [{scale.unit}]" if scale.unit else ""
     upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}{unit}")
-    upper.set_title(f"{model_name(posterior.model)}  {group.label if rows.size else ''}", fontsize=8.5, loc="left")
+    what = groups[0].label if is_alone else data.source
+    upper.set_title(f"{model_name(posterior.model)}  {what}", fontsize=8.5, loc="left")
     upper.set_ylim(bottom=0)
-    handles = [*upper.get_legend_handles_labels()[0], *lower.get_legend_handles_labels()[0]]
-    labels = [*upper.get_legend_handles_labels()[1], *lower.get_legend_handles_labels()[1]]
-    fig.legend(handles, labels, loc="outside lower center", ncols=4)
+    fig.align_ylabels()
+    # Panels that show the same kind of end share an entry.
+    legends = [ax.get_legend_handles_labels() for ax in (upper, *lower)]
+    entries = {label: handle for handles, labels in legends for handle, label in zip(handles, labels, strict=True)}
+    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=4)
     return fig
+
+
+def _drawn_groups(posterior: Posterior, at: Mapping[str, float] | None) -> list[Condition]:
+    """The rows of each speed and mass; or what is asked for, with its rows if it was measured."""
+    groups = conditions(posterior.data, len(PALETTE))
+    if at is None:
+        return groups
+    asked = Condition(np.zeros(0, int), dict(at), describe(at, posterior.data.units))
+    return [next((group for group in groups if dict(group.values) == dict(at)), asked)]
 
 
 @house_style()
@@ -227,26 +250,31 @@ def _draw_cloud(ax: Axes, column: _Column, row: _Column) -> None:
     row.scale_axis(ax.yaxis)
 
 
-def _draw_rows(ax: Axes, posterior: Posterior, rows: np.ndarray, scale: Scale) -> None:
+def _draw_bands(ax: Axes, curves: np.ndarray, color: str, *, labelled: bool) -> None:
+    """The quantiles of curves, shape (draws, angles), and their median."""
+    degrees = np.rad2deg(_ANGLES)
+    for level, opacity in _BANDS:
+        label = f"{level:.0%}" if labelled else ""
+        low, high = np.nanquantile(curves, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        ax.fill_between(degrees, low, high, color=color, alpha=opacity, linewidth=0, label=label)
+    ax.plot(degrees, np.nanmedian(curves, axis=0), color=color, label="median" if labelled else "")
+
+
+def _draw_rows(ax: Axes, posterior: Posterior, rows: np.ndarray, scale: Scale, look: Mapping[str, Any]) -> None:
     """The measurements, with their uncertainties or the mean of the sampled noise."""
     if not rows.size:
         return
     data = posterior.data
     errors = posterior.noise(posterior.some(_DRAWS)).mean() if data.uncertainty is None else data.uncertainty[rows]
     angle, erosion = np.rad2deg(data.angle[rows]), data.erosion[rows] / scale.size
-    label = "measured" if data.source == "data" else data.source
-    ax.errorbar(
-        angle, erosion, yerr=errors / scale.size, fmt="o", color=INK, markersize=3.5, elinewidth=0.9, label=label
-    )
+    ax.errorbar(angle, erosion, yerr=errors / scale.size, markersize=3.5, linestyle="", elinewidth=0.9, **look)
 
 
-def _draw_ends(ax: Axes, posterior: Posterior, at: Mapping[str, float]) -> None:
-    """The shares of the draws by how their cuts end, over the angle."""
-    ends = posterior.ends(_ANGLES, at, _DRAWS)
+def _draw_ends(ax: Axes, ends: np.ndarray) -> None:
+    """The shares of the draws by how their cuts end, over the angle; shape (draws, angles)."""
     kinds = sorted(set(ends.ravel().tolist()), key=lambda kind: [*ENDS, kind].index(kind))
     shares = [(ends == kind).mean(axis=0) for kind in kinds]
     others = iter(PALETTE[name] for name in ("green", "purple", "sky", "orange"))
     colors = [ENDS[kind] if kind in ENDS else next(others) for kind in kinds]
     ax.stackplot(np.rad2deg(_ANGLES), *shares, colors=colors, labels=kinds, alpha=0.6, linewidth=0)
     ax.set_ylim(0, 1)
-    ax.set_ylabel("share of draws")

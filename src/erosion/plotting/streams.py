@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import LogFormatter, PercentFormatter
 
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
-from erosion.parameters.units import System, unit_name
+from erosion.parameters.units import System
 from erosion.plotting.colors import DIM, INK, PALETTE
 from erosion.plotting.style import house_style, new_figure
 from erosion.streams.nozzle import NozzleAngle
@@ -28,18 +28,27 @@ def plot_stream(stream: Stream) -> Figure:
     return fig
 
 
+class _PlainNumbers(LogFormatter):
+    """Ticks of a logarithmic axis as 0.3 and 30, not 3e-01 and 3 × 10¹."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 @house_style()
 def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     """The share of the particles over the volume that they remove; the title says how many remove nothing."""
     edges, shares = stream.tally.histogram()
-    units = stream.particles.p.units
-    ax.stairs(shares, edges, fill=True, color=PALETTE["orange"], alpha=0.55)
-    ax.stairs(shares, edges, color=PALETTE["vermillion"])
     mean = stream.mean_volume.value
-    ax.axvline(mean, color=PALETTE["blue"], label="mean")
-    ax.axvline(stream.quantiles[0.5], color=PALETTE["green"], linestyle="--", label="median")
+    scale = readable_scale("volume", stream.particles.p.units, mean)
+    ax.stairs(shares, edges / scale.size, fill=True, color=PALETTE["orange"], alpha=0.55)
+    ax.stairs(shares, edges / scale.size, color=PALETTE["vermillion"])
+    ax.axvline(mean / scale.size, color=PALETTE["blue"], label="mean")
+    ax.axvline(stream.quantiles[0.5] / scale.size, color=PALETTE["green"], linestyle="--", label="median")
     ax.set_xscale("log")
-    ax.set_xlabel(f"{RESULTS['volume'].symbol}  {RESULTS['volume'].meaning}  [{unit_name('volume', units)}]")
+    ax.xaxis.set_major_formatter(_PlainNumbers())
+    ax.xaxis.set_minor_formatter(_PlainNumbers())
+    ax.set_xlabel(f"{RESULTS['volume'].symbol}  {RESULTS['volume'].meaning}  [{scale.unit}]")
     ax.set_ylabel("share of the particles")
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     ax.set_ylim(bottom=0)

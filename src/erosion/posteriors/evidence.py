@@ -87,7 +87,7 @@ class PosteriorRanking(Result):
         rows = []
         for name, drawn, weight in zip(self.names, self.posteriors, self.weights, strict=True):
             difference = f"{drawn.log_evidence - self.best.log_evidence:.2f} ± {drawn.log_evidence_error:.2f}"
-            means = ", ".join(f"{key} = {mean:.4g} ± {drawn.deviations[key]:.2g}" for key, mean in drawn.means.items())
+            means = ", ".join(drawn.mean_in_words(name) for name in drawn.names)
             rows.append((name, difference, f"{weight:.1%}", means))
         return rows
 

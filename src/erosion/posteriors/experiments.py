@@ -79,8 +79,7 @@ class NextExperiment(Result):
 
     def condition_in_words(self, name: str, value: float) -> str:
         """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
-        scale = table_scale(QUANTITIES[name].dimension, self.units, abs(value))
-        words = f"{value / scale.size:.4g} {scale.unit}".strip().replace(" °", "°")
+        words = QUANTITIES[name].in_words(value, self.units)
         return words if name in ("alpha", "v0") else f"{QUANTITIES[name].symbol} = {words}"
 
     def _at(self, index: int) -> dict[str, float]:

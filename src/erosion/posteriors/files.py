@@ -1,7 +1,7 @@
 """Files of draws: what `Posterior.save` writes, read as a joint law for streams and maps of the same model."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from erosion.arguments import check_path
 from erosion.calibration.forward import FRACTION, SCALE
 from erosion.joint_laws import Rows
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words
+from erosion.models.own_parameters import converted, own_in_words
 from erosion.parameters.case_files import parse_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity
@@ -57,7 +57,7 @@ class Draws:
                 said.append(
                     f"{self.path}: the draws hold for {symbol} = {before:.6g}{unit}, but the case has {now:.6g}{unit}."
                 )
-        if self.own != (here := own_in_words(model, but=self.rows)):
+        if self.own != (here := own_in_si(model, p, self.rows)):
             said.append(f"{self.path}: the draws hold for {self.own}, but the model has {here}.")
         if self.has_scale:
             said.append(f"{self.path}: the tests had units of their own, so the size of the wear is that of the case.")
@@ -67,6 +67,11 @@ class Draws:
                 f"{cutting_fraction:g} of them do."
             )
         return said
+
+
+def own_in_si(model: CuttingModel, p: Parameters, sampled: Collection[str]) -> str:
+    """The own parameters that were not sampled, in words that do not depend on the case's units."""
+    return own_in_words(converted(model, p, "si")[0], but=sampled, units="si")
 
 
 def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: System) -> Draws:
@@ -81,19 +86,8 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         ValueError: for a file that is something else, or has parameters that the model has not.
     """
     path = check_path("path", path)
-    if path.exists() and not path.is_file():  # a pipe waits for its writer
-        raise ValueError(f"{path}: is no file.")
-    try:
-        with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
-            dataset = stored.load()
-    except FileNotFoundError:
-        raise ValueError(f"{path}: is not there.") from None
-    # Damaged bytes may be anything to the libraries.
-    except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError, IndexError) as error:
-        raise ValueError(f"{path}: must hold the draws of a posterior, but cannot be read as such.") from error
+    dataset = _opened(path)
     attrs = dataset.attrs
-    if attrs.get("inference_library") != "erosion" or not {"unit_system", "case", "model"} <= {*attrs}:
-        raise ValueError(f"{path}: must hold the draws of a posterior of this program, but holds something else.")
     before = check_system(attrs["unit_system"])
     known = {**quantities, FRACTION: FACTORS[FRACTION]}
     columns = {}
@@ -125,3 +119,25 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
     )
+
+
+def model_of_draws(path: str | Path) -> str:
+    """The name of the model whose draws a file has; errors as of `read_draws`."""
+    return str(_opened(check_path("path", path)).attrs["model"])
+
+
+def _opened(path: Path) -> xr.Dataset:
+    """The draws with the attributes that `Posterior.save` gives them."""
+    if path.exists() and not path.is_file():  # a pipe waits for its writer
+        raise ValueError(f"{path}: is no file.")
+    try:
+        with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
+            dataset = stored.load()
+    except FileNotFoundError:
+        raise ValueError(f"{path}: is not there.") from None
+    # Damaged bytes may be anything to the libraries.
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError, IndexError) as error:
+        raise ValueError(f"{path}: must hold the draws of a posterior, but cannot be read as such.") from error
+    if dataset.attrs.get("inference_library") != "erosion" or not {"unit_system", "case", "model"} <= {*dataset.attrs}:
+        raise ValueError(f"{path}: must hold the draws of a posterior of this program, but holds something else.")
+    return dataset

@@ -19,16 +19,17 @@ from erosion.files import require_writable, write_whole
 from erosion.joint_laws import Rows
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words, with_values
+from erosion.models.own_parameters import with_values
 from erosion.models.registry import impact_to_dict
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
-from erosion.parameters.scales import table_scale
+from erosion.parameters.scales import Scale, table_scale
 from erosion.posteriors import doubts
 from erosion.posteriors.best_angles import BestAngles
 from erosion.posteriors.convergence import EFFECTIVE, RHAT, effective, rhats
+from erosion.posteriors.files import own_in_si
 from erosion.posteriors.likelihood import Likelihood
 from erosion.posteriors.priors import NOISE, Priors, sampled_quantities
 from erosion.posteriors.tempering import Run
@@ -257,6 +258,11 @@ class Posterior(Result):
         value = f"{rounded(mean, deviation)} ± {rounded(deviation, deviation)}"
         return Row(name, quantity.symbol, value, scale.unit, meaning)
 
+    def mean_in_words(self, name: str) -> str:
+        """A parameter's mean and standard deviation: "threshold = 7.3 ± 1.0 m/s"."""
+        row = self._row(name, LEVEL)
+        return f"{name} = {Scale(1.0, row.unit).beside(row.value)}"
+
     def prior_in_words(self, name: str) -> str:
         """The law of a parameter before the data, and whether it is the default."""
         words = self.priors.in_words(name, self.quantities[name], self.p.units)
@@ -310,7 +316,7 @@ class Posterior(Result):
             "model": model_name(self.model),
             "case": dump_case(self.p),
             "unit_system": self.p.units,
-            "own_parameters": own_in_words(self.model, but=self.names),
+            "own_parameters": own_in_si(self.model, self.p, self.names),
             **({} if FRACTION in self.names else {FRACTION: self.likelihood.forward.cutting_fraction}),
             "data": self.data.source,
             "seed": self.seed,
@@ -343,7 +349,8 @@ class Posterior(Result):
             group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}
             for group in tree.subtree
         }
-        write_whole(path, bytes(tree.to_netcdf(None, engine="h5netcdf", encoding=checked)))
+        with memoryview(tree.to_netcdf(None, engine="h5netcdf", encoding=checked)) as content:
+            write_whole(path, content)
         return path
 
     @property

@@ -14,6 +14,7 @@ from erosion.models import Linearized
 from erosion.models.base import ClosedForm
 from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import System
 from erosion.plotting.curves import broken_at
 from erosion.plotting.families import Curve
@@ -62,6 +63,7 @@ class Case:
 
     p: Parameters
     name: str
+    per_mass: PerMass = field(default_factory=PerMass)
 
     @property
     def units(self) -> System:
@@ -104,6 +106,10 @@ class Case:
     def volume(self) -> float:
         """The exact removed volume [volume]."""
         return float(self.closed.volume(self.p))
+
+    def weighed(self, volume: float) -> Record:
+        """A volume per mass of abrasive, in SI units: `specific_volume`, and `erosion_ratio` with a density."""
+        return {name: float(value) for name, value in self.per_mass.to_dict(volume, self.p).items()}
 
     @functools.cached_property
     def ended_by(self) -> str:

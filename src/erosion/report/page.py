@@ -15,6 +15,7 @@ from erosion.files import write_whole
 from erosion.interrupts import unawaited_threads
 from erosion.language import Language, language
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import System, unit_name
 from erosion.plotting.style import save_figure
 from erosion.report.case import Case, question
@@ -44,6 +45,7 @@ def write_report(
     only: Sequence[str] | None = None,
     brief: bool = False,
     lang: str = "en",
+    per_mass: PerMass | None = None,
     progress: Progress = no_progress,
 ) -> Path:
     """Answer the scenario's questions for a case as one self-contained page.
@@ -59,6 +61,7 @@ def write_report(
         only: keys of the questions to answer, by default all; the page keeps its own order.
         brief: a handout: answers and figures without derivations, so that a question fits on a sheet of A4.
         lang: the language: "en", or "de" for German.
+        per_mass: the density of the target, for g/kg, and the share of the particles that cut.
         progress: called before each part with its title, how many parts are done, and how many there are.
 
     Returns:
@@ -74,7 +77,7 @@ def write_report(
     require_scalars(p)
     out = Path(out)
     with _naming(out), _folders(out):
-        return _write(Case(p, case_name), keys, out, look, progress)
+        return _write(Case(p, case_name, per_mass or PerMass()), keys, out, look, progress)
 
 
 _WHOLE, _BRIEF = "page.html", "handout.html"

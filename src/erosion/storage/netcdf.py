@@ -43,8 +43,8 @@ def write_netcdf(
         for name, array in marked.variables.items()
         if array.size and array.ndim and array.dtype.kind in "iufb"
     }
-    with uninterrupted():
-        content = marked.to_netcdf(None, engine="h5netcdf", encoding=summed)
+    # Its memory is given back at once: a view that a traceback keeps is an error of Python when it is collected.
+    with uninterrupted(), memoryview(marked.to_netcdf(None, engine="h5netcdf", encoding=summed)) as content:
         moved = since != "any" and trace(path) not in (None, since)
         target = free_path(path) if moved else path
         write_whole(target, content)

@@ -8,6 +8,7 @@ import numpy as np
 from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import styles
 from erosion.optimum.alpha_max import Optimum
+from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
@@ -25,9 +26,9 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
         point, best = computed.points.get(model), computed.best.get(model)
         at_angle = ["…"] * 4 if point is None else [
             _read("time", float(point.t_c), units), html.escape(str(point.ended_by)),
-            _read("volume", float(point.volume), units), _read("volume per angle", float(point.dvolume), units),
+            _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), units),
         ]  # fmt: skip
-        at_best = ["…"] * 2 if best is None else [_where(best), _read("volume", float(best.volume), units)]
+        at_best = ["…"] * 2 if best is None else [_where(best), _volume(computed, float(best.volume))]
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
         cells = "".join(f"<td>{cell}</td>" for cell in (*at_angle, *at_best))
@@ -50,6 +51,16 @@ def _of_the_cut(computed: Computed) -> str:
         facts.append(f"{RESULTS['turn'].meaning}: {np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
     warnings = "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in cut.warnings)
     return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{warnings}"
+
+
+def _volume(computed: Computed, volume: float) -> str:
+    """V, and V per mass of the erodent below it."""
+    case, scale = computed.state.case, PER_MASS_SCALES["specific_volume"]
+    text = _read("volume", volume, case.units)
+    if not np.isfinite(volume):
+        return text
+    per_mass = float(PerMass().specific_volume(volume, case.parameters())) / scale.size
+    return f"{text}<br><small>{float(f'{per_mass:.4g}'):g} {scale.unit}</small>".replace("-", "−")
 
 
 def _where(best: Optimum) -> str:

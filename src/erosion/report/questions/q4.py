@@ -20,6 +20,8 @@ def answer(case: Case) -> Answer:
         "d2volume": steps[-1].d2volume,
         "alpha_max_closed_form": exact,
         "volume_max_closed_form": float(case.closed.volume(case.p.replace(alpha=exact))),
+        **case.weighed(case.volume),
+        **{f"{name}_max": value for name, value in case.weighed(steps[-1].volume).items()},
         "iterates": [step._asdict() for step in steps],
     }
     return Answer(numbers, {"volume-over-angle": _figure(case, numbers)})
