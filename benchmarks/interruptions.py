@@ -36,7 +36,7 @@ _FIT = ["calibrate", "sand.csv", "--density", "2700 kg/m^3", "--model", "lineari
 _JET = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s"]
 _RANGES = ["--alpha", "1deg:90deg:1000", "--v0"]
 _MAP = ["map", "impacts.csv", "--surface", "plate.stl", "--model", "rotating"]
-_POSTERIOR = ["--posterior", "--draws", "125", "--write-draws", "draws.nc"]
+_POSTERIOR = ["--posterior", "--draws", "125", "-o", "post.nc"]
 
 COMMANDS: dict[str, list[str]] = {
     "run": ["run", "--plot", "run.svg"],

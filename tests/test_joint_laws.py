@@ -1,12 +1,15 @@
 """Laws of several parameters together."""
 
+import os
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from erosion.distributions import LogNormal, Normal, Uniform
-from erosion.joint_laws import Correlated, Rows, read_rows
+from erosion.joint_laws import Correlated, LawSet, Rows, read_rows
 from erosion.parameters.quantities import QUANTITIES
+from erosion.posteriors.files import read_draws
 
 POINTS = np.random.default_rng(0).random((100_000, 2))
 NOTHING = {"v0": 0.0, "r": 0.0}
@@ -54,6 +57,17 @@ def test_rows_of_a_file(tmp_path):
     path.write_text("cell, angle\n1, 30\n")
     with pytest.raises(ValueError, match="must have columns of parameters"):
         read_rows(path, QUANTITIES, "si")
+    path.write_text("v0 [m/s]\n100\nnan\n")
+    with pytest.raises(ValueError, match=r"^must have a finite number in each row of column `v0`"):
+        read_rows(path, QUANTITIES, "si")
+
+
+def test_a_pipe_is_no_table_and_no_draws(tmp_path):
+    os.mkfifo(tmp_path / "hits.csv")
+    with pytest.raises(ValueError, match=r"^must name a CSV file, but '.*' is no file$"):
+        read_rows(tmp_path / "hits.csv", QUANTITIES, "si")
+    with pytest.raises(ValueError, match=r"hits.csv: is no file\.$"):
+        read_draws(tmp_path / "hits.csv", QUANTITIES, "si")
 
 
 @pytest.mark.parametrize(
@@ -64,6 +78,11 @@ def test_rows_of_a_file(tmp_path):
         (lambda: Rows({"r": [np.nan]}), "must give r finite numbers"),
         (lambda: Correlated(LAWS, {("v0", "b"): 0.5}), "must name pairs of v0, r, but has"),
         (lambda: Correlated(LAWS, {("v0", "r"): 1.0}), r"must be in \(-1, 1\), but is 1.0 for v0 and r"),
+        (
+            lambda: Correlated(LAWS, {("v0", "r"): 0.5, ("r", "v0"): 0.1}),
+            "must give v0 and r once, but gives them twice",
+        ),
+        (lambda: LawSet(Rows({"r": [-1.0] + 999 * [1.0]}), ["r"]), "`r` must be positive, but 0.1% of"),
         (lambda: Correlated({"r": 0.04}, {}), "must give r a distribution such as"),
         (
             lambda: Correlated({**LAWS, "b": Normal(1, 0.1)}, {("v0", "r"): 0.9, ("r", "b"): 0.9, ("v0", "b"): -0.9}),

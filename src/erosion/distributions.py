@@ -361,6 +361,8 @@ _LONGEST_HEAD = 300  # characters; the pattern's time grows with their square
 
 def _read_columns(path: str | Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """The header of a CSV file, and the cells of each row with the number of its line; every row is as long."""
+    if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):  # a pipe waits for its writer
+        raise ValueError(f"must name a CSV file, but {str(path)!r} is no file")
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file, strict=True)

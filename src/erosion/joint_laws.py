@@ -190,6 +190,8 @@ class Correlated(JointLaw):
         for pair, value in self.correlation.items():
             if len(pair) != 2 or pair[0] == pair[1] or not {*pair} <= {*self.laws}:
                 raise ValueError(f"Argument `correlation` must name pairs of {', '.join(self.laws)}, but has {pair!r}.")
+            if pair[::-1] in self.correlation:
+                raise ValueError(f"Argument `correlation` must give {' and '.join(pair)} once, but gives them twice.")
             if not -1 < value < 1:
                 raise ValueError(
                     f"Argument `correlation` must be in (-1, 1), but is {value!r} for {' and '.join(pair)}."
@@ -259,7 +261,9 @@ class LawSet:
                 raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(self.known)}.")
             if not isinstance(law, Distribution):
                 raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
-            if self._least_share(name) > 0.01:
+            # A row is taken as it is; of a law, what is not positive can be cut off.
+            in_rows = isinstance(law, Member) and isinstance(law.joint, Rows)
+            if self._least_share(name) > (0.0 if in_rows else 0.01):
                 raise ValueError(
                     f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
                 )
@@ -326,4 +330,8 @@ def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: Syst
     names = [name for name in column_names(path) if name in quantities]
     if not names:
         raise ValueError(f"must have columns of parameters in {path}, such as `alpha [deg]`, but has none")
-    return Rows({name: read_column(path, name, quantities[name].dimension, system) for name in names}, str(path))
+    columns = {name: read_column(path, name, quantities[name].dimension, system) for name in names}
+    for name, values in columns.items():
+        if not np.isfinite(values).all():
+            raise ValueError(f"must have a finite number in each row of column `{name}` in {path}")
+    return Rows(columns, str(path))

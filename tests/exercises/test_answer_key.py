@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from scipy import integrate
@@ -97,6 +98,18 @@ def test_only_angles_can_be_in_degrees() -> None:
 def test_what_is_no_number_is_refused(answer: Any) -> None:
     with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is "):
         KEY.check("t_c", answer)
+
+
+@pytest.mark.parametrize("answer", [np.ma.masked_array([1.0], [True]), [[1], [1, 2]], 100_000 * "a", 10**4000])
+def test_what_is_no_number_is_told_in_short(answer: Any) -> None:
+    with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is (?s:.){1,200}$"):
+        KEY.check("t_c", answer)
+
+
+def test_what_jax_traces_is_no_number() -> None:
+    for traced in (jax.jit, jax.grad):
+        with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number"):
+            traced(lambda answer: 1.0 * KEY.check("t_c", answer).right)(1e-5)
 
 
 def test_a_gap_is_still_to_do() -> None:

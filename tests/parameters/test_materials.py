@@ -86,7 +86,10 @@ def test_names_may_be_written_in_several_ways():
         ("garnet 0 mm", "must have a positive size"),
         ("garnet 1e308 mm", "must have a size from 1e-10 m to 1e+06 m, but is 'garnet 1e308 mm'."),
         ("garnet 1e-300 mm", "must have a size from 1e-10 m to 1e+06 m"),
-        ("g" * 50_000 + " 1 mm", "… (50,002 characters)"),
+        ("g" * 50_000 + " 1 mm", "… (50,007 characters)"),
+        ("garnet" + 50_000 * " " + "z", "must be a material and a size"),
+        ("garnet " + 50_000 * "1", "must be a material and a size"),
+        ("a.toml" + 50_000 * " " + "z", "must be a material and a size"),
     ],
 )
 def test_a_particle_that_cannot_be_read_is_one_sentence(text, message):
@@ -133,6 +136,20 @@ def test_a_table_of_ones_own_has_the_same_form(tmp_path):
         ("[particles.x]\ndensity = 3\ndensity_range = [4, 5]", "field `density_range` must hold `density`"),
         ("[particles.x]\ndensity = 3\nalso = 'y'", "field `also` must be a list of texts"),
         ("[particles", "mine.toml"),
+        ("[targets.x]\nvickers = 1" + 400 * "0", "field `vickers` must be a positive number, .*, but is inf"),
+        ("[targets.x]\nvickers = 0x" + 9000 * "f", "field `vickers` must be a positive number, .*, but is inf"),
+        ("[targets.x]\nvickers = 1" + 5000 * "0", r"mine\.toml: has a number of too many digits\.$"),
+        ("x = " + 20_000 * "[", r"mine\.toml: is nested too deeply to be a table of materials\.$"),
+        (
+            "[targets.'a b']\nvickers = 1\n[targets.A-b]\nvickers = 2",
+            r"\[targets.A-b\]: has the name 'A-b', as \[targets.a b\]",
+        ),
+        ("[targets.a]\nvickers = 1\n[targets.b]\nvickers = 2\nalso = ['a']", r"\[targets.b\]: has the name 'a', as"),
+        ('[targets."a\\u001b[31m"]\nvickers = -1', r"\[targets.'a\\x1b\[31m'\]: field"),
+        (f"[targets.{99_999 * 'a'}]\nvickers = -1", r"mine\.toml: .{1,150}…"),
+        (f"[targets.a]\nvickers = 1\n{99_999 * 'a'} = 1", r"field .{1,50}… \(100,001 characters\)` is unknown"),
+        ("".join(f"[targets.t{i}]\nvickers = 1\n" for i in range(3000)), "t49', … in "),
+        (f"[targets.{99_999 * 'a'}]\nvickers = 1", r"one of .{1,50}… \(100,001 characters\) in"),
     ],
 )
 def test_a_table_that_cannot_be_used_names_file_entry_and_field(tmp_path, content, message):
@@ -140,7 +157,7 @@ def test_a_table_that_cannot_be_used_names_file_entry_and_field(tmp_path, conten
     table.write_text(content)
     with pytest.raises(ValueError, match=message) as caught:
         erosion.target(f"{table}: x")
-    assert str(caught.value).startswith(str(table))
+    assert str(caught.value).startswith((str(table), "Argument `target` must name one of"))
 
 
 def test_a_file_that_is_missing_is_named(tmp_path):

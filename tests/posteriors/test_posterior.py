@@ -12,7 +12,9 @@ from erosion.calibration.fitting import make_forward
 from erosion.distributions import LogUniform, Normal, Uniform
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
+from erosion.parameters.quantities import QUANTITIES
 from erosion.posteriors import ConvergenceWarning, Posterior, SamplingError, posterior, tempering
+from erosion.posteriors.files import read_draws
 from erosion.posteriors.likelihood import Likelihood
 from erosion.posteriors.priors import make_priors
 
@@ -101,6 +103,16 @@ def test_the_same_seed_gives_the_same_draws(result):
     other = posterior("linearized", TABLE_1.replace(k=3.0), measured(12), ["k", "psi"], draws=200, seed=2)
     assert other.means["k"] != result.means["k"]
     assert other.means["k"] == pytest.approx(result.means["k"], abs=0.4 * result.deviations["k"])
+
+
+def test_a_flipped_bit_of_the_draws_is_noticed(result, tmp_path):
+    path = result.save(tmp_path / "draws.nc")
+    content = bytearray(path.read_bytes())
+    begin = content.index(np.ascontiguousarray(result.samples["psi"].values)[0, :4].tobytes())
+    content[begin + 6] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"draws\.nc: must hold the draws of a posterior"):
+        read_draws(path, QUANTITIES, "si")
 
 
 def test_a_file_has_arvizs_layout(result, tmp_path):

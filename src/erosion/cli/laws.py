@@ -11,6 +11,7 @@ from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import CaseOptions, load
 from erosion.cli.set_option import read_settings, settings
 from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.units import shown
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -159,8 +160,10 @@ class GivenLaws:
             if not homes:
                 raise InputError(
                     f"{where} must join two parameters with laws of their own, which both vary or are both uncertain, "
-                    f"but has {' and '.join(pair)}."
+                    f"but has {shown(text)}."
                 )
+            if pair in kinds[homes[0]][1]:
+                raise InputError(f"{where} must give {' and '.join(pair)} once, but gives them twice.")
             kinds[homes[0]][1][pair] = value
         tied = []
         for laws, pairs in kinds:
@@ -219,7 +222,7 @@ def _pair(text: str, where: str) -> tuple[tuple[str, str], float]:
         first, second = pair
         return (first, second), float(number)
     except ValueError as error:
-        raise InputError(f'{where} must be such as "v0,r=-0.5", but is {text!r}.') from error
+        raise InputError(f'{where} must be such as "v0,r=-0.5", but is {shown(text)}.') from error
 
 
 @dataclasses.dataclass(frozen=True)

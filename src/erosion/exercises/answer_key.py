@@ -15,7 +15,7 @@ from erosion.models import Linearized
 from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.optimum.maxima import Jump
 from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.units import Dimension, System, conversion_factor, unit_name
+from erosion.parameters.units import Dimension, System, conversion_factor, shown, unit_name
 
 EULER_STEPS = 100
 RK4_STEPS = 10
@@ -179,15 +179,13 @@ class AnswerKey:
         Raises:
             ValueError: for a name that is no task, and for an answer that is no single finite number.
         """
+        given = None if answer is ... else _finite_number(answer)
         asked, right = TASKS.get(task), self.answer(task)
         assert asked is not None
         say, text = self.language.say, self.language.text
-        if answer is ...:
+        if given is None:
             return Verdict(False, f"{task}: {text('still to do.')}")
-        given = np.asarray(answer)
-        if given.dtype.kind not in "iuf" or given.size != 1 or not np.isfinite(given).all():
-            raise ValueError(f"Argument `answer` must be one finite number, but is {answer!r}.")
-        ratio = float(given.reshape(())) / right
+        ratio = given / right
         if abs(ratio - 1) <= asked.tolerance:
             words = self._in_words(right, asked.dimension)
             return Verdict(
@@ -264,6 +262,16 @@ class AnswerKey:
         """The jump at which the maximum is."""
         best = self._best_with_spin
         return min(best.jumps, key=lambda jump: abs(float(jump.alpha) - float(best.alpha)))
+
+
+def _finite_number(answer: Any) -> float:
+    try:
+        given = np.asarray(answer)
+    except (TypeError, ValueError):  # lists of several lengths, and what JAX is tracing
+        given = np.empty(0)
+    if given.dtype.kind in "iuf" and given.size == 1 and np.isfinite(given).all() and not np.ma.is_masked(answer):
+        return float(given.reshape(()))
+    raise ValueError(f"Argument `answer` must be one finite number, but is {shown(answer)}.")
 
 
 def _plain_digits(value: float, digits: int) -> str:

@@ -5,6 +5,7 @@ import functools
 import importlib.resources
 import math
 import re
+import sys
 import tomllib
 import types
 from collections.abc import Mapping, Sequence
@@ -132,6 +133,8 @@ class Target:
 
 
 _SMALLEST, _LARGEST = 1e-10, 1e6  # m
+_LONGEST_NAME = 200  # characters with the size; the pattern's time grows with their square
+_MOST_NAMES = 50  # that a message lists
 
 
 def particle(text: "str | Particle") -> Particle:
@@ -148,7 +151,7 @@ def particle(text: "str | Particle") -> Particle:
     if isinstance(text, Particle):
         return text
     file, name = _split_file("particle", text)
-    match = _SIZED.fullmatch(name)
+    match = _SIZED.fullmatch(name) if len(name) <= _LONGEST_NAME else None
     if match is None:
         raise ValueError(
             f'Argument `particle` must be a material and a size such as "garnet 0.3 mm", but is {shown(text)}.'
@@ -243,7 +246,7 @@ def _entry(argument: str, name: str, kind: str, file: Path | None) -> dict[str, 
         where = "" if file is None else f" in {file}"
         near = difflib.get_close_matches(_folded(name), names, 1)
         hint = f"; did you mean {names[near[0]]!r}?" if near else "."
-        known = ", ".join(map(repr, entries)) or "none"
+        known = ", ".join([*map(shown, list(entries)[:_MOST_NAMES]), *["…"][: len(entries) > _MOST_NAMES]]) or "none"
         raise ValueError(f"Argument `{argument}` must name one of {known}{where}, but names {shown(name)}{hint}")
     key = names[_folded(name)]
     return {"name": key} | {field: value for field, value in entries[key].items() if field != "also"}
@@ -261,9 +264,20 @@ def _table(file: Path | None) -> Mapping[str, Mapping[str, dict[str, Any]]]:
     with readable(file):
         text = file.read_text(encoding="utf-8-sig")
     try:
-        return _checked(tomllib.loads(text))
-    except (ValueError, RecursionError) as error:
+        return _checked(_parsed(text))
+    except ValueError as error:
         raise ValueError(f"{file}: {str(error).rstrip('.')}.") from error
+
+
+def _parsed(text: str) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:  # of Python's own, which reads no number of thousands of digits
+        raise ValueError("has a number of too many digits") from error
+    except RecursionError as error:
+        raise ValueError("is nested too deeply to be a table of materials") from error
 
 
 @functools.cache
@@ -284,8 +298,28 @@ def _checked(content: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Any]]]
             try:
                 table[kind][name] = _read_entry(kind, entry)
             except ValueError as error:
-                raise ValueError(f"[{kind}.{name}]: {error}") from error
+                raise ValueError(f"{_heading(kind, name)}: {error}") from error
+        _require_different_names(kind, table[kind])
     return table
+
+
+def _require_different_names(kind: str, entries: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse a name that two entries have, of which a particle or a target could be either."""
+    owners: dict[str, str] = {}
+    for key, entry in entries.items():
+        for name in (key, *entry["also"]):
+            owner = owners.setdefault(_folded(name), key)
+            if owner != key:
+                raise ValueError(f"{_heading(kind, key)}: has the name {shown(name)}, as {_heading(kind, owner)} has")
+
+
+def _heading(kind: str, name: str) -> str:
+    return f"[{kind}.{_in_one_line(name)}]"
+
+
+def _in_one_line(name: str) -> str:
+    """A name of a file in a message, which it may neither break nor fill."""
+    return name if name.isprintable() and len(name) <= _LONGEST_NAME else shown(name)
 
 
 def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -294,7 +328,7 @@ def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
     known = (*numbers, *ranges, *texts, *lists)
     for name in entry:
         if name not in known:
-            raise ValueError(f"field `{name}` is unknown; they are {', '.join(known)}")
+            raise ValueError(f"field `{_in_one_line(name)}` is unknown; they are {', '.join(known)}")
     fields: dict[str, Any] = {name: _number(name, entry.get(name), numbers[name]) for name in numbers}
     for name in numbers:
         if name in _RANGED:
@@ -316,7 +350,8 @@ def _number(name: str, value: Any, dimension: Dimension) -> float | None:
             value = read_quantity(value, dimension, "si")
         except ValueError as error:
             raise ValueError(f"field `{name}` {error}") from error
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= sys.float_info.max:
+        value = math.inf if isinstance(value, int) and value > sys.float_info.max else value  # of too many digits
         raise ValueError(f"field `{name}` must be a positive number, or a quantity in quotes, but is {shown(value)}")
     return float(value)
 

@@ -104,13 +104,17 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     if not columns:
         raise ValueError(f"{path}: must have draws of parameters of an impact, but has none.")
     fraction = None if FRACTION in columns else float(attrs.get(FRACTION, 1.0))
+    try:
+        case = parse_case(attrs["case"])
+    except ValueError as error:
+        raise ValueError(f"{path}: must hold the draws of a posterior, but its case cannot be read.") from error
     rows = Rows(columns, str(path))
     return Draws(
         rows,
         path,
         model=attrs["model"],
         own=attrs.get("own_parameters", ""),
-        p=parse_case(attrs["case"]),
+        p=case,
         cutting_fraction=fraction,
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
@@ -124,6 +128,8 @@ def model_of_draws(path: str | Path) -> str:
 
 def _opened(path: Path) -> xr.Dataset:
     """The draws with the attributes that `Posterior.save` gives them."""
+    if path.exists() and not path.is_file():  # a pipe waits for its writer
+        raise ValueError(f"{path}: is no file.")
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
             dataset = stored.load()

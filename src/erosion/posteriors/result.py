@@ -343,7 +343,13 @@ class Posterior(Result):
         if path.suffix != ".nc":
             raise ValueError(f"Argument `path` must end in .nc, but is {path}.")
         require_writable(path)
-        with memoryview(self.to_datatree().to_netcdf(None, engine="h5netcdf")) as content:
+        tree = self.to_datatree()
+        # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
+        checked = {
+            group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}
+            for group in tree.subtree
+        }
+        with memoryview(tree.to_netcdf(None, engine="h5netcdf", encoding=checked)) as content:
             write_whole(path, content)
         return path
 
