@@ -1,6 +1,7 @@
 """What the page asks, and how it asks: remembered answers, single events, the latest first."""
 
 import asyncio
+import dataclasses
 import json
 import threading
 import time
@@ -26,7 +27,9 @@ from erosion.explorer.views.numbers import numbers
 from erosion.explorer.views.spins import sensitivities
 from erosion.models import Linearized, load_model
 from erosion.optimum.alpha_max import alpha_max
+from erosion.parameters.case_files import load_per_mass
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
+from erosion.parameters.per_mass import PerMass
 from erosion.plotting.labels import AT_CONTACT
 
 pytestmark = pytest.mark.slow
@@ -236,6 +239,9 @@ def test_curves_and_case_are_exact(tmp_path) -> None:
     results = ("volume [in³]", "dvolume [in³/rad]", "t_c [s]", "ended_by")
     assert rows[0] == ["alpha [deg]", *(f"linearized {name}" for name in results)]
     assert b"alpha = 0.3490658503988659" in case_toml(STATE)
+    weighed = dataclasses.replace(STATE, per_mass=PerMass(2700, 0.5))
+    (tmp_path / "case.toml").write_bytes(case_toml(weighed))
+    assert load_per_mass(tmp_path / "case.toml") == weighed.per_mass
 
 
 def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
@@ -260,4 +266,8 @@ def test_a_volume_has_its_amount_per_mass_below_it() -> None:
         State(case, ("linearized",), "linearized"), points={"linearized": answers.point("linearized", case)}
     )
     # 1.81644e-4 in³ of 2.855e-7 slinch.
-    assert "1.8164·10⁻⁴ in³<br><small>59530 mm³/kg</small>" in numbers(computed, ["linearized"])[0]
+    assert "1.8164·10⁻⁴ in³<br><small>59,530 mm³/kg</small></td>" in numbers(computed, ["linearized"])[0]
+    # Of half of the particles, and of aluminium.
+    weighed = dataclasses.replace(computed.state, per_mass=PerMass(2700, 0.5))
+    computed = dataclasses.replace(computed, state=weighed)
+    assert "<small>29,770 mm³/kg</small><br><small>80.37 g/kg</small></td>" in numbers(computed, ["linearized"])[0]

@@ -15,7 +15,9 @@ from erosion.explorer.sliders import Range, at_position, position, range_of, tex
 from erosion.explorer.state import Case, OwnNumber, State
 from erosion.explorer.views.numbers import numbers
 from erosion.explorer.wording import sentence
+from erosion.parameters.materials import target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity
 
 KNOWN = ("linearized", "finnie", "rotating")
@@ -41,6 +43,20 @@ def test_a_link_is_exact(units: str) -> None:
     assert read(State(case, ("finnie",), "finnie", dark=False).query(), state).dark is False
 
 
+def test_a_link_holds_what_erosion_per_mass_needs() -> None:
+    state = read("density=2.7+g/cm^3&cutting_fraction=0.5")
+    assert state.per_mass == PerMass(2700.0, 0.5)
+    assert read(state.query()) == state
+    assert read(STATE.query(), STATE).per_mass == PerMass()
+
+
+def test_a_metal_has_its_density_and_its_stress() -> None:
+    copper = target("copper")
+    state = STATE.of_metal(copper)
+    assert state.per_mass.density == copper.density
+    assert state.case.numbers()["sigma"] == TABLE_1.with_target(copper).sigma
+
+
 def test_a_link_may_say_little_and_use_units() -> None:
     state = read("alpha=30+deg&v0=100+m/s&models=rotating,linearized")
     assert state.case.numbers()["alpha"] == np.deg2rad(30)
@@ -57,6 +73,10 @@ def test_a_link_may_say_little_and_use_units() -> None:
         ("speed=3", "Field `speed` is unknown"),
         ("units=cgs", "must be one of 'inch-pound', 'si'"),
         ("models=plug-in.py", "'plug-in.py', but the page offers no such model"),
+        ("density=2700", 'Field `density` must be a density with its unit, such as "2.7 g/cm.3"'),
+        ("density=-1+kg/m^3", "Argument `density` must be positive"),
+        ("cutting_fraction=half", "Field `cutting_fraction` must be a number, but is 'half'"),
+        ("cutting_fraction=2", "Argument `cutting_fraction` must be above 0 and at most 1"),
         ("instant=2", r"Field `instant` must be in \[0, 1\]"),
         ("instant=soon", r"Field `instant` must be in \[0, 1\]"),
         ("dark=yes", "Field `dark` must be 'true' or 'false'"),

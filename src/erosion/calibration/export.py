@@ -20,8 +20,9 @@ from erosion.exports.reach import ANGLES, Reach
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
-from erosion.parameters.case_files import dump_case, toml_string
+from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import System, conversion_factor
 from erosion.version import __version__
@@ -140,7 +141,7 @@ def to_case(
     case = dump_case(exported_case(calibration), calibration.title)
     names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
     named = "".join(f"{name} = {toml_string(value)}\n" for name, value in names.items())
-    return commented(text, "#") + case + named + _per_mass(calibration) + _for_advice(calibration)
+    return commented(text, "#") + case + named + dump_per_mass(_per_mass(calibration)) + _for_advice(calibration)
 
 
 def _for_advice(calibration: Calibration) -> str:
@@ -181,15 +182,11 @@ def _laws(calibration: Calibration) -> dict[str, str]:
     return laws
 
 
-def _per_mass(calibration: Calibration) -> str:
-    """The lines of a case file on erosion per mass of abrasive."""
-    lines, density = list[str](), calibration.problem.forward.density
+def _per_mass(calibration: Calibration) -> PerMass:
+    density = calibration.problem.forward.density
     if density is not None:
-        in_si = density * conversion_factor("density", calibration.p.units, "si")
-        lines.append(f'density = "{in_si:.15g} kg/m^3"  # of the target')
-    # Also where all particles cut: `advise` takes another share without it.
-    lines.append(f"cutting_fraction = {calibration.cutting_fraction!r}  # share of the particles that cut")
-    return "".join(line + "\n" for line in lines)
+        density *= conversion_factor("density", calibration.p.units, "si")
+    return PerMass(density, calibration.cutting_fraction)
 
 
 def command(calibration: Calibration, path: str) -> str:

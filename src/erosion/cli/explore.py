@@ -9,6 +9,7 @@ from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption
 from erosion.cli.options import CaseFile, CaseOptions, with_file
+from erosion.cli.per_mass import PerMassOptions
 from erosion.extras import extra
 
 _PORT = 8080
@@ -19,6 +20,7 @@ def explore(
     /,
     *,
     case: CaseOptions | None = None,
+    per_mass: PerMassOptions | None = None,
     model: Annotated[
         ModelsOption,
         Parameter(help="Also offer the models in these Python files: with commas, or the option repeated."),
@@ -38,7 +40,8 @@ def explore(
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
     """Explore cuts in the browser: sliders, live plots, exports. Stop it with Ctrl+C."""
-    p = with_file(case, file).parameters()
+    options = with_file(case, file)
+    p, weights = options.parameters(), (per_mass or PerMassOptions()).per_mass(options)
     for path in model or []:
         if not path.endswith(".py"):
             raise InputError(f"Option `--model` must be the path of a Python file here, but is {path!r}.")
@@ -48,4 +51,4 @@ def explore(
     with extra("explorer"):
         from erosion.explorer.server import free_address, offer, serve
     with user_errors():
-        serve(offer(p, model or [], materials or []), free_address(host, port), show=browser)
+        serve(offer(p, model or [], materials or [], weights), free_address(host, port), show=browser)

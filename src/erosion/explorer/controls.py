@@ -16,6 +16,7 @@ from erosion.explorer.views.look import styles
 from erosion.explorer.wording import sentence
 from erosion.parameters.materials import Target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import SYSTEMS
 
 _ORDER = ("alpha", *(name for name in QUANTITIES if name != "alpha"))
@@ -150,10 +151,12 @@ class Controls:
         self._go(dataclasses.replace(self._start, instant=self._state.instant, dark=self._state.dark))
 
     def _table_1(self) -> None:
-        self.change(lambda case: case.with_parameters(TABLE_1.to(case.units)))
+        state = self._state
+        case = state.case.with_parameters(TABLE_1.to(state.case.units))
+        self._go(dataclasses.replace(state, case=case, per_mass=PerMass()))
 
     def _metal(self, metal: Target) -> None:
-        self.change(lambda case: case.with_parameters(case.parameters().with_target(metal)))
+        self._go(self._state.of_metal(metal))
 
     def _particle_menu(self, materials: Materials) -> None:
         """A material and a size, from which r, b, m and β follow."""

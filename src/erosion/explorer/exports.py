@@ -8,7 +8,7 @@ import numpy as np
 from erosion.explorer.answers import ANGLES, SPINS, Answers
 from erosion.explorer.state import State
 from erosion.models.base import State as Body
-from erosion.parameters.case_files import dump_case
+from erosion.parameters.case_files import dump_case, dump_per_mass
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import Dimension, unit_name
@@ -65,6 +65,7 @@ def results_json(answers: Answers, state: State) -> bytes:
         models[name] = {
             "own_parameters": state.case.own_values(name),
             "t_c": point.t_c, "ended_by": str(point.ended_by), "volume": point.volume, "dvolume": point.dvolume,
+            **state.per_mass.to_dict(point.volume, state.case.parameters()),
             "alpha_max": best.alpha, "volume_max": best.volume, "kind": str(best.kind), "side": str(best.side),
             "attained": bool(best.attained), "certified": bool(best.certified),
             "jumps": [vars(jump) for jump in best.jumps], "regimes": [vars(regime) for regime in best.regimes],
@@ -85,7 +86,7 @@ def results_json(answers: Answers, state: State) -> bytes:
 
 def case_toml(state: State) -> bytes:
     """The case as a file for `erosion run --case`."""
-    return dump_case(state.case.parameters(), "From the explorer").encode()
+    return (dump_case(state.case.parameters(), "From the explorer") + dump_per_mass(state.per_mass)).encode()
 
 
 def python_lines(state: State, sources: Mapping[str, str]) -> str:

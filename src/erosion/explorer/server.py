@@ -29,6 +29,7 @@ from erosion.explorer.threads import share_memory
 from erosion.explorer.wording import sentence
 from erosion.models import available_models, load_model
 from erosion.parameters.parameters import Parameters, SizeWarning
+from erosion.parameters.per_mass import PerMass
 from erosion.trajectory.trajectory import TurnWarning
 
 _PORT = 8080
@@ -128,13 +129,16 @@ def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> No
         tab.say(complaint)
 
 
-def offer(p: Parameters, plug_ins: Sequence[str] = (), tables: Sequence[Path] = ()) -> Service:
+def offer(
+    p: Parameters, plug_ins: Sequence[str] = (), tables: Sequence[Path] = (), per_mass: PerMass | None = None
+) -> Service:
     """Offer every model, particle and target that is known by name, and the user's own.
 
     Args:
         p: the first case, all scalars.
         plug_ins: paths of further models; the cut of the first of them is drawn.
         tables: TOML files of further particles and targets.
+        per_mass: how volumes become erosion per mass of abrasive, at first.
 
     Raises:
         ValueError: for a plug-in or a table that cannot be loaded.
@@ -149,7 +153,8 @@ def offer(p: Parameters, plug_ins: Sequence[str] = (), tables: Sequence[Path] = 
     models = {name: load_model(source) for name, (source, _) in offered.items()}
     answers = Answers(models)
     case = Case.of(p, own_numbers(models))
-    start = State(case, tuple(name for name in offered if name in (*_CHECKED, *plugged)), next(iter(plugged), _SHOWN))
+    checked = tuple(name for name in offered if name in (*_CHECKED, *plugged))
+    start = State(case, checked, next(iter(plugged), _SHOWN), per_mass or PerMass())
     return Service(
         answers=answers,
         preparation=Preparation(case),

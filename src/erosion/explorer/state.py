@@ -10,12 +10,15 @@ import numpy as np
 
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
+from erosion.parameters.materials import Target
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import System, about, conversion_factor, read_quantity
 
 _NAMES = tuple(QUANTITIES)
 _TEXTS = {True: "true", False: "false"}
+_FIELDS = ("units", "density", "cutting_fraction", "models", "shown", "instant", "dark")  # of a link, beside parameters
 
 
 class OwnNumber(NamedTuple):
@@ -176,6 +179,7 @@ class State:
         case: the impact.
         models: names of the checked models, in the order of the list; at least one.
         shown: the checked model whose cut is drawn.
+        per_mass: how a volume becomes erosion per mass of abrasive.
         instant: the time at which the erodent is drawn, as a share of the cut's time.
         dark: whether the page is dark; None leaves this to the browser.
     """
@@ -183,12 +187,19 @@ class State:
     case: Case
     models: tuple[str, ...]
     shown: str
+    per_mass: PerMass = dataclasses.field(default_factory=PerMass)
     instant: float = 1.0
     dark: bool | None = None
 
     def checking(self, models: tuple[str, ...]) -> "State":
         """Check other models. The same model's cut stays drawn if this model is still checked."""
         return dataclasses.replace(self, models=models, shown=self.shown if self.shown in models else models[0])
+
+    def of_metal(self, metal: Target) -> "State":
+        """Take the flow stress and the density of a target."""
+        case = self.case.with_parameters(self.case.parameters().with_target(metal))
+        per_mass = dataclasses.replace(self.per_mass, density=metal.density)
+        return dataclasses.replace(self, case=case, per_mass=per_mass)
 
     def query(self) -> str:
         """The state as the query of a link, exact to the last bit, without models that are not checked."""
@@ -197,6 +208,7 @@ class State:
         fields = {
             "units": self.case.units,
             **numbers,
+            **self._weights(),
             "models": ",".join(map(_spelled, self.models)),
             "shown": self.shown,
         }
@@ -205,6 +217,12 @@ class State:
         if self.dark is not None:
             fields["dark"] = _TEXTS[self.dark]
         return urlencode(fields, safe=",")
+
+    def _weights(self) -> dict[str, str]:
+        """The fields of a link on erosion per mass of abrasive."""
+        density, fraction = self.per_mass.density, self.per_mass.cutting_fraction
+        fields = {} if density is None else {"density": f"{density!r} kg/m^3"}
+        return fields if fraction == 1 else fields | {"cutting_fraction": repr(fraction)}
 
     def reading(self, query: Mapping[str, str], known: Collection[str]) -> "State":
         """Change this state as a link asks. Quantities may have units ("alpha=30 deg").
@@ -218,7 +236,7 @@ class State:
         """
         parameters = self.case.quantities()
         for name in query:
-            if name not in (*parameters, "units", "models", "shown", "instant", "dark"):
+            if name not in (*parameters, *_FIELDS):
                 raise ValueError(f"Field `{name}` is unknown.")
         case = self.case.to(query.get("units", self.case.units))
         case = case.reading({name: text for name, text in query.items() if name in parameters})
@@ -235,7 +253,19 @@ class State:
         if dark not in (None, *_TEXTS.values()):
             raise ValueError(f"Field `dark` must be 'true' or 'false', but is {dark!r}.")
         models = tuple(name for name in known if name in checked)
-        return State(case, models, shown, float(instant), self.dark if dark is None else dark == _TEXTS[True])
+        is_dark = self.dark if dark is None else dark == _TEXTS[True]
+        return State(case, models, shown, _read_per_mass(query, self.per_mass), float(instant), is_dark)
+
+
+def _read_per_mass(query: Mapping[str, str], usual: PerMass) -> PerMass:
+    """The density and the share of cutting particles in a link's query, the usual ones where it has none."""
+    density, fraction = usual.density, query.get("cutting_fraction", repr(usual.cutting_fraction))
+    if "density" in query:
+        with about("Field `density`"):
+            density = read_density(query["density"])
+    if not _is_number(fraction):
+        raise ValueError(f"Field `cutting_fraction` must be a number, but is {fraction!r}.")
+    return PerMass(density, float(fraction))
 
 
 def _spelled(model: str) -> str:

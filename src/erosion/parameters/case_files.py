@@ -179,6 +179,16 @@ def dump_case(p: Parameters, title: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
+def dump_per_mass(per_mass: PerMass) -> str:
+    """The lines of a case file that `load_per_mass` reads back."""
+    lines = []
+    if per_mass.density is not None:
+        lines.append(f'density = "{per_mass.density:.15g} kg/m^3"  # of the target\n')
+    # Also where all particles cut: `advise` takes another share without it.
+    lines.append(f"cutting_fraction = {per_mass.cutting_fraction!r}  # share of the particles that cut\n")
+    return "".join(lines)
+
+
 def _parameters(table: dict[str, Any]) -> Parameters:
     quantities: dict[str, int | float | str] = {}
     for name, value in table.items():

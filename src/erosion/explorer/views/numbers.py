@@ -8,7 +8,7 @@ import numpy as np
 from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import styles
 from erosion.optimum.alpha_max import Optimum
-from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass
+from erosion.parameters.per_mass import PER_MASS_SCALES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
@@ -54,13 +54,15 @@ def _of_the_cut(computed: Computed) -> str:
 
 
 def _volume(computed: Computed, volume: float) -> str:
-    """V, and V per mass of the erodent below it."""
-    case, scale = computed.state.case, PER_MASS_SCALES["specific_volume"]
-    text = _read("volume", volume, case.units)
+    """V, and below it the erosion per mass of abrasive, in g/kg where the target's density is known."""
+    state = computed.state
+    text = _read("volume", volume, state.case.units)
     if not np.isfinite(volume):
         return text
-    per_mass = float(PerMass().specific_volume(volume, case.parameters())) / scale.size
-    return f"{text}<br><small>{float(f'{per_mass:.4g}'):g} {scale.unit}</small>".replace("-", "−")
+    for name, value in state.per_mass.to_dict(volume, state.case.parameters()).items():
+        scale = PER_MASS_SCALES[name]
+        text += f"<br><small>{float(f'{float(value) / scale.size:.4g}'):,.12g} {scale.unit}</small>"
+    return text.replace("-", "−")
 
 
 def _where(best: Optimum) -> str:
