@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
-from erosion.explorer.elements import Field
+from erosion.explorer.elements import Field, warn
 from erosion.explorer.materials import Materials
 from erosion.explorer.sliders import SPIN_PRESETS, at_position, position, range_of, text_of, unit_of, with_spin
 from erosion.explorer.state import Case, State
@@ -86,7 +86,7 @@ class Controls:
         try:
             state = dataclasses.replace(state, case=change(state.case))
         except ValueError as error:
-            ui.notify(sentence(error), type="warning")
+            warn(sentence(error))
         self._go(state)
 
     def _group(self, model: str) -> ui.element:

@@ -13,6 +13,11 @@ from erosion.explorer.sliders import Range
 _SHARES = Range(0.0, 1.0, 0.005)  # of the cut's time
 
 
+def warn(sentence: str) -> None:
+    """Show the reader a message, long enough to read it."""
+    ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button="Close")
+
+
 class Field(ui.element, component="web/field.js"):
     """A parameter's entry and slider.
 

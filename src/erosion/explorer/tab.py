@@ -12,7 +12,7 @@ from erosion.explorer import computed as computing
 from erosion.explorer.answers import Answers
 from erosion.explorer.computed import Computed
 from erosion.explorer.controls import Controls
-from erosion.explorer.elements import Cut, Plot, Prose
+from erosion.explorer.elements import Cut, Plot, Prose, warn
 from erosion.explorer.latest import LatestWins
 from erosion.explorer.materials import Materials
 from erosion.explorer.preparation import Preparation
@@ -115,7 +115,7 @@ class Tab:
     def say(self, sentence: str) -> None:
         """Show the reader a message."""
         with self._main:
-            ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button="Close")
+            warn(sentence)
 
     def _view(self, name: str) -> Any:
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
