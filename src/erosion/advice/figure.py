@@ -16,7 +16,7 @@ from erosion.version import __version__
 
 _DASHES: Sequence[Any] = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
 _MARKS = ("o", "s", "^", "v", "D", "x")
-_COLUMNS = ((0.09, 44), (0.44, 18), (0.6, 16), (0.74, 22))
+_COLUMNS = ((0.09, 42), (0.43, 17), (0.595, 16), (0.745, 22))
 """Where a column of the sheet's table begins, and the letters that it takes."""
 _A4 = (8.27, 11.69)  # in
 
@@ -43,7 +43,7 @@ def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
     left, y = 0.09, 0.945
     fig.text(left, y, advice.language.text("Advice on a nozzle's angle"), fontsize=10, color=DIM)
     y = _paragraphs(fig, [advice.title], y - 0.006, width=52, size=15.0, weight="bold")
-    y = _paragraphs(fig, advice.statements, y - 0.005, width=104, size=9.5)
+    y = _paragraphs(fig, advice.statements, y - 0.005, width=99, size=9.5)
     texts = [f"{name}: {text}" for name, text in notes]
     # The curves take what the table and the notes leave of the sheet.
     below = 0.14 + _table_height(advice) + _paragraphs_height(texts, width=128, size=7.5) + 0.05

@@ -190,13 +190,18 @@ class Advice(Result):
             rows.append(self._row(say("{count} correlations of tests", count=str(len(correlations))), correlations))
             rows += [self._row(f"· {curve.name}", [curve]) for curve in correlations]
         singles = [curve.single for curve in models if curve.single is not None]
-        rows.append((text("the models without the spread of the jet"), self._between(singles), "", ""))
+        alone = (
+            text("without the spread of the jet")
+            if len(models) == 1
+            else text("the models without the spread of the jet")
+        )
+        rows.append((alone, self._between(singles), "", ""))
         return rows
 
     def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
         best = self._between([curve.best for curve in curves])
         share = _percent(min(curve.share(self.alpha) for curve in curves))
-        least = f"{share}%" if len(curves) == 1 else self.language.say("at least {share}%", share=share)
+        least = self.language.say("{share}%" if len(curves) == 1 else "at least {share}%", share=share)
         return what, best, least, self.span([curve for curve in curves if curve.fits])
 
     def _between(self, angles: Sequence[float]) -> str:
