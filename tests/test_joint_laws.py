@@ -6,31 +6,56 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from erosion.advice.advise import advise
 from erosion.distributions import LogNormal, Normal, Uniform
-from erosion.joint_laws import Correlated, LawSet, Rows, read_rows
+from erosion.joint_laws import SHARE, Correlated, LawSet, Ranges, Rows, read_rows
+from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
 from erosion.posteriors.files import read_draws
+from erosion.streams.stream import stream
 
 POINTS = np.random.default_rng(0).random((100_000, 2))
-NOTHING = {"v0": 0.0, "r": 0.0}
+FROM_0 = (np.nextafter(0.0, -1.0), np.inf)
+WHOLE: Ranges = dict.fromkeys(("v0", "r", "alpha"), (0.0, 1.0))
 LAWS = {"v0": LogNormal(4400.0, 0.1), "r": Uniform(0.03, 0.05)}
 
 
 def test_a_copula_keeps_the_laws_and_ties_their_ranks():
-    values = Correlated(LAWS, {("v0", "r"): -0.6}).draw(POINTS, NOTHING)
+    values = Correlated(LAWS, {("v0", "r"): -0.6}).draw(POINTS, WHOLE)
     for name, law in LAWS.items():
         # Kolmogorov and Smirnov's distance of 100 000 draws exceeds 0.006 once in a thousand times.
         shares = np.sort([law.cdf(value) for value in values[name][:20_000]])
         assert np.abs(shares - (np.arange(20_000) + 0.5) / 20_000).max() < 0.014
     ranks = stats.spearmanr(values["v0"], values["r"])[0]
     assert ranks == pytest.approx(6 / np.pi * np.arcsin(-0.3), abs=0.01)
-    cut = Correlated(LAWS, {}).draw(POINTS, {"v0": 0.5, "r": 0.0})
+    cut = Correlated(LAWS, {}).draw(POINTS, {"v0": (0.5, 0.9), "r": (0.0, 1.0)})
     assert cut["v0"].min() >= 4400
+    assert cut["v0"].max() <= LAWS["v0"].ppf(np.array([0.9]))
+
+
+def test_rows_in_other_units_are_refused():
+    rows = Rows({"sigma": [1e9, 2e9]}, "the posterior of x.csv", "si")
+    for take in (
+        lambda p: stream("linearized", p, alpha=Normal(0.4, 0.01), n=64, best_angle=False, uncertain=rows),
+        lambda p: advise(p, models=["linearized"], uncertain=rows),
+    ):
+        with pytest.raises(ValueError, match="are in si, but the case is in inch-pound"):
+            take(TABLE_1)
+
+
+def test_a_law_is_cut_at_both_ends_of_the_range():
+    laws = LawSet({"s": Normal(0.5, 0.19)}, {"s": SHARE})
+    values = laws.draw(np.linspace(0.0, 1.0, 101)[1:-1, None])["s"]
+    assert 0 < values.min() < 0.1
+    assert 0.9 < values.max() < 1
+    assert values[49] == pytest.approx(0.5)
+    at_zero = LawSet(Rows({"e": [0.0, 1.0]}), {"e": FROM_0})
+    np.testing.assert_array_equal(at_zero.draw(np.array([[0.2], [0.7]]))["e"], [0.0, 1.0])
 
 
 def test_rows_stay_together():
     angle, speed = np.arange(5.0), 10 * np.arange(5.0)
-    values = Rows({"alpha": angle, "v0": speed}).draw(POINTS[:, :1], {"alpha": 0.0, "v0": 0.0})
+    values = Rows({"alpha": angle, "v0": speed}).draw(POINTS[:, :1], WHOLE)
     np.testing.assert_array_equal(values["v0"], 10 * values["alpha"])
     np.testing.assert_allclose(np.bincount(values["alpha"].astype(int)) / len(POINTS), 0.2, atol=0.006)
 
@@ -82,15 +107,16 @@ def test_a_pipe_is_no_table_and_no_draws(tmp_path):
             lambda: Correlated(LAWS, {("v0", "r"): 0.5, ("r", "v0"): 0.1}),
             "must give v0 and r once, but gives them twice",
         ),
-        (lambda: LawSet(Rows({"r": [-1.0] + 999 * [1.0]}), ["r"]), "`r` must be positive, but 0.1% of"),
+        (lambda: LawSet(Rows({"r": [-1.0] + 999 * [1.0]}), {"r": (0.0, np.inf)}), "`r` must be positive, but 0.1% of"),
         (lambda: Correlated({"r": 0.04}, {}), "must give r a distribution such as"),
         (
             lambda: Correlated({**LAWS, "b": Normal(1, 0.1)}, {("v0", "r"): 0.9, ("r", "b"): 0.9, ("v0", "b"): -0.9}),
             "these pairs contradict each other",
         ),
+        (lambda: LawSet({"s": Normal(0.9, 0.1)}, {"s": SHARE}), "`s` must be positive and at most 1, but 15.9% of"),
         (
-            lambda: Rows({"r": [-1.0, 1.0]}).draw(POINTS[:, :1], {"r": 0.5}),
-            "`r` must be positive in each row, but 50.0%",
+            lambda: LawSet({"e": Normal(1, 1)}, {"e": FROM_0}),
+            "`e` must be at least 0, but 15.9%",
         ),
     ],
 )

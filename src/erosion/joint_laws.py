@@ -12,7 +12,7 @@ import abc
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,16 @@ from scipy import special
 
 from erosion.arguments import check_unmasked
 from erosion.distributions import Distribution, Samples, column_names, read_column
-from erosion.parameters.quantities import QUANTITIES, Quantity
+from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import Dimension, System
 
-_POSITIVE = tuple(name for name in QUANTITIES if name not in ("alpha", "phidot0"))
+Ranges = Mapping[str, tuple[float, float]]
+"""By parameter, the greatest number below its range, and the greatest number of it."""
+
+SHARE = (0.0, 1.0)
+"""The range of the share of the particles that cut."""
+
+_MOST_OUTSIDE = 0.01  # of a law that is cut off without a word
 
 
 class JointLaw(Mapping[str, Any], abc.ABC):
@@ -41,12 +47,12 @@ class JointLaw(Mapping[str, Any], abc.ABC):
         """How many uniform numbers all parameters together are made from."""
 
     @abc.abstractmethod
-    def draw(self, points: np.ndarray, least: Mapping[str, float]) -> dict[str, np.ndarray]:
+    def draw(self, points: np.ndarray, parts: Ranges) -> dict[str, np.ndarray]:
         """The parameters of particles.
 
         Args:
             points: uniform numbers in (0, 1), shape (…, dimension).
-            least: by parameter, the share of its marginal law that is cut off from below.
+            parts: by parameter, from which share to which its marginal law is taken; the rest is cut off.
 
         Returns:
             Values by name, shape (…).
@@ -112,6 +118,7 @@ class Rows(JointLaw):
         columns: by parameter, its values, all of the same shape (rows,) or with the same number of values: measured
             impacts, or draws of a posterior (`Posterior.rows_of_draws`).
         source: words for the table.
+        units: the unit system of the values; a case in another one refuses them. Without it they are the case's.
 
     Raises:
         ValueError: for columns that differ in length, or values that are not finite.
@@ -119,6 +126,7 @@ class Rows(JointLaw):
 
     columns: Mapping[str, Any]
     source: str = "a table"
+    units: System | None = None
 
     def __post_init__(self) -> None:
         columns = {}
@@ -152,11 +160,8 @@ class Rows(JointLaw):
         """One number chooses the row."""
         return 1
 
-    def draw(self, points: np.ndarray, least: Mapping[str, float]) -> dict[str, np.ndarray]:
-        """Values by name; see `JointLaw.draw`."""
-        for name, share in least.items():
-            if share > 0:
-                raise ValueError(f"Argument `{name}` must be positive in each row, but {share:.1%} of {self} is not.")
+    def draw(self, points: np.ndarray, parts: Ranges) -> dict[str, np.ndarray]:
+        """Values by name; see `JointLaw.draw`. Rows are taken as they are."""
         row = np.minimum((points[..., 0] * self._count).astype(int), self._count - 1)
         return {name: values[row] for name, values in self.columns.items()}
 
@@ -223,13 +228,14 @@ class Correlated(JointLaw):
         """A number for each parameter."""
         return len(self.laws)
 
-    def draw(self, points: np.ndarray, least: Mapping[str, float]) -> dict[str, np.ndarray]:
+    def draw(self, points: np.ndarray, parts: Ranges) -> dict[str, np.ndarray]:
         """Values by name; see `JointLaw.draw`."""
         scores = special.ndtri(points) @ np.linalg.cholesky(self.matrix).T
         shares = special.ndtr(scores)
         values = {}
         for i, (name, law) in enumerate(self.laws.items()):
-            values[name] = law.ppf(least[name] + (1 - least[name]) * shares[..., i])
+            low, high = parts[name]
+            values[name] = law.ppf(low + (high - low) * shares[..., i])
         return values
 
     @property
@@ -239,34 +245,47 @@ class Correlated(JointLaw):
         return f"correlated: {pairs}"
 
 
+def require_units(laws: Mapping[str, Any], units: System) -> None:
+    """Refuse rows in other units than those of the case that takes them.
+
+    Raises:
+        ValueError: naming the rows.
+    """
+    for law in laws.values():
+        rows = law.joint if isinstance(law, Member) else None
+        if isinstance(rows, Rows) and rows.units not in (None, units):
+            raise ValueError(f"The rows of {rows.source} are in {rows.units}, but the case is in {units}.")
+
+
 @dataclasses.dataclass(frozen=True)
 class LawSet:
     """Laws of parameters, single and joint ones, drawn together.
 
     Args:
-        laws: by parameter, its `Distribution`; those of a joint law all together. Laws of positive parameters of the
-            case are restricted to x > 0; the range of an own parameter is not known, so its law is taken as it is.
-        known: the parameters that there are.
+        laws: by parameter, its `Distribution`; those of a joint law all together. Each is restricted to the range of
+            its parameter.
+        ranges: of the parameters that there are; see `erosion.models.own_parameters.ranges`.
 
     Raises:
         TypeError, ValueError: naming the first law that makes no sense.
     """
 
     laws: Mapping[str, Any]
-    known: Collection[str]
+    ranges: Ranges
 
     def __post_init__(self) -> None:
         for name, law in self.laws.items():
-            if name not in self.known:
-                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(self.known)}.")
+            if name not in self.ranges:
+                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(self.ranges)}.")
             if not isinstance(law, Distribution):
                 raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
-            # A row is taken as it is; of a law, what is not positive can be cut off.
+            # A row is taken as it is; of a law, what is out of range can be cut off.
             in_rows = isinstance(law, Member) and isinstance(law.joint, Rows)
-            if self._least_share(name) > (0.0 if in_rows else 0.01):
-                raise ValueError(
-                    f"Argument `{name}` must be positive, but {self._least_share(name):.1%} of {law} is not."
-                )
+            low, high = self._part(name)
+            if low + 1 - high > (0.0 if in_rows else _MOST_OUTSIDE):
+                alone = law.joint.marginals[law.name] if isinstance(law, Member) else law
+                outside = f"{low + 1 - high:.1%} of {alone} is not"
+                raise ValueError(f"Argument `{name}` must be {self._range_in_words(name)}, but {outside}.")
         for joint in self._joints:
             if missing := [name for name in joint if name not in self.laws]:
                 raise ValueError(f"Arguments must include all of a joint law, but {missing[0]} is missing.")
@@ -294,9 +313,8 @@ class LawSet:
         joints = {tuple(joint): joint for joint in self._joints}
         for names, size in self.inputs.items():
             part, begin = points[..., begin : begin + size], begin + size
-            least = {name: self._least_share(name) for name in names}
             if names in joints:
-                values |= joints[names].draw(part, least)
+                values |= joints[names].draw(part, {name: self._part(name) for name in names})
             else:
                 values[names[0]] = self._value(names[0], part[..., 0])
         return values
@@ -308,12 +326,18 @@ class LawSet:
 
     def _value(self, name: str, share: np.ndarray) -> np.ndarray:
         """The value of one law at a share of the part in range."""
-        least = self._least_share(name)
-        return self.laws[name].ppf(least + (1 - least) * share)
+        low, high = self._part(name)
+        return self.laws[name].ppf(low + (high - low) * share)
 
-    def _least_share(self, name: str) -> float:
-        """The share of a law that lies below the parameter's range."""
-        return self.laws[name].cdf(0.0) if name in _POSITIVE else 0.0
+    def _part(self, name: str) -> tuple[float, float]:
+        """From which share of a law to which it is within the parameter's range."""
+        law, (low, high) = self.laws[name], self.ranges[name]
+        return (0.0 if low == -np.inf else law.cdf(low)), (1.0 if high == np.inf else law.cdf(high))
+
+    def _range_in_words(self, name: str) -> str:
+        low, high = self.ranges[name]
+        below = "positive" if low == 0 else f"at least {np.nextafter(low, np.inf) + 0.0:g}"
+        return below if high == np.inf else f"{below} and at most {high:g}"
 
 
 def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: System) -> Rows:

@@ -102,3 +102,76 @@ def test_bad_options_are_one_line(capsys, options, message):
     said = capsys.readouterr()
     assert message in said.err
     assert said.out == ""
+
+
+FITTED = """
+units = "si"
+particle = "garnet 0.3 mm"
+target = "aluminium 6061"
+v0 = 100
+k = 1.3
+psi = 20
+alpha = "20 deg"
+
+[advise]
+model = "linearized-deformation"
+set = { threshold = 5.0 }
+uncertain = { k = "lognormal(1.3, 0.1)", sigma = "normal(1.0e9, 0.1e9)", energy_ratio = "normal(2, 0.2)" }
+correlation = { "k,sigma" = -0.5 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--units inch-pound", "Option `--units` cannot convert the table [advise] of fitted.toml, which is in si"),
+        ("--k 3", "Option `--k` cannot set k, which has a law in fitted.toml."),
+        ("--target copper", "Option `--target` cannot set sigma, which has a law in fitted.toml."),
+        ("--set energy_ratio=3", "Option `--set` cannot set energy_ratio, which has a law in fitted.toml."),
+        ("--model oka:aluminium", "field `threshold`, must name an own parameter of oka:aluminium"),
+        ("--uncertain cutting_fraction=lognormal(0.99,0.2)", "must be positive and at most 1, but 48.0% of LogNormal"),
+        ("--cutting-fraction 0.5 --uncertain cutting_fraction=normal(0.3,0.03)", "cannot set cutting_fraction"),
+    ],
+)
+def test_what_would_be_left_aside_beside_a_fit_is_refused(capsys, tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fitted.toml").write_text(FITTED)
+    assert _status(["advise", "fitted.toml", *options.split()]) == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_laws_need_a_model_that_takes_them(capsys):
+    words = ["--model", "oka:aluminium", "--uncertain", "cutting_fraction=normal(0.3, 0.03)"]
+    assert _status([*LINE[:-2], *words]) == 2
+    assert "must have one that takes what is uncertain; a correlation does not." in capsys.readouterr().err
+
+
+def test_parameters_have_no_meaning_in_the_table_of_an_advice(capsys, tmp_path):
+    case = tmp_path / "fitted.toml"
+    case.write_text(FITTED.replace("set =", "k = 3\nset ="))
+    assert _status(["advise", str(case)]) == 2
+    assert "field `k` of [advise] is unknown; they are model, set" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_law_of_a_parameter_near_its_least_value_is_cut(capsys, tmp_path):
+    case, law = tmp_path / "fitted.toml", 'energy_ratio = "normal(2, 0.2)"'
+    text = FITTED.replace("set = { threshold = 5.0 }", "")
+    case.write_text(text.replace(law, 'threshold = "normal(5, 2.2)"'))
+    assert _status(["advise", str(case)]) == 2
+    assert "must be at least 0, but 1.2% of Normal(5, 2.2) is not" in capsys.readouterr().err
+    case.write_text(text.replace(law, 'threshold = "normal(5, 2.1)"'))
+    assert _status(["advise", str(case), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["result"]["alpha"]["value"] > 0
+
+
+@pytest.mark.slow
+def test_a_fit_to_tests_in_units_of_their_own_says_so(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = zip((15, 20, 30, 45, 60, 75), (6, 7, 7.2, 5.5, 3, 1), strict=True)
+    lines = "".join(f"{angle}, {erosion}\n" for angle, erosion in rows)
+    (tmp_path / "rows.csv").write_text(f"angle [deg], erosion [-]\n{lines}")
+    assert _status(["calibrate", "rows.csv", "--free", "k", "--starts", "4", "--write-case", "fitted.toml"]) == 0
+    capsys.readouterr()
+    assert _status(["advise", "fitted.toml"]) == 0
+    assert "fitted.toml: the tests had units of their own" in capsys.readouterr().err

@@ -174,7 +174,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"hardness": LAW}, "`hardness` is not a parameter; they are k, psi"),
     ({"cutting_fraction": 1.5}, "`cutting_fraction` must be above 0 and at most 1, but is 1.5"),
     ({"cutting_fraction": 0.5, "uncertain": {"cutting_fraction": LAW}}, "must be left out where it is uncertain"),
-    ({"uncertain": {"cutting_fraction": LAW}}, "at most 1, but its law reaches further"),
+    ({"uncertain": {"cutting_fraction": LAW}}, "positive and at most 1, but 50.0%"),
     ({"spin": "case", "phidot0": LAW}, "`spin` must be left out where `phidot0` has a law"),
     ({"uncertain": {"k": 2.0}}, "`k` must be a distribution such as"),
     ({"uncertain": {"k": Normal(1.0, 1.0)}}, "`k` must be positive, but 15.9% of"),

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from erosion.calibration.forward import FACTORS, FRACTION
-from erosion.joint_laws import LawSet, Member, Rows
+from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters, quantities, with_values
+from erosion.models.correlated import Correlated
+from erosion.models.own_parameters import own_parameters, quantities, ranges, with_values
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System
@@ -49,6 +50,9 @@ class Uncertain:
         """
         if not self.laws:
             raise ValueError("Argument `uncertain` must have a law, but has none.")
+        require_units(self.laws, units)
+        if all(isinstance(model, Correlated) for model in models.values()):
+            raise ValueError("Argument `models` must have one that takes what is uncertain; a correlation does not.")
         for name, model in models.items():
             known = (*_OF_METAL, *own_parameters(model))
             if strange := [parameter for parameter in self.laws if parameter not in known]:
@@ -85,4 +89,4 @@ class Uncertain:
         return laws.draw(Points("sobol", laws.dimension, 0, 1).take(DRAWS)[0])
 
     def _set(self, model: CuttingModel) -> LawSet:
-        return LawSet(self.laws, {*quantities(model), FRACTION})
+        return LawSet(self.laws, {**ranges(model), FRACTION: SHARE})

@@ -28,7 +28,7 @@ from erosion.parameters.units import System, conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20
-_CUT = 0.025  # the share of a law beyond a bound of its parameter, from which it is no longer normal
+_CUT = 0.01  # the share of a law beyond a bound of its parameter, from which it is no longer normal
 _SHARP = 1e-9  # errors of exact data, which are rounding
 _PLAIN = {*string.ascii_letters, *string.digits, *"=./_-+:"}  # characters that a shell takes as they are
 _Exported = Calibration | CuttingModel | str | Path
@@ -148,6 +148,8 @@ def _for_advice(calibration: Calibration) -> str:
     """The table [advise] of a case file; without laws where the data does not determine all parameters."""
     own = {name: float(parameter.value) for name, parameter in own_parameters(calibration.model).items()}
     lines = ["", "[advise]", f"model = {toml_string(model_name(calibration.model))}"]
+    if calibration.data.free_scale:
+        lines.append('warning = "the tests had units of their own, so the size of the wear is that of the case."')
     if own:
         lines.append(f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}")
     laws = _laws(calibration)
@@ -168,8 +170,10 @@ def _laws(calibration: Calibration) -> dict[str, str]:
     if not np.isfinite(errors).all():
         return {}
     problem, theta, laws = calibration.problem, calibration.solution.theta, {}
+    # The errors of exact data are rounding, which may be nothing at all.
+    errors = np.maximum(errors, _SHARP * np.maximum(1.0, np.abs(theta)))
     for i, name in enumerate(calibration.names):
-        if name == SCALE or errors[i] < _SHARP * max(1.0, abs(theta[i])):
+        if name == SCALE:
             continue
         log = "log" if problem.forward.logarithmic[i] else ""
         outside = stats.norm.cdf([(problem.lower[i] - theta[i]) / errors[i], (theta[i] - problem.upper[i]) / errors[i]])

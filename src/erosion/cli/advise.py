@@ -55,11 +55,12 @@ def advise(
     options.refuse_angle("all angles of the nozzle are compared")
     p = options.parameters()
     deviation = read_option("spread", spread, "angle", "si")
-    fit = GivenFit(fit_of_tests or FitOptions(), options, options.section("advise", FIELDS))
+    fit = GivenFit(fit_of_tests or FitOptions(), options, options.section("advise", FIELDS, parameters=False))
     _require(output, plot, (options.case, *fit.files, *(model or ())), lang)
     models = fit.models(chosen_models(model), p)
-    uncertain, draws = fit.uncertain(models, p)
-    per_mass = (abrasive or PerMassOptions()).per_mass(options, _usual_fraction(uncertain, draws))
+    abrasive = abrasive or PerMassOptions()
+    uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
+    per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
     start_engine()
     from erosion.advice.advise import advise_case
 
@@ -71,6 +72,7 @@ def advise(
     for message in advice.warnings:
         if message not in printed.warnings:
             printed.warn(message)
+    printed.warn_all([fit.doubts])
     for part in draws:
         printed.warn_all([part.doubts(model, advice.p, advice.per_mass.cutting_fraction) for model in models.values()])
     if json:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from erosion.parameters.parameters import Parameters
     from erosion.posteriors.files import Draws
 
-FIELDS = ("model", "set", "uncertain", "correlation")
+FIELDS = ("model", "set", "uncertain", "correlation", "warning")
 """The fields of [advise] in a case file."""
 
 _UNCERTAIN = (
@@ -61,22 +61,50 @@ class GivenFit:
         chosen = list(names or self._model_of_file or self._model_of_draws() or MODELS)
         own = settings(self.options.own, self.section, f"{self.case.case}: `set` of [advise]")
         if own and len(chosen) > 1:
-            raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(chosen)}.")
+            raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
         return {name: load_set(name, own, p.units) for name in chosen}
 
     def uncertain(
-        self, models: "Mapping[str, CuttingModel]", p: "Parameters"
+        self, models: "Mapping[str, CuttingModel]", p: "Parameters", *, has_fraction: bool
     ) -> "tuple[Uncertain | None, list[Draws]]":
-        """The laws, or None where there are none, and the posteriors' files that were read."""
+        """The laws, or None where there are none, and the posteriors' files that were read.
+
+        Args:
+            models: by name.
+            p: the case.
+            has_fraction: whether --cutting-fraction is given.
+        """
         from erosion.advice.uncertain import Uncertain
 
-        given, model = self._laws, next(iter(models.values()))
-        _, laws, draws = given.read(model, p.units, {})
-        require_same_model(draws, model, given.uncertain[0])
+        given = self._laws
+        _, laws, draws = given.read(next(iter(models.values())), p.units, {})
+        for model in models.values():
+            require_same_model(draws, model, given.uncertain[0])
         if not laws:
             return None, draws
         in_options = self.options.uncertain is not None
-        return Uncertain(laws, "" if in_options else str(self.case.case)), draws
+        uncertain = Uncertain(laws, "" if in_options else str(self.case.case))
+        self._refuse_options_beside(uncertain, has_fraction=has_fraction)
+        return uncertain, draws
+
+    def _refuse_options_beside(self, uncertain: "Uncertain", *, has_fraction: bool) -> None:
+        """An `InputError` for an option that sets what has a law: one of the two would be left aside."""
+        from erosion.calibration.forward import FRACTION
+
+        options = {name: name for name in self.case.given()}
+        options |= {text.partition("=")[0].strip(): "set" for text in self.options.own or ()}
+        if has_fraction:
+            options[FRACTION] = "cutting-fraction"
+        if self.options.uncertain is None and self.case.target is not None:
+            options["sigma"] = "target"
+        for name, option in options.items():
+            if name in uncertain.laws:
+                raise InputError(f"Option `--{option}` cannot set {name}, which has a law in {uncertain}.")
+
+    @property
+    def doubts(self) -> list[str]:
+        """The warning of the case file's table, that the tests were in units of their own for example."""
+        return [f"{self.case.case}: {self.section['warning']}"] if "warning" in self.section else []
 
     @property
     def _model_of_file(self) -> list[str] | None:

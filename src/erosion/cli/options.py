@@ -144,19 +144,27 @@ class CaseOptions:
         """The case file and what holds for all of it."""
         return CaseOptions(case=self.case, units=self.units, particle=self.particle, target=self.target)
 
-    def section(self, verb: str, fields: Sequence[str]) -> dict[str, Any]:
-        """The table of a verb in the case file: parameters, and `fields` of the verb's own.
+    def section(self, verb: str, fields: Sequence[str], *, parameters: bool = True) -> dict[str, Any]:
+        """The table of a verb in the case file: `fields` of the verb's own, and, if it takes them, parameters.
 
         Raises:
-            InputError: for a field that is neither.
+            InputError: for a field that is neither, and for --units other than the file's, in which the table is.
         """
-        from erosion.parameters.case_files import load_section
+        from erosion.parameters.case_files import load_case, load_section
+        from erosion.parameters.units import check_system
 
         if self.case is None:
             return {}
         with user_errors():
             section = load_section(self.case, verb)
-        known = (*fields, *QUANTITIES)
+            has_numbers = not {*section}.isdisjoint((*QUANTITIES, "set", "uncertain"))
+            units = load_case(self.case).units if has_numbers and self.units is not None else None
+            if units is not None and check_system(str(self.units)) != units:
+                raise InputError(
+                    f"Option `--units` cannot convert the table [{verb}] of {self.case}, which is in {units}: leave "
+                    "one of them out."
+                )
+        known = (*fields, *QUANTITIES) if parameters else fields
         for name in section:
             if name not in known:
                 raise InputError(f"{self.case}: field `{name}` of [{verb}] is unknown; they are {', '.join(known)}.")

@@ -12,11 +12,11 @@ from erosion.cfd.impacts import ImpactsError
 from erosion.correlations import CORRELATIONS
 from erosion.correlations.ranges import masks_outside
 from erosion.distributions import Distribution
-from erosion.joint_laws import LawSet
+from erosion.joint_laws import SHARE, LawSet, require_units
 from erosion.maps.incidence import Hits
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, CorrelatedBySize
-from erosion.models.own_parameters import quantities, with_values
+from erosion.models.own_parameters import ranges, with_values
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import conversion_factor
 
@@ -96,7 +96,8 @@ class Bodies:
         Raises:
             ValueError, TypeError: naming the first law that does not.
         """
-        varied, common = LawSet(self.laws, quantities(model)).middle, self.common(model)
+        require_units({**self.laws, **self.uncertain}, self.p.units)
+        varied, common = LawSet(self.laws, ranges(model)).middle, self.common(model)
         # So that an own parameter that cannot be an array is refused too.
         with_values(model, self.p, {name: value for name, value in (varied | common).items() if name != FRACTION})
 
@@ -116,17 +117,13 @@ class Bodies:
         Raises:
             ValueError, TypeError: for laws that make no sense.
         """
-        laws = LawSet(self.uncertain, (*quantities(model), FRACTION))
+        laws = LawSet(self.uncertain, {**ranges(model), FRACTION: SHARE})
         if not laws.dimension:
             return {}
         sampler = qmc.Sobol(laws.dimension, rng=np.random.default_rng([self.seed, 0, 1]))
         # A power of 2 is drawn, of which scrambled points are even; 0 and 1 do not come out.
         points = sampler.random_base2(math.ceil(math.log2(self.draws)))[: self.draws] + 2.0**-31
-        values = {name: value[:, None] for name, value in laws.draw(points).items()}
-        share = values.get(FRACTION, np.ones(1))
-        if not np.all((share > 0) & (share <= 1)):
-            raise ValueError(f"Argument `{FRACTION}` must be above 0 and at most 1, but its law reaches further.")
-        return values
+        return {name: value[:, None] for name, value in laws.draw(points).items()}
 
     def of_rows(self, model: CuttingModel, hits: Hits, portion: int) -> dict[str, np.ndarray]:
         """What laws and spins give each row of a portion, of shape (rows,); rows that are left out get numbers as well.
@@ -135,7 +132,7 @@ class Bodies:
             ImpactsError: where the column of the spin is asked for but not there.
             ValueError, TypeError: for laws that make no sense.
         """
-        laws = LawSet(self.laws, quantities(model))
+        laws = LawSet(self.laws, ranges(model))
         points = np.random.default_rng([self.seed, portion]).uniform(2.0**-53, 1.0, (hits.rows, laws.dimension))
         values = laws.draw(points)
         return values if "phidot0" in {**self.laws, **self.uncertain} else {**values, "phidot0": self._spins(hits)}

@@ -164,6 +164,15 @@ def quantities(model: eqx.Module) -> dict[str, Quantity]:
     return {**QUANTITIES, **{name: parameter.quantity for name, parameter in own_parameters(model).items()}}
 
 
+def ranges(model: eqx.Module) -> dict[str, tuple[float, float]]:
+    """By parameter of an impact, the greatest number below its range, and the greatest number of it."""
+    signed = ("alpha", "phidot0")  # the angles of a jet may be any, see `streams`
+    case = {name: (-math.inf if name in signed else 0.0, math.inf) for name in QUANTITIES}
+    own = {name: (math.nextafter(parameter.least, -math.inf), math.inf)
+           for name, parameter in own_parameters(model).items()}  # fmt: skip
+    return {**case, **own}
+
+
 def values(model: eqx.Module, p: Parameters) -> dict[str, Number]:
     """The parameters of an impact, as `quantities` has them."""
     own = {name: parameter.value for name, parameter in own_parameters(model).items()}

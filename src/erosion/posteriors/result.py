@@ -182,10 +182,12 @@ class Posterior(Result):
         """All draws as a joint law, for `uncertain` of `erosion.stream` and `erosion.erosion_map`.
 
         It has the parameters of an impact, and "cutting_fraction" if that was sampled: a map takes it, a stream does
-        not. "scale" and "noise" belong to the measurements and are left out.
+        not. "scale" and "noise" belong to the measurements and are left out. Values are in the units of the posterior's
+        case, which the case that takes them must have, too.
         """
         names = [name for name in self.names if name not in (SCALE, NOISE)]
-        return Rows({name: self.samples[name].values for name in names}, f"the posterior of {self.data.source}")
+        columns = {name: self.samples[name].values for name in names}
+        return Rows(columns, f"the posterior of {self.data.source}", self.p.units)
 
     def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
         """A function of model and case at draws; it gets arrays of shape (count,): see `cases`."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from erosion.joint_laws import LawSet
+from erosion.joint_laws import LawSet, require_units
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import quantities, with_values
+from erosion.models.own_parameters import ranges, with_values
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.ranges import STEEPEST
 
@@ -29,8 +29,7 @@ class Particles:
         model: the model of the cut.
         p: the case, all scalars.
         laws: parameter name, of the case or the model's own, to its `Distribution` from particle to particle; those of
-            a joint law (`erosion.joint_laws`) all together. The range of an own parameter is not known here, so its law
-            is not restricted.
+            a joint law (`erosion.joint_laws`) all together.
         uncertain: the same for parameters that are one number for all particles, which is not known exactly.
 
     Raises:
@@ -55,6 +54,7 @@ class Particles:
                 "Argument `uncertain` must leave out `cutting_fraction`: volumes of a stream are those of particles "
                 "that cut, whose share is a number."
             )
+        require_units(self.all_laws, self.p.units)
         # So that an own parameter that cannot be an array is refused before anything is computed.
         self.impacts(self._middle)
 
@@ -65,11 +65,11 @@ class Particles:
 
     @functools.cached_property
     def _of_particle(self) -> LawSet:
-        return LawSet(self.laws, quantities(self.model))
+        return LawSet(self.laws, ranges(self.model))
 
     @functools.cached_property
     def _of_all(self) -> LawSet:
-        return LawSet(self.uncertain, quantities(self.model))
+        return LawSet(self.uncertain, ranges(self.model))
 
     @functools.cached_property
     def inputs(self) -> dict[tuple[str, ...], int]:
