@@ -266,6 +266,8 @@ BAD = [
     (f"{MAP} --uncertain wrong.nc", "wrong.nc: must hold the draws of a posterior, but cannot be read as such."),
     (f"{MAP} --uncertain other-tool.nc", "the draws of a posterior of this program, but holds something else."),
     (f"{MAP} --uncertain post.nc --model rotating", "the parameters of linearized, but Option `--model` is rotating."),
+    ("advise sand.toml --uncertain post.nc --model linearized,finnie", "but Option `--model` is finnie."),
+    ("stream jet.toml --units inch-pound", "Option `--units` cannot convert the table [stream] of jet.toml, which is"),
     (f"{MAP} --uncertain post.nc --uncertain psi=normal(2,0.1)", "must give psi once, but gives it several times."),
     (f"{MAP} --uncertain post.nc --psi normal(2,0.1)", "must name parameters without another law, but psi has one"),
     (f"{MAP} --uncertain k=2", "Option `--uncertain` must give k a law (normal, "),
@@ -292,6 +294,7 @@ def test_bad_laws_are_one_line(line: str, sentence: str, capsys: pytest.CaptureF
     Path("wrong.nc").write_text("psi")
     Path("speeds.csv").write_text("v0 [m/s]\n25\n30\n")
     xr.Dataset({"psi": ("draw", [1.0, 2.0])}).to_netcdf("other-tool.nc", group="posterior", engine="h5netcdf")
+    Path("jet.toml").write_text(CASE + '[stream]\nv0 = "normal(25, 1)"\n')
     Path("bad.toml").write_text(CASE + '[stream]\nv0 = "normal(25, 1)"\ncorrelation = 0.5\n')
     Path("bad-map.toml").write_text(CASE + "[map]\nv0 = 30\n")
     assert _status(shlex.split(line)) == 2
