@@ -217,11 +217,11 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
 
 
 def test_own_parameters_must_be_those_of_the_fit(capsys: pytest.CaptureFixture[str]) -> None:
-    path = str(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
-    fit = f"calibrate tests.csv sand.toml --posterior --draws 125 --free psi --model '{path}' --set friction=0.3"
+    path = shlex.quote(str(Path(__file__).parents[2] / "models" / "coulomb_tip.py"))
+    fit = f"calibrate tests.csv sand.toml --posterior --draws 125 --free psi --model {path} --set friction=0.3"
     assert _status(shlex.split(f"{fit} -o own.nc")) == 0
     capsys.readouterr()
-    line = f"map impacts.csv --case sand.toml --uncertain own.nc --draws 2 --model '{path}' --json"
+    line = f"map impacts.csv --case sand.toml --uncertain own.nc --draws 2 --model {path} --json"
     document, _ = said(line, capsys)
     (warning,) = (sentence for sentence in document["warnings"] if "own.nc: the draws hold" in sentence)
     assert warning.startswith("own.nc: the draws hold for friction = 0.3, but the model has friction = ")
