@@ -32,6 +32,16 @@ def test_what_is_read_is_what_was_written_to_the_last_bit(tmp_path: Path) -> Non
     assert there.volume.attrs["units"] == "in^3"
 
 
+def test_what_was_read_is_written_as_the_same_bytes(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.nc", tmp_path / "second.nc"
+    dataset = DATASET.assign_coords(k=("k", [1.0, 2.0, 3.0]), label="α")[["ended_by", "volume"]]
+    write_netcdf(dataset, first, IDENTITY)
+    read = read_netcdf(first, IDENTITY)
+    write_netcdf(read[["volume", "ended_by"]], second, IDENTITY)
+    assert read.identical(read_netcdf(second, IDENTITY))
+    assert first.read_bytes() == second.read_bytes()
+
+
 def test_the_dataset_that_is_written_stays_as_it_is(tmp_path: Path) -> None:
     write_netcdf(DATASET, tmp_path / "out.nc", IDENTITY)
     assert DATASET.attrs == {"model": "linearized"}

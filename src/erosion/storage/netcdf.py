@@ -36,7 +36,7 @@ def write_netcdf(
         OSError: where the file cannot be written.
     """
     # In memory first: an HDF5 file that a full disk has cut short ends the process when it is closed.
-    marked = dataset.assign_attrs({IDENTITY: json.dumps(identity), _CHECKSUM: _checksum(dataset)})
+    marked = _in_order(dataset).assign_attrs({IDENTITY: json.dumps(identity), _CHECKSUM: _checksum(dataset)})
     # Whoever reads it, HDF5 checks each array of numbers.
     summed = {
         name: {"fletcher32": True}
@@ -81,6 +81,14 @@ def read_netcdf(path: Path, identity: Mapping[str, str]) -> xr.Dataset:
     if checksum != _checksum(dataset):
         raise StoreError(f"{path}: is damaged, or was changed after it was written; it is left as it is.")
     return dataset
+
+
+def _in_order(dataset: xr.Dataset) -> xr.Dataset:
+    """The same with its variables in one order: what was read and goes on is written as what was never stored."""
+    coordinates = {name: dataset.variables[name] for name in sorted(dataset.coords, key=str)}
+    return xr.Dataset(coords=coordinates, attrs=dataset.attrs).assign(
+        {name: dataset[name].variable for name in sorted(dataset.data_vars, key=str)}
+    )
 
 
 def _checksum(dataset: xr.Dataset) -> str:
