@@ -59,7 +59,7 @@ nitpick_ignore_regex = [
     ("py:class", r"(collections|diffrax|distributed|jax|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray)\..*|ndarray"),
     (
         "py:class",
-        r"erosion\.(calibration\.least_squares|language|parameters\.(per_mass|quantities)|posteriors\.(likelihood|priors|tempering)|streams\.(particles|tally)|tables)\..*",
+        r"erosion\.(advice\.uncertain|calibration\.least_squares|language|parameters\.(per_mass|quantities)|posteriors\.(likelihood|priors|tempering)|streams\.(particles|tally)|tables)\..*",
     ),
 ]
 napoleon_numpy_docstring = False

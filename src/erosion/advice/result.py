@@ -98,7 +98,7 @@ class Advice(Result):
 
     @property
     def counted(self) -> Sequence[Curve]:
-        """The curves that decide: all of them, or after a fit those of the models, for its tests know this metal."""
+        """All curves decide, or after a fit those of the models alone, for its tests know this metal."""
         if self.uncertain is None:
             return self.curves
         return [curve for curve in self.curves if curve.group != "correlations"]
