@@ -83,3 +83,10 @@ def test_a_number_in_words_has_its_unit(name, value, units, words) -> None:
 def test_a_power_of_ten_counts_for_the_error_too() -> None:
     assert table_scale("volume", "inch-pound", 3.1e-7).beside("3.1 ± 2.5") == "(3.1 ± 2.5)·10⁻⁷ in³"
     assert table_scale("speed", "si", 30.0).beside("30 ± 2") == "30 ± 2 m/s"
+
+
+@pytest.mark.parametrize("largest", [5e-324, 1e-310, 1e305, 1.7e308])
+def test_numbers_at_the_ends_of_what_a_float_holds_are_in_the_base_unit(largest) -> None:
+    for dimension in ("mass", "length", "volume", "volume per angle"):
+        for scale in (table_scale(dimension, "si", largest), readable_scale(dimension, "inch-pound", largest)):
+            assert 0 < scale.size < np.inf

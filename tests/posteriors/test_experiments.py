@@ -8,7 +8,7 @@ from erosion.engine.impact import impact
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.posteriors import next_experiment, posterior, rank_posteriors
-from erosion.posteriors.experiments import _gains
+from erosion.posteriors.experiments import NextExperiment, _gains
 
 pytestmark = pytest.mark.slow
 
@@ -94,9 +94,40 @@ def test_two_models_are_told_apart_where_they_differ():
     assert answer.discrimination.max() == answer.discrimination[answer.candidates["alpha"] == where]
 
 
+@pytest.mark.parametrize("spread", [1e3, 1e5, 1e12, 1e300])
+def test_predictions_any_number_of_errors_apart_say_which_draw_is_right(spread):
+    # 64 draws that one row tells apart are six bits, however far apart they are.
+    apart = spread * np.arange(64.0)
+    information, _ = _gains([(apart, np.ones(64))], np.ones(1))
+    assert information == pytest.approx(6, abs=0.01)
+    _, discrimination = _gains([(apart, np.ones(64)), (apart + spread / 2, np.ones(64))], np.array([0.5, 0.5]))
+    assert discrimination == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e200, 1e300])
+def test_the_information_does_not_depend_on_the_unit(size):
+    predicted, noise = np.random.default_rng(3).normal(0, 5, 64), np.ones(64)
+    expected = _gains([(predicted, noise)], np.ones(1))
+    assert _gains([(size * predicted, size * noise)], np.ones(1)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_candidate_without_a_prediction_is_not_the_best():
+    nothing, something = np.array([np.nan, 0.5]), np.array([np.nan, 0.25])
+    candidates = {"alpha": np.array([0.1, 0.2])}
+    answer = NextExperiment(candidates, nothing, something, 1.0, ("linearized", "rotating"), "si")
+    assert answer.best == answer.best_to_discriminate == {"alpha": 0.2}
+
+
 @pytest.mark.parametrize(
     ("candidates", "message"),
     [
+        ({"alpha": []}, "at least one candidate, but gives none"),
+        ({"alpha": np.zeros((0, 3)), "v0": 1.0}, "at least one candidate, but gives none"),
+        ({"alpha": ["20 deg"]}, "must give numbers for 'alpha', but gives"),
+        ({"alpha": [[0.1], [0.2, 0.3]]}, "must give numbers for 'alpha', but gives"),
+        ({"alpha": 0.3 + 1j}, "must give numbers for 'alpha', but gives"),
+        ({"alpha": None}, "must give numbers for 'alpha', but gives None"),
+        ({"alpha": np.ma.masked_array([0.3, 0.4], [True, False])}, "must have no masked values"),
         ({"alpha": [0.1, 2.0]}, r"values of alpha in \(0, π/2\]"),
         ({"v0": [1.0]}, "must give angles"),
         ({"alpha": [0.1], "psi": 0.1}, "parameters of the case that are known, but has 'psi'"),

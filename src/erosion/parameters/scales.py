@@ -95,7 +95,10 @@ def _scale(dimension: Dimension, units: System, largest: float, plain: tuple[flo
     scales = [
         (step * math.floor((math.log10(largest / unit_size) + 1e-9) / step), unit, unit_size)
         for unit, unit_size in ((base, size), *named, *_RARE.get((dimension, units), ()))
+        if 1e-300 < largest / unit_size < 1e300  # the power of ten, and its inverse, are numbers
     ]
+    if not scales:
+        return Scale(size, base)
     exponent, unit, unit_size = min(scales, key=lambda scale: abs(scale[0]))
     # A division by a whole power of ten rounds once.
     factor = unit_size * 10.0**exponent if exponent > 0 else unit_size / 10.0**-exponent

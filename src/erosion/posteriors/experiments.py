@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from erosion.models import model_name
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.scales import table_scale
+from erosion.parameters.units import shown
 from erosion.posteriors.evidence import PosteriorRanking
 from erosion.posteriors.result import Posterior
 from erosion.tables import Result, to_plain
@@ -64,7 +66,7 @@ class NextExperiment(Result):
     @property
     def best_to_discriminate(self) -> dict[str, float]:
         """The conditions at which a row says most about which model is right."""
-        return self._at(int(np.argmax(self.discrimination)))
+        return self._at(int(np.argsort(-self.discrimination, kind="stable")[0]))  # NaN comes last
 
     @property
     def sentence(self) -> str:
@@ -145,15 +147,17 @@ def next_experiment(
         draws: of each posterior.
 
     Raises:
-        ValueError: for candidates that make no sense.
+        ValueError: for candidates or a noise that make no sense.
 
     References:
         D. V. Lindley, On a measure of the information provided by an experiment, Ann. Math. Stat. 27 (1956) 986-1005.
     """
     posteriors = source.posteriors if isinstance(source, PosteriorRanking) else (source,)
     weights = source.weights if isinstance(source, PosteriorRanking) else np.ones(1)
-    if noise is not None and not (np.isfinite(noise) and noise > 0):
-        raise ValueError(f"Argument `noise` must be positive and finite, but is {noise!r}.")
+    if noise is not None and not (isinstance(noise, Real) and np.isfinite(noise) and noise > 0):
+        raise ValueError(f"Argument `noise` must be positive and finite, but is {shown(noise)}.")
+    if candidates is not None and not isinstance(candidates, Mapping):
+        raise ValueError(f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {shown(candidates)}.")
     conditions = _conditions(posteriors, candidates)
     others = {name: values for name, values in conditions.items() if name != "alpha"}
     predictions, noises = [], []
@@ -186,9 +190,8 @@ def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] |
     free = {name for posterior in posteriors for name in posterior.likelihood.forward.of_impact}
     # What the rows of the data had, a new row needs as well.
     fixed = {name: values[0] for name, values in data.conditions.items() if name != "alpha"}
-    arrays = {name: np.asarray(values, float) for name, values in {**fixed, **candidates}.items()}
+    arrays = {name: _numbers(name, values) for name, values in {**fixed, **candidates}.items()}
     for name, values in arrays.items():
-        check_unmasked("candidates", values)
         if name not in QUANTITIES or name in free:
             raise ValueError(
                 f"Argument `candidates` must name parameters of the case that are known, but has {name!r}."
@@ -204,7 +207,21 @@ def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] |
     except ValueError:
         shapes = ", ".join(f"{name} {values.shape}" for name, values in arrays.items())
         raise ValueError(f"Argument `candidates` must be arrays that broadcast, but shapes are {shapes}.") from None
+    if 0 in shape:
+        raise ValueError("Argument `candidates` must give at least one candidate, but gives none.")
     return {name: np.broadcast_to(values, shape).reshape(-1) for name, values in arrays.items()}
+
+
+def _numbers(name: str, values: Any) -> np.ndarray:
+    """The values of a condition, of any shape."""
+    check_unmasked("candidates", values)
+    try:
+        numbers = np.asarray(values)
+    except ValueError:  # lists of several lengths
+        numbers = np.empty(0, object)
+    if numbers.dtype.kind not in "iuf":
+        raise ValueError(f"Argument `candidates` must give numbers for {shown(name)}, but gives {shown(values)}.")
+    return numbers.astype(float)
 
 
 def _of_candidate(predicted: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -224,6 +241,7 @@ def _gains(shares: Sequence[tuple[np.ndarray, np.ndarray]], weights: np.ndarray)
     """
     if any(not len(predicted) for predicted, _ in shares):
         return np.nan, np.nan
+    shares = _side_by_side(shares)
     ends = np.array([[(predicted - _REACH * noise).min(), (predicted + _REACH * noise).max()]
                      for predicted, noise in shares])  # fmt: skip
     least = min(float(noise.min()) for _, noise in shares)
@@ -238,6 +256,22 @@ def _gains(shares: Sequence[tuple[np.ndarray, np.ndarray]], weights: np.ndarray)
     information = float(weights @ (of_models - of_noise))
     discrimination = _entropy(weights @ densities, width) - float(weights @ of_models)
     return max(information, 0.0), max(discrimination, 0.0)
+
+
+def _side_by_side(shares: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The same in units of the largest noise, without the gaps that no row falls into.
+
+    Entropies do not change, but for the unit, and the grid is fine wherever a row can be.
+    """
+    unit = max(float(noise.max()) for _, noise in shares)
+    predicted = np.concatenate([values for values, _ in shares])
+    order = np.argsort(predicted)
+    with np.errstate(over="ignore"):
+        steps = np.minimum(np.diff(predicted[order]) / unit, 2 * _REACH)
+    places = np.empty(len(predicted))
+    places[order] = np.concatenate([[0.0], np.cumsum(steps)])
+    of_models = np.split(places, np.cumsum([len(values) for values, _ in shares])[:-1])
+    return [(place, noise / unit) for place, (_, noise) in zip(of_models, shares, strict=True)]
 
 
 def _density(predicted: np.ndarray, noise: np.ndarray, edges: np.ndarray) -> np.ndarray:
