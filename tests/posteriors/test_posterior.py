@@ -115,6 +115,17 @@ def test_a_flipped_bit_of_the_draws_is_noticed(result, tmp_path):
         read_draws(path, QUANTITIES, "si")
 
 
+@pytest.mark.parametrize("draw", [np.nan, np.inf])
+def test_draws_that_are_no_numbers_are_told_by_file_and_parameter(result, tmp_path, draw):
+    path = result.save(tmp_path / "draws.nc")
+    with xr.open_datatree(path) as tree:
+        loaded = tree.load()
+    loaded["posterior"]["psi"][0, 3] = draw
+    loaded.to_netcdf(tmp_path / "bad.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match=r"bad\.nc: must have finite draws of psi, one or more, but has not\.$"):
+        read_draws(tmp_path / "bad.nc", QUANTITIES, "si")
+
+
 def test_a_file_has_arvizs_layout(result, tmp_path):
     path = result.save(tmp_path / "draws.nc")
     with xr.open_datatree(path) as tree:

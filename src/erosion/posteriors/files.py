@@ -101,6 +101,8 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
                 f"parameter here; they are {', '.join(quantities)}."
             )
         columns[name] = values.values * conversion_factor(known[name].dimension, before, units)
+        if not columns[name].size or not np.isfinite(columns[name]).all():
+            raise ValueError(f"{path}: must have finite draws of {name}, one or more, but has not.")
     if not columns:
         raise ValueError(f"{path}: must have draws of parameters of an impact, but has none.")
     fraction = None if FRACTION in columns else float(attrs.get(FRACTION, 1.0))
