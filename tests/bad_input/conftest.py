@@ -40,6 +40,7 @@ def workshop(tmp_path_factory) -> Path:
     (folder / "mute.py").write_text('"""A file without a model."""\n')
     shutil.copy(Path(__file__).parents[2] / "models" / "coulomb_tip.py", folder / "friction.py")
     (folder / "raises.py").write_text("raise SystemExit(3)\n")
+    (folder / "complains.py").write_text("raise ValueError('Argument `dimension` must be known.')\n")
     os.mkfifo(folder / "pipe")
     return folder
 

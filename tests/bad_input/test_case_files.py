@@ -159,3 +159,21 @@ def test_a_section_that_is_no_table(tmp_path):
     (tmp_path / "case.toml").write_text(f"sweep = 3\n{CASE}")
     with pytest.raises(erosion.CaseError, match="`sweep` must be a table, but is 3"):
         erosion.parameters.case_files.load_section(tmp_path / "case.toml", "sweep")
+
+
+@pytest.mark.parametrize("title", [r"a\u0000b", r"\u001b[31mred", r"a\u0085b\u009b31m"])
+def test_a_title_that_a_terminal_would_obey_is_refused(tmp_path, title):
+    file = tmp_path / "mine.toml"
+    file.write_text(case_text(title=f'"{title}"'), encoding="utf-8")
+    with pytest.raises(erosion.CaseError, match="field `title` must have no control characters, but is "):
+        erosion.parameters.case_files.case_title(file)
+
+
+@pytest.mark.parametrize(
+    ("title", "words"),
+    [(r"a\n\tb", "a b"), ("   ", "mine"), ("", "mine"), ("😀 🏳️‍🌈 שלום $x_$", "😀 🏳️‍🌈 שלום $x_$")],
+)
+def test_a_title_is_one_line_and_never_blank(tmp_path, title, words):
+    file = tmp_path / "mine.toml"
+    file.write_text(case_text(title=f'"{title}"'), encoding="utf-8")
+    assert erosion.parameters.case_files.case_title(file) == words

@@ -140,6 +140,26 @@ def test_what_would_be_left_aside_beside_a_fit_is_refused(capsys, tmp_path, monk
     assert message in capsys.readouterr().err.splitlines()[-1]
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("set =", "warning = 3\nset =", "field `warning` of [advise] must be a sentence, but is 3."),
+        ("set =", 'warning = " "\nset =', "field `warning` of [advise] must be a sentence, but is ' '."),
+        ("set =", 'warning = "\\u001b[31mred"\nset =', "must be a sentence, but is '\\x1b[31mred'."),
+        ("set =", 'warning = ["a", "b"]\nset =', "must be a sentence, but is ['a', 'b']."),
+        (FITTED[FITTED.index("uncertain =") :], "uncertain = {}", "must name a file or be a table of laws, but is {}."),
+        ("linearized-deformation", 50_000 * "x", "There is no model 'xxxxxxxxxxxxxxxxxxxx"),
+    ],
+)
+def test_what_was_edited_badly_in_a_fit_is_refused_in_short(capsys, tmp_path, monkeypatch, before, after, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fitted.toml").write_text(FITTED.replace(before, after))
+    assert _status(["advise", "fitted.toml"]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert message in said
+    assert len(said) < 1000
+
+
 def test_laws_need_a_model_that_takes_them(capsys):
     words = ["--model", "oka:aluminium", "--uncertain", "cutting_fraction=normal(0.3, 0.03)"]
     assert _status([*LINE[:-2], *words]) == 2

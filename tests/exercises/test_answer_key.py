@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
+import pint
 import pytest
 from scipy import integrate
 
@@ -104,6 +105,19 @@ def test_what_is_no_number_is_refused(answer: Any) -> None:
 def test_what_is_no_number_is_told_in_short(answer: Any) -> None:
     with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is (?s:.){1,200}$"):
         KEY.check("t_c", answer)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "lb"])
+def test_a_number_with_a_unit_is_refused_and_not_read_without_it(unit: str) -> None:
+    quantity = pint.UnitRegistry().Quantity(KEY.answer("t_c"), unit)
+    with pytest.raises(ValueError, match=r"^Argument `answer` must be a number without unit, but is <Quantity"):
+        KEY.check("t_c", quantity)
+
+
+def test_a_long_name_of_a_task_or_a_language_is_told_in_short() -> None:
+    for ask in (KEY.answer, lambda name: erosion.AnswerKey(erosion.TABLE_1, lang=name)):
+        with pytest.raises(ValueError, match=r"must be one of (?s:.){1,250}$"):
+            ask(100_000 * "x")
 
 
 def test_what_jax_traces_is_no_number() -> None:

@@ -17,7 +17,8 @@ def user_errors(*also: type[Exception]) -> Iterator[None]:
     try:
         yield
     except (ValueError, OSError, *also) as error:
-        raise InputError(re.sub(r"\bArgument `(\w+)`", _as_option, sentence(error))) from error
+        # What a plug-in's own code says after "ValueError: " is not about options.
+        raise InputError(re.sub(r"(?<!Error: )\bArgument `(\w+)`", _as_option, sentence(error))) from error
 
 
 def reading(source: str) -> contextlib.AbstractContextManager[None]:

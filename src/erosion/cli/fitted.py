@@ -10,6 +10,7 @@ from erosion.cli.errors import InputError, user_errors
 from erosion.cli.laws import LawOptions, require_same_model
 from erosion.cli.options import CaseOptions
 from erosion.cli.set_option import SetOption, load_set, settings
+from erosion.parameters.units import has_control_characters, shown
 
 if TYPE_CHECKING:
     from erosion.advice.uncertain import Uncertain
@@ -104,7 +105,14 @@ class GivenFit:
     @property
     def doubts(self) -> list[str]:
         """The warning of the case file's table, that the tests were in units of their own for example."""
-        return [f"{self.case.case}: {self.section['warning']}"] if "warning" in self.section else []
+        warning = self.section.get("warning")
+        if warning is None:
+            return []
+        if not isinstance(warning, str) or not warning.strip() or has_control_characters(warning):
+            raise InputError(
+                f"{self.case.case}: field `warning` of [advise] must be a sentence, but is {shown(warning)}."
+            )
+        return [f"{self.case.case}: {warning}"]
 
     @property
     def _model_of_file(self) -> list[str] | None:

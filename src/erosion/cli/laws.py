@@ -55,7 +55,7 @@ class LawOptions:
         rows, uncertain, pairs = (section.get(name) for name in LAW_FIELDS)
         if not (rows is None or isinstance(rows, str)):
             raise InputError(f"{where.format('rows')} must name a CSV file, but is {rows!r}.")
-        if not (uncertain is None or isinstance(uncertain, (str, dict))):
+        if not (uncertain is None or isinstance(uncertain, str) or (uncertain and isinstance(uncertain, dict))):
             raise InputError(
                 f"{where.format('uncertain')} must name a file or be a table of laws, but is {uncertain!r}."
             )

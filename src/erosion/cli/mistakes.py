@@ -5,6 +5,8 @@ import re
 import cyclopts
 from cyclopts import exceptions
 
+from erosion.parameters.units import shown
+
 
 def explain(error: cyclopts.CycloptsError) -> str:
     """One sentence on what was typed wrong."""
@@ -22,7 +24,11 @@ def explain(error: cyclopts.CycloptsError) -> str:
         # What a converter of ours says; cyclopts has no words of its own here.
         case exceptions.CoercionError(argument=argument, msg=str() as said) if argument is not None:
             return f"Option `{argument.name}` {said}."
-        case exceptions.CoercionError(argument=argument, token=token) if argument is not None and token is not None:
+        case exceptions.CoercionError(argument=argument, token=token, target_type=kind) if (
+            argument is not None and token is not None
+        ):
+            if kind is float:
+                return f"Option `{argument.name}` must be a number such as 0.5, but is {shown(token.value)}."
             return f"Option `{argument.name}` must have a value that makes sense, but has {token.value!r}: see --help."
         case exceptions.UnknownCommandError(unused_tokens=[word, *_]) if error.app is not None:
             known = ", ".join(name for name in error.app if not name.startswith("-"))

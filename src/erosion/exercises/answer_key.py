@@ -162,8 +162,8 @@ class AnswerKey:
         Raises:
             ValueError: for a name that is no task.
         """
-        if task not in self.tasks:
-            raise ValueError(f"Argument `task` must be one of {', '.join(self.tasks)}, but is {task!r}.")
+        if not isinstance(task, str) or task not in self.tasks:
+            raise ValueError(f"Argument `task` must be one of {', '.join(self.tasks)}, but is {shown(task)}.")
         return self._answers[task]()
 
     def check(self, task: str, answer: Any) -> Verdict:
@@ -177,11 +177,10 @@ class AnswerKey:
             Whether it is right, and in one or two sentences how far off it is.
 
         Raises:
-            ValueError: for a name that is no task, and for an answer that is no single finite number.
+            ValueError: for a name that is no task, and for an answer that is no single finite number, or has a unit.
         """
         given = None if answer is ... else _finite_number(answer)
-        asked, right = TASKS.get(task), self.answer(task)
-        assert asked is not None
+        right, asked = self.answer(task), TASKS[task]
         say, text = self.language.say, self.language.text
         if given is None:
             return Verdict(False, f"{task}: {text('still to do.')}")
@@ -265,6 +264,8 @@ class AnswerKey:
 
 
 def _finite_number(answer: Any) -> float:
+    if hasattr(answer, "magnitude"):  # a quantity of pint, whose unit NumPy drops
+        raise ValueError(f"Argument `answer` must be a number without unit, but is {shown(answer)}.")
     try:
         given = np.asarray(answer)
     except (TypeError, ValueError):  # lists of several lengths, and what JAX is tracing

@@ -29,6 +29,7 @@ from erosion.models.rotating import Rotating
 from erosion.models.tips import TipKinematics
 from erosion.models.torques import FullTorque, Torque
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import shown
 from erosion.tables import Record, to_plain
 
 _PARTS = {"force": ForceLaw, "torque": Torque, "kinematics": TipKinematics, "deformation": Deformation}
@@ -190,7 +191,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         if entry.name == str(name):
             return _from_entry_point(entry)
     known = ", ".join((*available_models(), *CORRELATIONS))
-    raise ModelError(f"There is no model {str(name)!r}; known are {known}, and Python files by path (…/model.py).")
+    raise ModelError(f"There is no model {shown(str(name))}; known are {known}, and Python files by path (…/model.py).")
 
 
 def model_name(model: CuttingModel) -> str:

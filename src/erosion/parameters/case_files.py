@@ -23,7 +23,7 @@ from erosion.files import readable
 from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.units import System, about, check_system, has_unit, shown, unit_name
+from erosion.parameters.units import System, about, check_system, has_control_characters, has_unit, shown, unit_name
 
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
@@ -128,12 +128,15 @@ def case_title(path: str | Path) -> str:
     """What a case file calls its case: its `title`, else the file's name without its suffix.
 
     Raises:
-        CaseError: for a file that cannot be read, or whose title is no text.
+        CaseError: for a file that cannot be read, or whose title is no text or holds control characters.
     """
-    title = _read(Path(path)).get("title") or Path(path).stem
+    title = _read(Path(path)).get("title", "")
     if not isinstance(title, str):
         raise CaseError(f"{path}: field `title` must be text in quotes, but is {shown(title)}.")
-    return " ".join(title.split())
+    words = " ".join(title.split())
+    if has_control_characters(words):  # a terminal would obey them
+        raise CaseError(f"{path}: field `title` must have no control characters, but is {shown(title)}.")
+    return words or Path(path).stem
 
 
 def load_section(path: str | Path, name: str) -> dict[str, Any]:

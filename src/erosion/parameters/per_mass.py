@@ -3,6 +3,7 @@
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ _TESTED = (1e-4, 1e-3)  # kg/kg at `_TESTED_SPEED`
 _TESTED_SPEED, _TESTED_EXPONENT = 100.0, 2.4  # m/s, -
 _TESTED_DENSITIES = (2700.0, 7800.0)  # kg/m³, the aluminium and the steels of that table
 _FAR = 3.0  # outside of the tests by this factor
+_LEAST_DENSITY = 1e-9  # kg/m³, far below that of any gas at which anything is cut
 _LEAST_SHARE = 1e-9  # one particle in a thousand million; erosion by far fewer is lost in rounding
 
 
@@ -44,6 +46,7 @@ class PerMass:
         cutting_fraction: the share of the particles that cut, from 1e-9 to 1.
 
     Raises:
+        TypeError: for what is no number.
         ValueError: for a number out of range.
 
     References:
@@ -54,8 +57,14 @@ class PerMass:
     cutting_fraction: float | int = 1.0
 
     def __post_init__(self) -> None:
+        for name in ("density", "cutting_fraction"):
+            given = getattr(self, name)
+            if not (isinstance(given, Real) or (name == "density" and given is None)):
+                raise TypeError(f"Argument `{name}` must be a number, but is {shown(given)}.")
         if self.density is not None and not 0 < self.density < np.inf:
             raise ValueError(f"Argument `density` must be positive and finite, but is {self.density!r}.")
+        if self.density is not None and self.density < _LEAST_DENSITY:
+            raise ValueError(f"Argument `density` must be at least {_LEAST_DENSITY:g} kg/m³, but is {self.density!r}.")
         if not 0 < self.cutting_fraction <= 1:
             raise ValueError(
                 f"Argument `cutting_fraction` must be above 0 and at most 1, but is {self.cutting_fraction!r}."

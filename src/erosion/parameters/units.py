@@ -11,6 +11,7 @@ import math
 import re
 import tokenize
 import types
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -181,6 +182,11 @@ def shown(value: Any) -> str:
     """A value as a message shows it; of a long one the beginning."""
     text = repr(value)
     return text if len(text) <= _LONGEST else f"{text[:40]}… ({len(text):,} characters)"
+
+
+def has_control_characters(text: str) -> bool:
+    """Whether a text has characters that a terminal obeys; ends of lines are among them."""
+    return any(unicodedata.category(character) == "Cc" for character in text)
 
 
 def _parts(text: str) -> re.Match[str] | None:

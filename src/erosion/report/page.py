@@ -16,7 +16,7 @@ from erosion.interrupts import unawaited_threads
 from erosion.language import Language, language
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.units import System, unit_name
+from erosion.parameters.units import System, shown, unit_name
 from erosion.plotting.style import save_figure
 from erosion.report.case import Case, question
 from erosion.report.figures import fit_on_sheet, is_wide, translate_figure
@@ -168,7 +168,7 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
         return list(QUESTIONS)
     unknown = [key for key in only if key not in QUESTIONS]
     if unknown or not only or isinstance(only, str):
-        problem = f"has {unknown[0]!r}" if unknown and not isinstance(only, str) else f"is {only!r}"
+        problem = f"has {shown(unknown[0])}" if unknown and not isinstance(only, str) else f"is {shown(only)}"
         raise ValueError(f"Argument `only` must be a list of {', '.join(map(repr, QUESTIONS))}, but {problem}.")
     return [key for key in QUESTIONS if key in only]
 
