@@ -140,6 +140,24 @@ def test_what_would_be_left_aside_beside_a_fit_is_refused(capsys, tmp_path, monk
     assert message in capsys.readouterr().err.splitlines()[-1]
 
 
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        (
+            'uncertain = { alpha = "normal(20 deg, 2 deg)" }',
+            "field `uncertain` of [advise] must name parameters of the metal",
+        ),
+        ('uncertain = { k = "normal(-5, 0.1)" }', "field `uncertain` of [advise]: k must be positive, but 100.0% of"),
+        ("warning = 3", "field `warning` of [advise] must be text, but is 3."),
+    ],
+)
+def test_what_is_wrong_in_the_table_of_a_fit_is_told_by_its_field(capsys, tmp_path, field, message):
+    case = tmp_path / "fitted.toml"
+    case.write_text(FITTED[: FITTED.index("[advise]")] + f"[advise]\n{field}\n")
+    assert _status(["advise", str(case)]) == 2
+    assert capsys.readouterr().err.startswith(f"erosion: {case}: {message}")
+
+
 def test_laws_need_a_model_that_takes_them(capsys):
     words = ["--model", "oka:aluminium", "--uncertain", "cutting_fraction=normal(0.3, 0.03)"]
     assert _status([*LINE[:-2], *words]) == 2

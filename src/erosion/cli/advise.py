@@ -61,6 +61,7 @@ def advise(
     abrasive = abrasive or PerMassOptions()
     uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
     per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
+    doubts = fit.doubts
     start_engine()
     from erosion.advice.advise import advise_case
 
@@ -72,7 +73,7 @@ def advise(
     for message in advice.warnings:
         if message not in printed.warnings:
             printed.warn(message)
-    printed.warn_all([fit.doubts])
+    printed.warn_all([doubts])
     for part in draws:
         printed.warn_all([part.doubts(model, advice.p, advice.per_mass.cutting_fraction) for model in models.values()])
     if json:

@@ -84,6 +84,8 @@ class GivenFit:
             return None, draws
         in_options = self.options.uncertain is not None
         uncertain = Uncertain(laws, "" if in_options else str(self.case.case))
+        with user_errors():
+            uncertain.require_of_metal(models, given.uncertain[0])
         self._refuse_options_beside(uncertain, has_fraction=has_fraction)
         return uncertain, draws
 
@@ -104,7 +106,10 @@ class GivenFit:
     @property
     def doubts(self) -> list[str]:
         """The warning of the case file's table, that the tests were in units of their own for example."""
-        return [f"{self.case.case}: {self.section['warning']}"] if "warning" in self.section else []
+        warning = self.section.get("warning")
+        if not (warning is None or isinstance(warning, str)):
+            raise InputError(f"{self.case.case}: field `warning` of [advise] must be text, but is {warning!r}.")
+        return [] if warning is None else [f"{self.case.case}: {warning}"]
 
     @property
     def _model_of_file(self) -> list[str] | None:
