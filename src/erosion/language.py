@@ -9,6 +9,7 @@ braces, as `str.format` has them.
 import dataclasses
 import functools
 import re
+import reprlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -70,17 +71,21 @@ def languages() -> list[str]:
     return [ENGLISH.tag, *sorted(path.stem for path in _FOLDER.glob("*.po"))]
 
 
-@functools.cache
 def language(tag: str) -> Language:
     """The language with a tag.
 
     Raises:
         ValueError: for a tag without a catalogue.
     """
+    if tag not in languages():
+        raise ValueError(f"Argument `lang` must be one of {', '.join(languages())}, but is {reprlib.repr(tag)}.")
+    return _read(tag)
+
+
+@functools.cache
+def _read(tag: str) -> Language:
     if tag == ENGLISH.tag:
         return ENGLISH
-    if tag not in languages():
-        raise ValueError(f"Argument `lang` must be one of {', '.join(languages())}, but is {tag!r}.")
     import polib
 
     catalogue = polib.pofile(str(catalogue_path(tag)), encoding="utf-8")

@@ -17,7 +17,7 @@ ROWS = [
     (
         "P.replace(k='2' * 10**6)",
         "TypeError",
-        "Argument `k` must be a number or an array, but is '222222222222...2222222222222'.",
+        "but is '222222222222222222222222222222222222222… (1,000,002 characters).",
     ),
     (
         "P.replace(k=[[1, 2], [3]])",
@@ -39,6 +39,13 @@ ROWS = [
     ("P.replace(k=xr.DataArray([1.0]))", "TypeError", "Argument `k` must be an array without labels"),
     ("P.replace(k=np.ma.masked_less([1.0, 2.0], 1.5))", "ValueError", "Argument `k` must have no masked values"),
     ("P.replace(k=np.array(['2020-01-01'], 'M8[D]'))", "TypeError", "has the type datetime64[D]."),
+    ("erosion.AnswerKey(P, ['de'])", "ValueError", "Argument `lang` must be one of en, de, but is ['de']."),
+    (
+        "erosion.AnswerKey(P, 'x' * 10**5)",
+        "ValueError",
+        "must be one of en, de, but is 'xxxxxxxxxxxx...xxxxxxxxxxxxx'.",
+    ),
+    ("erosion.AnswerKey(P).check(['t_c'], 1)", "ValueError", "Argument `task` must be one of omega, "),
     ("P.replace(beta=1)", "TypeError", "Argument `beta` is not a parameter"),
     ("P.to(3)", "ValueError", "Argument `units` must be one of 'inch-pound', 'si', but is 3."),
     ("P.with_target(['copper'])", "ValueError", "Argument `target` must be text such as"),

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
+import pint
 import pytest
 from scipy import integrate
 
@@ -94,7 +95,7 @@ def test_only_angles_can_be_in_degrees() -> None:
     assert "degrees" not in KEY.check("volume", math.degrees(KEY.answer("volume"))).sentence
 
 
-@pytest.mark.parametrize("answer", [math.nan, math.inf, None, "0.5", [1.0, 2.0], 1j])
+@pytest.mark.parametrize("answer", [math.nan, math.inf, None, "0.5", [1.0, 2.0], 1j, pint.Quantity(15.1, "us")])
 def test_what_is_no_number_is_refused(answer: Any) -> None:
     with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is "):
         KEY.check("t_c", answer)
@@ -110,6 +111,10 @@ def test_what_jax_traces_is_no_number() -> None:
     for traced in (jax.jit, jax.grad):
         with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number"):
             traced(lambda answer: 1.0 * KEY.check("t_c", answer).right)(1e-5)
+
+
+def test_a_factor_beyond_all_floats_is_a_number() -> None:
+    assert "It is 1e+300 times the answer." in str(KEY.check("t_c", 1e308))
 
 
 def test_a_gap_is_still_to_do() -> None:

@@ -8,7 +8,6 @@ Mechanism of Erosion of Ductile Metals*, Proc. 3rd U.S. Natl. Congr. Appl. Mech.
 import dataclasses
 import functools
 import inspect
-import reprlib
 import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -27,7 +26,7 @@ from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.parameters.ranges import STEEPEST
-from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity
+from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity, shown
 from erosion.tables import Result, Row, abbreviate
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ def _float64(name: str, value: object) -> Array | np.ndarray:
     if hasattr(value, "to_numpy"):
         raise TypeError(f"Argument `{name}` must be an array without labels: give its `.to_numpy()`.")
     if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
-        raise TypeError(f"Argument `{name}` must be a number or an array, but is {reprlib.repr(value)}.")
+        raise TypeError(f"Argument `{name}` must be a number or an array, but is {shown(value)}.")
     check_unmasked(name, value)
     array = value if isinstance(value, jax.Array) else _array(value)
     if not any(jnp.issubdtype(array.dtype, kind) for kind in (np.integer, np.floating)):
