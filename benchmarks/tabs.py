@@ -60,7 +60,8 @@ class Tab:
         self.answers += event == "run_javascript"
         if "_id" in message:
             acknowledged = {"client_id": self.client, "next_message_id": message["_id"] + 1}
-            await self.socket.emit("ack", acknowledged)
+            with contextlib.suppress(SocketIOError):  # it is closed meanwhile
+                await self.socket.emit("ack", acknowledged)
 
     async def drag(self, position: float) -> bool:
         """Move one of the sliders; whether the page is ready for it."""
