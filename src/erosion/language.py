@@ -79,11 +79,11 @@ def language(tag: str) -> Language:
     """
     if tag not in languages():
         raise ValueError(f"Argument `lang` must be one of {', '.join(languages())}, but is {reprlib.repr(tag)}.")
-    return _read_language(tag)
+    return _read(tag)
 
 
 @functools.cache
-def _read_language(tag: str) -> Language:
+def _read(tag: str) -> Language:
     if tag == ENGLISH.tag:
         return ENGLISH
     import polib

@@ -37,11 +37,22 @@ def main() -> None:
 
 
 def _raised(expression: str) -> list[str]:
+    import jax.numpy as jnp
     import numpy as np
+    import pandas as pd
+    import xarray as xr
 
     import erosion
 
-    names = {"np": np, "erosion": erosion, "P": erosion.TABLE_1, **vars(erosion.distributions)}
+    names = {
+        "np": np,
+        "jnp": jnp,
+        "pd": pd,
+        "xr": xr,
+        "erosion": erosion,
+        "P": erosion.TABLE_1,
+        **vars(erosion.distributions),
+    }
     own = erosion.load_model(_ROOT / "models" / "coulomb_tip.py")
     data = {"angle [deg]": [10.0, 20.0, 30.0], "erosion [-]": [1.0, 2.0, 3.0]}
     try:

@@ -160,6 +160,23 @@ def test_what_was_edited_badly_in_a_fit_is_refused_in_short(capsys, tmp_path, mo
     assert len(said) < 1000
 
 
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        (
+            'uncertain = { alpha = "normal(20 deg, 2 deg)" }',
+            "field `uncertain` of [advise] must name parameters of the metal",
+        ),
+        ('uncertain = { k = "normal(-5, 0.1)" }', "field `uncertain` of [advise]: k must be positive, but 100.0% of"),
+    ],
+)
+def test_what_is_wrong_in_the_table_of_a_fit_is_told_by_its_field(capsys, tmp_path, field, message):
+    case = tmp_path / "fitted.toml"
+    case.write_text(FITTED[: FITTED.index("[advise]")] + f"[advise]\n{field}\n")
+    assert _status(["advise", str(case)]) == 2
+    assert capsys.readouterr().err.startswith(f"erosion: {case}: {message}")
+
+
 def test_laws_need_a_model_that_takes_them(capsys):
     words = ["--model", "oka:aluminium", "--uncertain", "cutting_fraction=normal(0.3, 0.03)"]
     assert _status([*LINE[:-2], *words]) == 2

@@ -1,6 +1,7 @@
 """`erosion calibrate` as a user types it."""
 
 import json
+import os
 import shlex
 import tomllib
 from pathlib import Path
@@ -298,6 +299,15 @@ def two_speeds(tmp_path_factory):
         lines += [f"{10 * i + 10}, {speed}, {one}, {0.02 * volume.max()}" for i, one in enumerate(noisy)]
     (folder / "sand.csv").write_text("\n".join(lines))
     return folder
+
+
+def test_a_pipe_needs_units_beside_it(tmp_path, capsys):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert _status(["calibrate", str(pipe)]) == 2
+    assert capsys.readouterr().err == (
+        f"erosion: {pipe} is no file: beside it give `--units si`, `--units inch-pound` or a case file.\n"
+    )
 
 
 def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, capsys):

@@ -1,6 +1,7 @@
 """`erosion calibrate --posterior` as a user types it."""
 
 import re
+import shlex
 import sys
 
 import numpy as np
@@ -31,8 +32,10 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
     options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
-    prior = ["--prior", "psi=uniform(0.01, 0.2)"]
-    assert _status(["calibrate", str(table), "--posterior", "--draws", "125", "--seed", "3", *prior, *files]) == 0
+    prior, speed = ["--prior", "psi=uniform(0.01, 0.2)"], ["--psi", "0.05", "--v0", "100 in/s"]
+    assert (
+        _status(["calibrate", str(table), *speed, "--posterior", "--draws", "125", "--seed", "3", *prior, *files]) == 0
+    )
     out = capsys.readouterr().out
     assert "linearized: the posterior from 10 rows of sand.csv" in out
     assert "prior: uniform(0.01, 0.2)" in out
@@ -41,10 +44,12 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     with xr.open_datatree(tmp_path / "draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
         assert tree["posterior"]["psi"].shape == (4, 125)
-    next_step = f"a nozzle's angle by this fit, with the case's options: erosion advise --uncertain {tmp_path}/draws.nc"
+    # All that the fit did not find is in the command, so that it is the same case.
+    case = '--units inch-pound --v0 "100 in/s"'
+    next_step = f"a nozzle's angle by this fit: erosion advise {case} --uncertain {tmp_path}/draws.nc"
     assert out.splitlines()[-1] == next_step
     # The model is that of the draws.
-    assert _status(["advise", "--uncertain", str(tmp_path / "draws.nc")]) == 0
+    assert _status(shlex.split(next_step.partition("erosion ")[2])) == 0
     advice = capsys.readouterr().out
     assert "linearized, k = " in advice
     assert "64 draws of" in advice

@@ -95,7 +95,7 @@ def test_only_angles_can_be_in_degrees() -> None:
     assert "degrees" not in KEY.check("volume", math.degrees(KEY.answer("volume"))).sentence
 
 
-@pytest.mark.parametrize("answer", [math.nan, math.inf, None, "0.5", [1.0, 2.0], 1j])
+@pytest.mark.parametrize("answer", [math.nan, math.inf, None, "0.5", [1.0, 2.0], 1j, pint.Quantity(15.1, "us")])
 def test_what_is_no_number_is_refused(answer: Any) -> None:
     with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is "):
         KEY.check("t_c", answer)
@@ -110,7 +110,7 @@ def test_what_is_no_number_is_told_in_short(answer: Any) -> None:
 @pytest.mark.parametrize("unit", ["s", "ms", "lb"])
 def test_a_number_with_a_unit_is_refused_and_not_read_without_it(unit: str) -> None:
     quantity = pint.UnitRegistry().Quantity(KEY.answer("t_c"), unit)
-    with pytest.raises(ValueError, match=r"^Argument `answer` must be a number without unit, but is <Quantity"):
+    with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is <Quantity"):
         KEY.check("t_c", quantity)
 
 
@@ -124,6 +124,10 @@ def test_what_jax_traces_is_no_number() -> None:
     for traced in (jax.jit, jax.grad):
         with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number"):
             traced(lambda answer: 1.0 * KEY.check("t_c", answer).right)(1e-5)
+
+
+def test_a_factor_beyond_all_floats_is_a_number() -> None:
+    assert "It is 1e+300 times the answer." in str(KEY.check("t_c", 1e308))
 
 
 def test_a_gap_is_still_to_do() -> None:

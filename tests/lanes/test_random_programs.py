@@ -28,7 +28,7 @@ _TARGETS = [None, Target("x86-64-v3", ""), Target("x86-64", "")] if "x86" in _ma
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered in cast")
 @pytest.mark.parametrize("block", range(4 * _BLOCKS // 5))
 def test_random_functions(block, monkeypatch):
     """Without the two rules that may change a bit: one rounding of a product and a sum, reciprocals before a loop."""
@@ -82,7 +82,7 @@ def _same_bits(one, other):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered in cast")
 def test_random_functions_are_xlas():
     """Where neither subnormal numbers, which XLA takes for zeros, nor a last digit decide: whole numbers, exactly."""
     for seed in range(3000, 3012):

@@ -71,6 +71,15 @@ def test_files_with_nearly_one_name_have_a_module_each(tmp_path: Path) -> None:
     assert all(vars(sys.modules[module])["model"] is model for module, model in zip(modules, models, strict=True))
 
 
+def test_a_module_beside_a_plug_in_that_python_does_not_find_is_told_how(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import a_helper_of_mine\n" + text())
+    with pytest.raises(erosion.models.ModelError, match=r"No module named 'a_helper_of_mine'\.$"):
+        erosion.load_model(tmp_path / "mine.py")
+    (tmp_path / "a_helper_of_mine.py").write_text("")
+    with pytest.raises(erosion.models.ModelError, match="it lies beside the file: add that folder to PYTHONPATH"):
+        erosion.load_model(tmp_path / "mine.py")
+
+
 def test_a_plug_in_behind_a_link_finds_what_lies_beside_the_link(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

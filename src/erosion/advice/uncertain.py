@@ -53,15 +53,18 @@ class Uncertain:
         require_units(self.laws, units)
         if all(isinstance(model, Correlated) for model in models.values()):
             raise ValueError("Argument `models` must have one that takes what is uncertain; a correlation does not.")
+        self.require_of_metal(models)
+        for model in models.values():
+            self._set(model)
+        return dataclasses.replace(self, values=tuple(self._values(models, units)))
+
+    def require_of_metal(self, models: Mapping[str, CuttingModel], where: str = "Argument `uncertain`") -> None:
+        """A `ValueError` that begins with `where` for a law of what the metal and a model do not have."""
         for name, model in models.items():
             known = (*_OF_METAL, *own_parameters(model))
             if strange := [parameter for parameter in self.laws if parameter not in known]:
-                raise ValueError(
-                    f"Argument `uncertain` must name parameters of the metal or of {name} ({', '.join(known)}), but "
-                    f"has {strange[0]}."
-                )
-            self._set(model)
-        return dataclasses.replace(self, values=tuple(self._values(models, units)))
+                wanted = f"parameters of the metal or of {name} ({', '.join(known)})"
+                raise ValueError(f"{where} must name {wanted}, but has {strange[0]}.")
 
     def _values(self, models: Mapping[str, CuttingModel], units: System) -> Iterator[str]:
         known = dict(FACTORS)

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import string
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -213,15 +214,14 @@ def _with_unit(number: str, quantity: Quantity, units: System) -> str:
     return number if unit == "1" else f"{number} {unit}"
 
 
-def advice_command(case_file: Path | None, draws: Path | None) -> str:
+def advice_command(case: Sequence[str], draws: Path | None) -> str:
     """The command that advises a nozzle's angle by a fit.
 
     Args:
-        case_file: that `to_case` has written.
+        case: the file that `to_case` has written, or the options of the fit's own case.
         draws: that `Posterior.save` has written.
     """
-    words = ["erosion", "advise", *([] if case_file is None else [str(case_file)])]
-    words += [] if draws is None else ["--uncertain", str(draws)]
+    words = ["erosion", "advise", *case, *([] if draws is None else ["--uncertain", str(draws)])]
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
 
 

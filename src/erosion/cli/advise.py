@@ -61,6 +61,8 @@ def advise(
     abrasive = abrasive or PerMassOptions()
     uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
     per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
+    printed = Output("advise", p, options.case, json=json)
+    printed.warn_all([fit.doubts])
     start_engine()
     from erosion.advice.advise import advise_case
 
@@ -68,11 +70,9 @@ def advise(
         advice = advise_case(p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress)
     with user_errors():
         _write(advice, output, plot, lang)
-    printed = Output("advise", p, options.case, json=json)
     for message in advice.warnings:
         if message not in printed.warnings:
             printed.warn(message)
-    printed.warn_all([fit.doubts])
     for part in draws:
         printed.warn_all([part.doubts(model, advice.p, advice.per_mass.cutting_fraction) for model in models.values()])
     if json:

@@ -84,7 +84,7 @@ def calibrate(
     if json:
         _document(output, ranking, level, along_profile, drawn)
     else:
-        sentences = _advice(ranking, *((None, None) if refused else (files.write_case, draw.output)), drawn)
+        sentences = _advice(ranking, options, *((None, None) if refused else (files.write_case, draw.output)), drawn)
         _print(_tables(ranking, level, along_profile, drawn), written, sentences)
     if refused is not None:
         raise refused
@@ -96,6 +96,8 @@ def _in_units_of(data: Path, options: CaseOptions) -> CaseOptions:
         return options
     from erosion.calibration.measurements import unit_system
 
+    if data.is_fifo():
+        raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
     return dataclasses.replace(options, units=unit_system(data))
 
 
@@ -109,15 +111,17 @@ def _of_draws(drawn: "Drawn | None") -> list[str]:
     return [] if drawn is None else [f"posterior: {sentence}" for sentence in drawn.posteriors.statements]
 
 
-def _advice(ranking: "Ranking", case_file: Path | None, draws: Path | None, drawn: "Drawn | None") -> list[str]:
+def _advice(
+    ranking: "Ranking", options: CaseOptions, case_file: Path | None, draws: Path | None, drawn: "Drawn | None"
+) -> list[str]:
     """The commands for the best angle and the advice, and what to measure next, where that is asked for."""
     from erosion.calibration.export import advice_command, command
 
     lines = [] if case_file is None else [f"the best angle of this fit: {command(ranking.best, str(case_file))}"]
     if case_file is not None:
-        lines.append(f"a nozzle's angle by this fit: {advice_command(case_file, draws)}")
+        lines.append(f"a nozzle's angle by this fit: {advice_command([str(case_file)], draws)}")
     elif draws is not None:
-        lines.append(f"a nozzle's angle by this fit, with the case's options: {advice_command(None, draws)}")
+        lines.append(f"a nozzle's angle by this fit: {advice_command(options.words(ranking.best.names), draws)}")
     else:
         lines.append("a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml")
     return lines + ([] if drawn is None or drawn.experiment is None else [drawn.experiment.sentence])

@@ -85,6 +85,8 @@ class GivenFit:
             return None, draws
         in_options = self.options.uncertain is not None
         uncertain = Uncertain(laws, "" if in_options else str(self.case.case))
+        with user_errors():
+            uncertain.require_of_metal(models, given.uncertain[0])
         self._refuse_options_beside(uncertain, has_fraction=has_fraction)
         return uncertain, draws
 

@@ -1,6 +1,7 @@
 """Laws at the command line and in case files: of what varies from particle to particle, and of what is uncertain."""
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 LAW_FIELDS = ("rows", "uncertain", "correlation")
 """The fields of a verb's table in a case file that `LawOptions` reads."""
+
+_FRACTION = "cutting_fraction"
 
 _UNCERTAIN = (
     "What is one number for all particles, but not known: the file of `calibrate --posterior -o` (.nc), draws in a "
@@ -105,7 +108,9 @@ class GivenLaws:
         """
         varied = {**laws, **self._of_rows(model, units, laws)}
         uncertain, draws = self._uncertain(model, units)
-        return *self._tied(varied, uncertain), draws
+        varied, uncertain = self._tied(varied, uncertain)
+        _require_possible(uncertain, model, self.uncertain[0])
+        return varied, uncertain, draws
 
     def _of_rows(self, model: "CuttingModel", units: "System", laws: Mapping[str, Any]) -> dict[str, Any]:
         """The laws of a table's columns."""
@@ -176,6 +181,18 @@ class GivenLaws:
         return tied[0], tied[1]
 
 
+def _require_possible(laws: Mapping[str, Any], model: "CuttingModel", where: str) -> None:
+    """Refuse laws beyond the range of their parameter, by the name of the option or the field that has them."""
+    from erosion.joint_laws import SHARE, LawSet
+    from erosion.models.own_parameters import ranges
+
+    try:
+        LawSet(laws, {**ranges(model), _FRACTION: SHARE})
+    except (TypeError, ValueError) as error:
+        clause = re.sub(r"^Argument `(\w+)`", r"\1", str(error))
+        raise InputError(f"{where}: {clause}") from error
+
+
 def require_same_model(draws: "Sequence[Draws]", model: "CuttingModel", where: str) -> None:
     """Refuse draws of another model's parameters, which mean something else."""
     from erosion.models import model_name
@@ -205,7 +222,7 @@ def _law(text: str, known: Mapping[str, Any], units: "System") -> dict[str, Any]
     name, equals, words = (part.strip() for part in text.partition("="))
     if not (equals and name and words):
         raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {text!r}')
-    if name not in known and name != "cutting_fraction":
+    if name not in known and name != _FRACTION:
         raise ValueError(f"must name one of {', '.join(known)}, but has {name!r}")
     dimension = known[name].dimension if name in known else "1"
     law = read_distribution(words, name, dimension, units)

@@ -62,6 +62,14 @@ class CaseOptions:
         texts = {name: getattr(self, name) for name in QUANTITIES}
         return {name: text for name, text in texts.items() if text is not None}
 
+    def words(self, without: Collection[str]) -> list[str]:
+        """The case as it is typed, but for the parameters `without`."""
+        options = {name: getattr(self, name) for name in ("units", "particle", "target")} | self.given()
+        words = [] if self.case is None else [str(self.case)]
+        for name, text in options.items():
+            words += [] if text is None or name in without else [f"--{name}", text]
+        return words
+
     def parameters(self) -> "Parameters":
         """The case with its overrides, validated; `Output` says where its size does not fit its mass.
 

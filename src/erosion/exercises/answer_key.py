@@ -20,6 +20,7 @@ from erosion.parameters.units import Dimension, System, conversion_factor, shown
 EULER_STEPS = 100
 RK4_STEPS = 10
 _SPINS = (-0.2, -0.7, 0.8, -0.8, 0.6, -0.5, 0.5)  # s = r φ̇₀/v₀ that are tried for a maximum at a jump
+_MOST = 1e300  # times the answer; beyond it there is no number to say
 _NEAR = 0.05  # of the answer: the method is right, and its error is still too large
 
 
@@ -215,7 +216,7 @@ class AnswerKey:
         if ratio == 0:
             return say("The answer is not 0.")
         sign = "" if ratio > 0 else say("The sign is wrong.") + " "
-        size = abs(ratio)
+        size = min(abs(ratio), _MOST)
         if size >= 2:
             return sign + say("It is {factor} times the answer.", factor=_plain_digits(size, 3))
         if size <= 0.5:
@@ -264,10 +265,9 @@ class AnswerKey:
 
 
 def _finite_number(answer: Any) -> float:
-    if hasattr(answer, "magnitude"):  # a quantity of pint, whose unit NumPy drops
-        raise ValueError(f"Argument `answer` must be a number without unit, but is {shown(answer)}.")
     try:
-        given = np.asarray(answer)
+        # Of a quantity of pint, numpy would drop the unit.
+        given = np.empty(0) if hasattr(answer, "units") else np.asarray(answer)
     except (TypeError, ValueError):  # lists of several lengths, and what JAX is tracing
         given = np.empty(0)
     if given.dtype.kind in "iuf" and given.size == 1 and np.isfinite(given).all() and not np.ma.is_masked(answer):

@@ -1,6 +1,7 @@
 """Checks of a model before anything is computed with it, by the shapes of its methods' results."""
 
 import functools
+import re
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,9 +15,10 @@ from jaxtyping import PyTree
 from erosion.array_types import Number, Structure
 from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.models.own_parameters import own_parameters
-from erosion.parameters.parameters import QUANTITIES, TABLE_1
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
 
 _Shape = tuple[tuple[int, ...], str]
+_Model = tuple[Callable[..., CuttingModel], PyTree]  # how it is made, and of what numbers
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -65,6 +67,7 @@ def _flaw(structure: Structure, functions: tuple[Callable | None, ...], shapes: 
         if jax.tree.structure(rate) != jax.tree.structure(state):
             raise _FlawError("`derivative` must give what `initial_state` gives, its rate, but gives something else")
         _require_scalars("derivative", rate)
+        _require_steady(model, state)
         for name, kind in (("tip", Tip), ("removal_rate", None), ("events", dict)):
             given = _given(name, lambda model, p, state, n=name: getattr(model, n)(state, p), model, TABLE_1, state)
             _require(name, given, kind)
@@ -84,15 +87,31 @@ class _FlawError(Exception):
 
 
 def _given(
-    name: str, method: Callable[..., PyTree], model: tuple[Callable[..., CuttingModel], PyTree], *arguments: PyTree
+    name: str, method: Callable[..., PyTree], model: _Model, *arguments: PyTree, trace: Callable = jax.eval_shape
 ) -> PyTree:
-    """What a method of (model, …) gives, for a model of given numbers."""
+    """What a method of (model, …) gives, for a model of given numbers; `trace` says of what kind the answer is."""
     model_of, numbers = model
     try:
-        return jax.eval_shape(lambda numbers, *rest: method(model_of(numbers), *rest), numbers, *arguments)
+        return trace(lambda numbers, *rest: method(model_of(numbers), *rest), numbers, *arguments)
     # A model's own code may raise anything, and may ask to end the program.
     except (Exception, SystemExit) as error:
         raise _FlawError(f"`{name}` fails{_where(error)}: {_said(error)}") from error
+
+
+def _require_steady(model: _Model, state: PyTree) -> None:
+    """The same equations at each call: each compiled program, of values or derivatives, traces them once more."""
+
+    def derivative(model: CuttingModel, p: Parameters, state: PyTree) -> PyTree:
+        return model.derivative(state, p)
+
+    first, second = (_given("derivative", derivative, model, TABLE_1, state, trace=_equations) for _ in range(2))
+    if first != second:
+        raise _FlawError("`derivative` must give the same at each call, but its equations change")
+
+
+def _equations(function: Callable[..., PyTree], *arguments: PyTree) -> str:
+    """What is computed, as JAX writes it, without the places of functions in memory."""
+    return re.sub(r" at 0x[0-9a-f]+", "", str(jax.make_jaxpr(function)(*arguments)))
 
 
 def _said(error: BaseException) -> str:
@@ -103,8 +122,13 @@ def _said(error: BaseException) -> str:
             "it asks for the value of a number while JAX traces it; write `jnp.where(condition, a, b)` for `if`, "
             "and functions of jax.numpy for those of numpy and math"
         )
+    return named(error)
+
+
+def named(error: BaseException) -> str:
+    """The kind of an error and what it says, on one line, as the end of a sentence."""
     said = " ".join(str(error).split())
-    return f"{type(error).__name__}: {(said if len(said) <= 200 else said[:200] + ' …').rstrip('.')}"
+    return f"{type(error).__name__}: {said if len(said) <= 200 else said[:200] + ' …'}".rstrip(".: ")
 
 
 def _where(error: BaseException) -> str:

@@ -18,7 +18,7 @@ from erosion.arguments import check_path
 from erosion.correlations import CORRELATIONS
 from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
-from erosion.models.check import flaw
+from erosion.models.check import flaw, named
 from erosion.models.correlated import Correlated, correlated
 from erosion.models.deformation import Deformation, ProportionalDeformationWear
 from erosion.models.finnie import Finnie
@@ -243,7 +243,7 @@ def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:
         loaded = entry.load()
     # A plug-in may fail in any way while it is imported.
     except (Exception, SystemExit) as error:
-        raise ModelError(f"{where} cannot be imported: {_said(error)}.") from error
+        raise ModelError(f"{where} cannot be imported: {named(error)}.") from error
     return _made(loaded, where)
 
 
@@ -269,8 +269,16 @@ def _import_file(path: Path) -> types.ModuleType:
         exec(compile(content, str(place), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[module.__name__]
-        raise ModelError(f"{path}: cannot be imported: {_said(error)}.") from error
+        raise ModelError(f"{path}: cannot be imported: {named(error)}{_beside(error, path)}.") from error
     return module
+
+
+def _beside(error: BaseException, path: Path) -> str:
+    """How Python finds a module that lies beside the plug-in, where it is this that it did not find."""
+    name = error.name if isinstance(error, ModuleNotFoundError) else None
+    if name is None or not (path.with_name(f"{name}.py").exists() or path.with_name(name).is_dir()):
+        return ""
+    return "; it lies beside the file: add that folder to PYTHONPATH"
 
 
 def _choose(module: types.ModuleType, path: Path) -> object:
@@ -299,7 +307,7 @@ def _made(candidate: object, where: str) -> CuttingModel:
     try:
         model = candidate()
     except (Exception, SystemExit) as error:
-        raise ModelError(f"{where}: cannot be made without arguments: {_said(error)}.") from error
+        raise ModelError(f"{where}: cannot be made without arguments: {named(error)}.") from error
     if not isinstance(model, CuttingModel):
         raise ModelError(f"{where}: must offer a CuttingModel, but makes {model!r}.")
     return _sound(model, where)
@@ -310,7 +318,3 @@ def _sound(model: CuttingModel, where: str) -> CuttingModel:
     if wrong is not None:
         raise ModelError(f"{where}: {wrong}.")
     return model
-
-
-def _said(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split()).rstrip('.')}"

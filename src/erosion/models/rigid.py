@@ -7,6 +7,7 @@ A new variant is one new part, a few lines long.
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from erosion.array_types import Broadcast
 from erosion.models.base import CuttingModel, Scales, State, Tip
@@ -37,6 +38,11 @@ class RigidErodent(CuttingModel):
         if not isinstance(force, tuple | list) or len(force) != 2:
             given = f"{len(force)} of them" if isinstance(force, tuple | list) else "something else"
             raise TypeError(f"{type(self.force).__name__} must give two numbers, (F_x, F_y), but gives {given}")
+        for number in force:
+            # Numbers of Python and of JAX without a type of their own take that of what they are computed with.
+            kind = np.float64 if getattr(number, "weak_type", False) else getattr(number, "dtype", np.float64)
+            if kind != np.float64:
+                raise TypeError(f"{type(self.force).__name__} must give numbers of type float64, but gives {kind}")
         return State(
             x=state.vx,
             y=state.vy,

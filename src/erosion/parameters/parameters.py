@@ -6,6 +6,7 @@ Mechanism of Erosion of Ductile Metals*, Proc. 3rd U.S. Natl. Congr. Appl. Mech.
 """
 
 import dataclasses
+import functools
 import inspect
 import warnings
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.parameters.ranges import STEEPEST
-from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity
+from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity, shown
 from erosion.tables import Result, Row, abbreviate
 
 if TYPE_CHECKING:
@@ -36,27 +37,33 @@ else:
 _LEAF_TYPES = (int, float, np.ndarray, np.generic, jax.Array)
 
 
-def _float64(value: object) -> Array | np.ndarray:
+def _float64(name: str, value: object) -> Array | np.ndarray:
     """Numbers and arrays to float64 (numpy stays numpy: making parameters starts no device)."""
-    if isinstance(value, jax.Array):
-        return jnp.asarray(value, jnp.float64)
+    if hasattr(value, "to_numpy"):
+        raise TypeError(f"Argument `{name}` must be an array without labels: give its `.to_numpy()`.")
     if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
-        raise TypeError(f"Parameters must be numbers or arrays, but one is {value!r}.")
-    check_unmasked("parameters", value)
+        raise TypeError(f"Argument `{name}` must be a number or an array, but is {shown(value)}.")
+    check_unmasked(name, value)
+    array = value if isinstance(value, jax.Array) else _array(value)
+    if not any(jnp.issubdtype(array.dtype, kind) for kind in (np.integer, np.floating)):
+        raise TypeError(f"Argument `{name}` must hold real numbers of one shape, but has the type {array.dtype}.")
+    return jnp.asarray(array, jnp.float64) if isinstance(array, jax.Array) else array.astype(np.float64)
+
+
+def _array(value: Any) -> np.ndarray:
+    """An array; one of objects for lists of several lengths."""
     try:
-        array = np.asarray(value)
-    except ValueError:  # lists of several lengths
-        array = np.empty(0, object)
-    if array.dtype.kind not in "iuf":
-        raise TypeError(f"Parameters must be real numbers or arrays, but one is {value!r}.")
-    return array.astype(np.float64)
+        return np.asarray(value)
+    except ValueError:
+        return np.empty(0, object)
 
 
 def _parameter(name: str, default: float | None = None) -> Any:
     metadata = {"quantity": QUANTITIES[name]}
+    converter = functools.partial(_float64, name)
     if default is None:
-        return eqx.field(converter=_float64, metadata=metadata)
-    return eqx.field(converter=_float64, metadata=metadata, default=default)
+        return eqx.field(converter=converter, metadata=metadata)
+    return eqx.field(converter=converter, metadata=metadata, default=default)
 
 
 class SizeWarning(UserWarning):
