@@ -118,10 +118,10 @@ def test_a_flipped_bit_of_the_draws_is_noticed(result, tmp_path):
 @pytest.mark.parametrize("draw", [np.nan, np.inf])
 def test_draws_that_are_no_numbers_are_told_by_file_and_parameter(result, tmp_path, draw):
     path = result.save(tmp_path / "draws.nc")
-    with xr.open_datatree(path) as tree:
-        loaded = tree.load()
-    loaded["posterior"]["psi"][0, 3] = draw
-    loaded.to_netcdf(tmp_path / "bad.nc", engine="h5netcdf")
+    with xr.open_dataset(path, group="posterior") as stored:
+        draws = stored.load()
+    draws["psi"].values[0, 3] = draw
+    draws.to_netcdf(tmp_path / "bad.nc", group="posterior", engine="h5netcdf")
     with pytest.raises(ValueError, match=r"bad\.nc: must have finite draws of psi, one or more, but has not\.$"):
         read_draws(tmp_path / "bad.nc", QUANTITIES, "si")
 
