@@ -9,6 +9,7 @@ intervals of 90 % hold the truth in 90 % of the sets. A sampler that is biased, 
 """
 
 import argparse
+import dataclasses
 import time
 import warnings
 from collections.abc import Mapping
@@ -68,7 +69,7 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
         truth = {name: float(law.ppf(rng.random(1))[0]) for name, law in laws.items()}
         # Each set has its own angles: a jump of V(α) may lie between any two rows.
         degrees = np.sort(rng.uniform(5.0, 85.0, ROWS))
-        p = erosion.TABLE_1.replace(alpha=np.deg2rad(degrees), **{name: truth[name] for name in free})
+        p = dataclasses.replace(erosion.TABLE_1, alpha=np.deg2rad(degrees), **{name: truth[name] for name in free})
         error = truth.get("noise", ERROR)
         data = {
             "angle [deg]": degrees,
