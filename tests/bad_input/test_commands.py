@@ -179,6 +179,8 @@ QUESTIONS = [
         "Option `--alpha-range` must not have a negative value, but has -.2rad.",
     ),
     ("optimum --alpha-range=-5deg:20deg", "within [0, 90°], but is -5°, 20° (numbers without"),
+    ("run --density '-2 g/cm^3'", "Option `--density` must not have a negative value, but has -2 g/cm^3."),
+    ("run --density --json", "Option `--density` must have a value, but has none."),
     ("optimum --json -5deg", "Option `--json` must not have a negative value, but has -5deg."),
     ("optimum -5deg", "Option `-5deg` is unknown."),
     ("optimum --alpha-range nan 1", "must be two ascending angles"),

@@ -7,6 +7,8 @@ from cyclopts import exceptions
 
 from erosion.parameters.units import shown
 
+_NEGATIVE = re.compile(r"-[\d.]")
+
 
 def explain(error: cyclopts.CycloptsError) -> str:
     """One sentence on what was typed wrong."""
@@ -20,7 +22,10 @@ def explain(error: cyclopts.CycloptsError) -> str:
         case exceptions.RepeatArgumentError():
             return f"Option `{error.token.keyword}` must be given once, but is given several times."
         case exceptions.MissingArgumentError(argument=argument) if argument is not None:
-            return f"Option `{error.keyword or argument.name}` must have a value, but has none."
+            option = error.keyword or argument.name
+            if word := _negative_after(error, option):
+                return f"Option `{option}` must not have a negative value, but has {word}."
+            return f"Option `{option}` must have a value, but has none."
         # What a converter of ours says; cyclopts has no words of its own here.
         case exceptions.CoercionError(argument=argument, msg=str() as said) if argument is not None:
             return f"Option `{argument.name}` {said}."
@@ -42,6 +47,13 @@ def explain(error: cyclopts.CycloptsError) -> str:
 def _option_before(error: exceptions.UnknownOptionError, word: str) -> str | None:
     """The option that a negative value such as -5deg follows, which cyclopts takes for an option."""
     words = error.root_input_tokens or []
-    if not re.match(r"-[\d.]", word) or word not in words:
+    if not _NEGATIVE.match(word) or word not in words:
         return None
     return next((option for option in reversed(words[: words.index(word)]) if option.startswith("--")), None)
+
+
+def _negative_after(error: exceptions.MissingArgumentError, option: str) -> str | None:
+    """The negative value that follows an option, and that cyclopts takes for another one."""
+    words = error.root_input_tokens or []
+    following = words[words.index(option) + 1 :] if option in words else []
+    return following[0] if following and _NEGATIVE.match(following[0]) else None
