@@ -455,3 +455,20 @@ def test_results_are_frozen_and_speak(fit):
     assert [row.name for row in fit.rows()] == ["k", "psi", "rms", "leave_one_out", "chi2", "aicc"]
     with pytest.raises(ValueError, match=r"`level` must be in \(0, 1\)"):
         fit.intervals(95.0)
+
+
+@pytest.mark.parametrize(
+    ("heading", "factor", "said"),
+    [
+        ("mass_loss [g]", 50.0, "must be that of one impact."),
+        ("mass_loss [g/kg]", 500.0, "(fits to tests: DNVGL-RP-O501, 2015, table 3-1)."),
+        ("mass_loss [g/kg]", 0.5, ""),
+    ],
+)
+def test_rows_of_another_order_than_all_tests_are_told(heading, factor, said):
+    degrees = np.array([10.0, 20.0, 30.0, 45.0, 60.0])
+    volume = np.asarray(LinearizedCut().volume(GUESS.replace(alpha=np.deg2rad(degrees), k=2.0)))
+    columns = {"angle [deg]": degrees, heading: factor * volume / volume.max()}
+    statements = calibrate("linearized", GUESS, columns, ["psi"], density="2.7 g/cm^3", starts=1).statements
+    far = [sentence for sentence in statements if " is far from what tests on ductile metals find at " in sentence]
+    assert [sentence.startswith("data: ") and sentence.endswith(said) for sentence in far] == [True] * bool(said)

@@ -6,6 +6,7 @@ import pytest
 
 from erosion.cli import _status
 from tests.cli.test_document import check
+from tests.documents import result_of
 
 LINE = ["advise", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--model", "finnie"]
 
@@ -211,4 +212,22 @@ def test_a_fit_to_tests_in_units_of_their_own_says_so(capsys, tmp_path, monkeypa
     assert _status(["calibrate", "rows.csv", "--free", "k", "--starts", "4", "--write-case", "fitted.toml"]) == 0
     capsys.readouterr()
     assert _status(["advise", "fitted.toml"]) == 0
-    assert "fitted.toml: the tests had units of their own" in capsys.readouterr().err
+    assert "fitted.toml: The tests had units of their own" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_fit_that_decides_little_leaves_the_correlations_their_say(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rows.csv").write_text("angle [deg], mass_loss [g/kg]\n15, 0.40\n30, 0.52\n45, 0.48\n60, 0.38\n")
+    fit = ["--model", "linearized-deformation", "--free", "k,psi,energy_ratio", "--write-case", "fitted.toml"]
+    metal = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100"]
+    assert _status(["calibrate", "rows.csv", *metal, *fit]) == 0
+    capsys.readouterr()
+    assert _status(["advise", "fitted.toml", "--json", "-o", "page.html"]) == 0
+    captured = capsys.readouterr()
+    said = "fitted.toml: The data do not decide k: "
+    assert f"warning: {said}" in captured.err
+    assert said in (tmp_path / "page.html").read_text()
+    result = result_of(captured.out)
+    assert result["uncertain"] is None
+    assert any(curve["group"] == "correlations" for curve in result["curves"])

@@ -118,7 +118,7 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, capsys):
     # The case was at 110 m/s, at which nothing was measured.
     assert float(fitted.v0) == 60.0
     case, _, advice = path.read_text().partition("\n[advise]\n")
-    assert case.endswith("\ncutting_fraction = 0.3  # share of the particles that cut\n")
+    assert case.endswith('\ncutting_fraction = 0.3  # share of the particles that cut\nmodel = "linearized"\n')
     assert 'uncertain = { sigma = "lognormal(15' in advice
     assert _status(["run", "--case", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
@@ -132,7 +132,11 @@ def test_an_estimate_at_a_bound_has_a_law_within_it_and_an_undetermined_one_none
     low, high = map(float, law.removeprefix("loguniform(").removesuffix(")").split(","))
     assert 1e9 <= low < high == pytest.approx(1.4e9)
     assert _status([*sand, "--model", "tan-alpha", "--free", "k,sigma", "--write-case", str(path)]) == 0
-    assert tomllib.loads(path.read_text())["advise"] == {"model": "tan-alpha"}
+    of_advice = tomllib.loads(path.read_text())["advise"]
+    assert [*of_advice] == ["warning"]
+    assert of_advice["warning"].startswith(
+        "k has no influence on these data and cannot be determined. Fix it. The model does"
+    )
 
 
 def test_bounds_that_are_touched_are_in_table_and_json(sand, capsys):
@@ -207,21 +211,34 @@ def test_openfoam_warns_of_a_curve_that_is_near(table, tmp_path, capsys):
     assert "OpenFOAM" not in capsys.readouterr().err
 
 
-def test_a_written_case_comes_with_the_command_for_its_model(aluminium, tmp_path, monkeypatch, capsys):
+def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     options = [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
-    assert _status(options) == 0
-    captured = capsys.readouterr()
-    command = captured.out.split("the best angle of this fit: ")[1].splitlines()[0]
-    assert command.startswith("erosion optimum --case fitted.toml --model linearized-deformation --set energy_ratio=1.")
-    assert command.endswith('--set "threshold=8 m/s"')
-    assert f"use it as `{command}`." in captured.err
-    assert f"# The best angle of this fit: {command}" in (tmp_path / "fitted.toml").read_text()
-    assert _status([*shlex.split(command)[1:], "--json"]) == 0
-    model = json.loads(capsys.readouterr().out)["model"]
     assert _status([*options, "--json"]) == 0
     fitted = result_of(capsys.readouterr().out)["estimates"]["energy_ratio"]
-    assert model["own_parameters"]["energy_ratio"]["value"] == pytest.approx(fitted, rel=1e-8)
+    assert "# The best angle of this fit: erosion optimum fitted.toml" in (tmp_path / "fitted.toml").read_text()
+    of_fit = {"energy_ratio": pytest.approx(fitted, rel=1e-12), "threshold": 8.0}
+    verbs = (
+        "run fitted.toml",
+        "optimum fitted.toml",
+        "stream fitted.toml --n 1e3 --no-best-angle --alpha 'normal(20 deg, 2 deg)'",
+        "sweep fitted.toml --alpha 5deg:85deg:3 -o V.csv",
+        "export fitted.toml --table table.csv",
+    )
+    for line in verbs:
+        assert _status([*shlex.split(line), "--json"]) == 0
+        model = json.loads(capsys.readouterr().out)["model"]
+        assert model["name"] == "linearized-deformation"
+        assert {name: own["value"] for name, own in model["own_parameters"].items()} == of_fit
+    # An option wins, and what is set is of the file's model.
+    assert _status(["optimum", "fitted.toml", "--set", "threshold=5 m/s", "--json"]) == 0
+    own = json.loads(capsys.readouterr().out)["model"]["own_parameters"]
+    assert own["threshold"]["value"] == 5.0
+    assert own["energy_ratio"]["value"] == of_fit["energy_ratio"]
+    assert _status(["optimum", "fitted.toml", "--model", "rotating", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["model"]["name"] == "rotating"
+    assert _status(["optimum", "fitted.toml", "--units", "inch-pound"]) == 2
+    assert "cannot convert the field `set` of fitted.toml, which is in si" in capsys.readouterr().err
 
 
 def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys):

@@ -78,6 +78,7 @@ class Advice(Result):
         outside: sentences on correlations that are used outside of their range.
         uncertain: the laws that took the place of the ranges of k and ψ, from a fit for example.
         language: of all texts but `to_dict`'s.
+        doubts: sentences on the fit that it rests on, as the case file has them.
     """
 
     p: Parameters
@@ -90,6 +91,7 @@ class Advice(Result):
     outside: tuple[str, ...] = ()
     uncertain: Uncertain | None = None
     language: Language = ENGLISH
+    doubts: tuple[str, ...] = ()
 
     @functools.cached_property
     def alpha(self) -> float:
@@ -232,13 +234,13 @@ class Advice(Result):
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on a size that fits no body, on correlations out of range, and on amounts far from tests."""
+        """Sentences on a size that fits no body, correlations out of range, amounts far from tests, and the fit."""
         removed = [
             curve.at(self.alpha) / (curve.density or 1.0) for curve in self.curves if curve.group != "correlations"
         ]
         far = far_from_tests(removed, float(self.p.to("si").v0), self.per_mass.density)
         said = (self.p.size_warning, *self.outside, far and str(far))
-        return [self._translated(message) for message in said if message]
+        return [self._translated(message) for message in said if message] + [*self.doubts]
 
     def _translated(self, message: str) -> str:
         """A sentence in the language; one on a correlation begins with its name."""
@@ -304,8 +306,8 @@ class Advice(Result):
         widest = max(spans, key=lambda name: spans[name])
         return self.language.say(
             "What would narrow it: {what} moves the best angle of the models most, by up to {width}. Weigh the loss at "
-            "four angles (15°, 30°, 45°, 60°) with your own abrasive and metal; “erosion calibrate” then chooses the "
-            "model and fits k and ψ.",
+            "six angles, 15° to 90° in steps of 15°, with your own abrasive and metal; “erosion calibrate --model all” "
+            "then compares the models and fits k and ψ.",
             what=widest,
             width=degrees(spans[widest]),
         )

@@ -8,6 +8,8 @@ from scipy import stats
 from erosion.calibration.advice import advise
 from erosion.calibration.conditions import conditions
 from erosion.calibration.numbers import rounded
+from erosion.parameters.per_mass import far_from_tests, two_digits
+from erosion.parameters.units import conversion_factor
 
 if TYPE_CHECKING:
     from erosion.calibration.result import Calibration
@@ -17,6 +19,7 @@ _FACTOR = 1.5  # by which the two may differ without a warning
 _OPEN = np.log(20.0)  # width of an interval in θ, from which on a parameter is not decided
 _TOGETHER = 0.9  # correlation of parameters that are left open together
 _TOUCH = 1e-6  # of θ
+_ANOTHER_ORDER = 100.0  # by which rows are far from all tests: measured ones may well be outside by a few
 POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
 
 
@@ -92,7 +95,25 @@ def sentences(fit: "Calibration") -> tuple[str, ...]:
     patterns = [pattern.sentence for pattern in fit.patterns if pattern.seen]
     if any(pattern.over == "speed" and pattern.seen for pattern in fit.patterns):
         patterns += _of_speed(fit)
-    return (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit), *(poor if is_poor(fit) else ()), *patterns)
+    open_ones = (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit))
+    return (*_far_from_tests(fit), *open_ones, *(poor if is_poor(fit) else ()), *patterns)
+
+
+def _far_from_tests(fit: "Calibration") -> list[str]:
+    """A sentence on rows of another order than all tests, where the density is known: those of a whole test often."""
+    data, p, density = fit.data, fit.p.to("si"), fit.problem.forward.density
+    if density is None or data.free_scale:
+        return []
+    density *= conversion_factor("density", data.units, "si")
+    mass = p.m if data.mass is None else data.mass * conversion_factor("mass", data.units, "si")
+    speed = p.v0 if data.speed is None else data.speed * conversion_factor("speed", data.units, "si")
+    removed = data.erosion * conversion_factor(data.dimension, data.units, "si")
+    removed = removed / (density if data.needs_density else 1.0) / (1.0 if data.per_mass else mass)
+    far = far_from_tests(removed, speed, density, _ANOTHER_ORDER)
+    if far is None:
+        return []
+    of_one = "" if data.per_mass else " A volume or a mass loss that is not “per mass” must be that of one impact."
+    return [f"{data.source}: {two_digits(far.amount)} {far.rest.partition(';')[0].rstrip('.')}.{of_one}"]
 
 
 def _of_speed(fit: "Calibration") -> list[str]:

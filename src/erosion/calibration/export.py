@@ -122,37 +122,49 @@ def _particle(
 
 
 def to_case(
-    calibration: Calibration, path: str = "fitted.toml", *, particle: str | None = None, target: str | None = None
+    calibration: Calibration,
+    path: str = "fitted.toml",
+    *,
+    particle: str | None = None,
+    target: str | None = None,
+    doubts: Sequence[str] | None = None,
 ) -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
-    The model, its own parameters and the errors of the estimates, as laws, are in the table [advise], which
-    `erosion advise` reads. Other verbs take them from the command in the comment.
+    The model and its own parameters are the file's usual ones for all verbs. The errors of the estimates, as laws, and
+    what is doubtful are in the table [advise], which `erosion advise` reads.
 
     Args:
         calibration: the fit.
         path: the file's, for the command in its comment.
         particle: its name and size, where the case has it by name.
         target: its name, where the case has it by name.
+        doubts: sentences for whoever uses the file; those of the fit without them.
     """
     lines = _origin(calibration)
     lines += calibration.statements
-    lines.append(f"The best angle of this fit: {command(calibration, path)}")
+    lines.append(f"The best angle of this fit: {command(path)}")
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
     case = dump_case(exported_case(calibration), calibration.title)
     names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
     named = "".join(f"{name} = {toml_string(value)}\n" for name, value in names.items())
-    return commented(text, "#") + case + named + dump_per_mass(_per_mass(calibration)) + _for_advice(calibration)
+    weighed = dump_per_mass(_per_mass(calibration))
+    said = calibration.statements if doubts is None else doubts
+    return commented(text, "#") + case + named + weighed + _model(calibration) + _for_advice(calibration, said)
 
 
-def _for_advice(calibration: Calibration) -> str:
-    """The table [advise] of a case file; without laws where the data does not determine all parameters."""
+def _model(calibration: Calibration) -> str:
+    """The lines of a case file that name the model and its own parameters."""
     own = {name: float(parameter.value) for name, parameter in own_parameters(calibration.model).items()}
-    lines = ["", "[advise]", f"model = {toml_string(model_name(calibration.model))}"]
-    if calibration.data.free_scale:
-        lines.append('warning = "the tests had units of their own, so the size of the wear is that of the case."')
-    if own:
-        lines.append(f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}")
+    named = f"model = {toml_string(model_name(calibration.model))}\n"
+    return named + (f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}\n" if own else "")
+
+
+def _for_advice(calibration: Calibration, doubts: Sequence[str]) -> str:
+    """The table [advise] of a case file; without laws where the data does not determine or decide all parameters."""
+    of_scale = "The tests had units of their own, so the size of the wear is that of the case."
+    said = " ".join([of_scale] * calibration.data.free_scale + [*doubts])
+    lines = ["", "[advise]"] + ([f"warning = {toml_string(said)}"] if said else [])
     laws = _laws(calibration)
     if laws:
         lines.append("uncertain = { " + ", ".join(f'{name} = "{law}"' for name, law in laws.items()) + " }")
@@ -162,15 +174,17 @@ def _for_advice(calibration: Calibration) -> str:
              for first, second in itertools.combinations(laws, 2)}  # fmt: skip
     if pairs:
         lines.append("correlation = { " + ", ".join(f'"{pair}" = {value!r}' for pair, value in pairs.items()) + " }")
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n" if lines[2:] else ""
 
 
 def _laws(calibration: Calibration) -> dict[str, str]:
     """The law of each estimate, normal in its θ; one that a bound cuts is uniform over the 95 % interval."""
-    errors = np.sqrt(np.diag(calibration.covariance_of_theta)) if not calibration.undetermined else np.array([np.nan])
+    if calibration.undetermined or calibration.undecided:
+        return {}
+    errors, laws = np.sqrt(np.diag(calibration.covariance_of_theta)), dict[str, str]()
     if not np.isfinite(errors).all():
         return {}
-    problem, theta, laws = calibration.problem, calibration.solution.theta, {}
+    problem, theta = calibration.problem, calibration.solution.theta
     # The errors of exact data are rounding, which may be nothing at all.
     errors = np.maximum(errors, _SHARP * np.maximum(1.0, np.abs(theta)))
     for i, name in enumerate(calibration.names):
@@ -194,18 +208,9 @@ def _per_mass(calibration: Calibration) -> PerMass:
     return PerMass(density, calibration.cutting_fraction)
 
 
-def command(calibration: Calibration, path: str) -> str:
-    """The command that finds the best angle of a fit: a case file has neither the model nor its own parameters.
-
-    Args:
-        calibration: the fit.
-        path: of the case file that `to_case` has written.
-    """
-    words = ["erosion", "optimum", "--case", path, "--model", model_name(calibration.model)]
-    for name, parameter in own_parameters(calibration.model).items():
-        value = f"{name}={float(parameter.value):.9g}"
-        words += ["--set", _with_unit(value, parameter.quantity, calibration.p.units)]
-    return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
+def command(path: str) -> str:
+    """The command that finds the best angle of the case file that `to_case` has written."""
+    return _typed(["erosion", "optimum", path])
 
 
 def _with_unit(number: str, quantity: Quantity, units: System) -> str:
@@ -222,6 +227,11 @@ def advice_command(case: Sequence[str], draws: Path | None) -> str:
         draws: that `Posterior.save` has written.
     """
     words = ["erosion", "advise", *case, *([] if draws is None else ["--uncertain", str(draws)])]
+    return _typed(words)
+
+
+def _typed(words: Sequence[str]) -> str:
+    """A command as it is typed."""
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
 
 

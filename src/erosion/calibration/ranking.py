@@ -67,6 +67,11 @@ class Ranking(Result):
             *self._poor(), *self._tied(), *self._equals(), *self._held(), *self.failures, *self.best.statements
         )  # fmt: skip
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Those sentences that concern whoever uses the best fit."""
+        return (*self._poor(), *self._equals(), *self.best.statements)
+
     def _tied(self) -> tuple[str, ...]:
         """A sentence on the models of the same curve."""
         groups = [f"{', '.join(tie[:-1])} and {tie[-1]}" for tie in self.ties]

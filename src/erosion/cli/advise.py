@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import user_errors
-from erosion.cli.fitted import FIELDS, FitOptions, GivenFit
+from erosion.cli.fitted import FitOptions, GivenFit, section_of
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import AllAngles, CaseFile, JsonOption, LangOption, read_option, with_file
@@ -55,21 +55,21 @@ def advise(
     options.refuse_angle("all angles of the nozzle are compared")
     p = options.parameters()
     deviation = read_option("spread", spread, "angle", "si")
-    fit = GivenFit(fit_of_tests or FitOptions(), options, options.section("advise", FIELDS, parameters=False))
+    fit = GivenFit(fit_of_tests or FitOptions(), options, section_of(options, model))
     _require(output, plot, (options.case, *fit.files, *(model or ())), lang)
     models = fit.models(chosen_models(model), p)
     abrasive = abrasive or PerMassOptions()
     uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
     per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
-    printed = Output("advise", p, options.case, json=json)
-    printed.warn_all([fit.doubts])
     start_engine()
     from erosion.advice.advise import advise_case
 
     with progress_bar("advise") as progress, user_errors():
         advice = advise_case(p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress)
+        advice = dataclasses.replace(advice, doubts=fit.doubts)
     with user_errors():
         _write(advice, output, plot, lang)
+    printed = Output("advise", p, options.case, json=json)
     for message in advice.warnings:
         if message not in printed.warnings:
             printed.warn(message)

@@ -16,7 +16,7 @@ from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption, load_set, settings
+from erosion.cli.set_option import SetOption, Settings, load_set, model_and_settings
 
 if TYPE_CHECKING:
     from erosion.calibration import Calibration, Ranking
@@ -52,15 +52,14 @@ def calibrate(
     fit, files, draw = fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p, fit = options.parameters(), fit.on(options)
-    names = ["linearized"] if model is None else chosen_models(model)
-    _require_one_model(own, names)
+    names, given = _models(model, own, options)
     files.require_writable(inputs=(data, options.case, *names))
     draw.require_sense(p, files.paths, inputs=(data, options.case, *names))
     start_engine()
     from erosion.arguments import check_level
     from erosion.calibration import rank_models, read_measurements
 
-    chosen = [load_set(names[0], settings(own), p.units)] if len(names) == 1 else names
+    chosen = [load_set(names[0], given, p.units)] if len(names) == 1 else names
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
         check_level(level)
@@ -117,7 +116,7 @@ def _advice(
     """The commands for the best angle and the advice, and what to measure next, where that is asked for."""
     from erosion.calibration.export import advice_command, command
 
-    lines = [] if case_file is None else [f"the best angle of this fit: {command(ranking.best, str(case_file))}"]
+    lines = [] if case_file is None else [f"the best angle of this fit: {command(str(case_file))}"]
     if case_file is not None:
         lines.append(f"a nozzle's angle by this fit: {advice_command([str(case_file)], draws)}")
     elif draws is not None:
@@ -127,9 +126,13 @@ def _advice(
     return lines + ([] if drawn is None or drawn.experiment is None else [drawn.experiment.sentence])
 
 
-def _require_one_model(own: list[str] | None, names: list[str]) -> None:
+def _models(model: list[str] | None, own: list[str] | None, options: CaseOptions) -> tuple[list[str], Settings]:
+    """The names of the models, and what is set of the only one."""
+    usual, given = model_and_settings(None if model is None else model[0], own, options)
+    names = [usual] if model is None else chosen_models(model)
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
+    return names, given
 
 
 def _tables(

@@ -14,7 +14,7 @@ from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, re
 from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions
 from erosion.cli.progress import working
-from erosion.cli.set_option import SetOption, in_full, load_set, settings
+from erosion.cli.set_option import SetOption, in_full, named_model
 from erosion.parameters.quantities import QUANTITIES, RESULTS
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def export(
     /,
     *,
     case: AllAngles | None = None,
-    model: ModelOption = "linearized",
+    model: ModelOption | None = None,
     own: SetOption = None,
     openfoam: Annotated[Path | None, Parameter(help="Write OpenFOAM ParticleErosion coefficients.")] = None,
     fluent: Annotated[
@@ -82,10 +82,10 @@ def export(
     _require_one(outputs)
     with working("computing"):
         p = options.parameters()
-        chosen = load_set(model, settings(own), p.units)
+        name, chosen = named_model(model, own, options, p.units)
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
         particles = _particles(erodent_density, cutting_fraction, options, p)
-        require_outputs(*outputs, inputs=(options.case, model))
+        require_outputs(*outputs, inputs=(options.case, name))
         start_engine()
         from erosion.files import write_whole
 
@@ -101,10 +101,10 @@ def export(
             output.warn(part.warning)
     if json:
         result = {name: {"file": str(part.path), **part.numbers} for name, part in parts.items()}
-        output.document(result, {model: chosen}, {"p": "Pa"})
+        output.document(result, {name: chosen}, {"p": "Pa"})
         return
     rows = [(str(part.path), part.line) for part in parts.values()]
-    print_table(f"{in_full(model, chosen, p.units)}: for CFD codes", rows, ("file", "holds"), numbers=())
+    print_table(f"{in_full(name, chosen, p.units)}: for CFD codes", rows, ("file", "holds"), numbers=())
 
 
 def _require_one(outputs: _Outputs) -> None:

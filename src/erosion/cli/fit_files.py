@@ -37,9 +37,7 @@ class FitFiles:
     def write(self, ranking: "Ranking", level: float, options: CaseOptions) -> tuple[list[Path], list[str]]:
         """Write the files; gives their paths, and what they lack."""
         from erosion.calibration import CalibrationError, to_case, to_fluent, to_openfoam
-        from erosion.calibration.export import command
         from erosion.files import write_whole
-        from erosion.models.own_parameters import own_parameters
 
         best, warnings = ranking.best, []
         texts: list[tuple[Path, str]] = []
@@ -51,12 +49,8 @@ class FitFiles:
                     texts.append((path, form.text()))
                     warnings += [form.warning] if form.warning else []
             if self.write_case is not None:
-                texts.append((self.write_case, to_case(best, str(self.write_case), **options.names())))
-                if {*best.names} & {*own_parameters(best.model)}:
-                    warnings.append(
-                        f"{self.write_case} holds the model and its own parameters for `erosion advise` alone: "
-                        f"elsewhere use it as `{command(best, str(self.write_case))}`."
-                    )
+                text = to_case(best, str(self.write_case), **options.names(), doubts=ranking.doubts)
+                texts.append((self.write_case, text))
             written = []
             if self.plot is not None:
                 from erosion.plotting.calibrations import plot_calibration

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.laws import LawOptions, require_same_model
 from erosion.cli.options import CaseOptions
-from erosion.cli.set_option import SetOption, load_set, settings
+from erosion.cli.set_option import SetOption, load_set, settings, with_model_of_case
 from erosion.parameters.units import has_control_characters, shown
 
 if TYPE_CHECKING:
@@ -25,6 +25,11 @@ _UNCERTAIN = (
     "In place of the ranges of k and ψ: the file of `calibrate --posterior -o` (.nc), draws in a .csv file, or "
     '"k=normal(2, 0.2)"; repeat it for other parameters.'
 )
+
+
+def section_of(case: CaseOptions, models: Sequence[str] | None) -> Mapping[str, Any]:
+    """The table [advise] of a case file, with the model that the file names for all verbs."""
+    return with_model_of_case(case.section("advise", FIELDS, parameters=False), case, models)
 
 
 @Parameter(name="*")
@@ -49,6 +54,9 @@ class GivenFit:
     options: FitOptions
     case: CaseOptions
     section: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        _ = self.doubts  # are read before anything is computed
 
     @property
     def files(self) -> list[str]:
@@ -105,16 +113,16 @@ class GivenFit:
                 raise InputError(f"Option `--{option}` cannot set {name}, which has a law in {uncertain}.")
 
     @property
-    def doubts(self) -> list[str]:
+    def doubts(self) -> tuple[str, ...]:
         """The warning of the case file's table, that the tests were in units of their own for example."""
         warning = self.section.get("warning")
         if warning is None:
-            return []
+            return ()
         if not isinstance(warning, str) or not warning.strip() or has_control_characters(warning):
             raise InputError(
                 f"{self.case.case}: field `warning` of [advise] must be a sentence, but is {shown(warning)}."
             )
-        return [f"{self.case.case}: {warning}"]
+        return (f"{self.case.case}: {warning}",)
 
     @property
     def _model_of_file(self) -> list[str] | None:

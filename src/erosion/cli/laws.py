@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import CaseOptions, load
-from erosion.cli.set_option import read_settings, settings
+from erosion.cli.set_option import read_settings, settings, with_model_of_case
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import shown
 
@@ -295,6 +295,7 @@ def case_and_laws(
         joint: the options for laws.
     """
     where = f"{options.case}: field `{{}}` of [{verb}]"
+    section = with_model_of_case(section, options, [model] if model else None)
     p = options.without_changes().parameters()
     values: dict[str, Any] = {}
     texts = options.texts(verb, section)

@@ -14,7 +14,7 @@ from erosion.cli.options import AllAngles, CaseFile, JsonOption, read_option, wi
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
-from erosion.cli.set_option import SetOption, in_full, load_set, settings
+from erosion.cli.set_option import SetOption, in_full, named_model
 
 if TYPE_CHECKING:
     from erosion.optimum.alpha_max import Optimum
@@ -30,7 +30,7 @@ def optimum(
     /,
     *,
     case: AllAngles | None = None,
-    model: ModelOption = "linearized",
+    model: ModelOption | None = None,
     own: SetOption = None,
     abrasive: PerMassOptions | None = None,
     alpha_range: Annotated[
@@ -55,17 +55,17 @@ def optimum(
     options.refuse_angle("all angles are searched, or those of --alpha-range")
     with working("searching all angles"):
         p = options.parameters()
-        chosen = load_set(model, settings(own), p.units)
+        name, chosen = named_model(model, own, options, p.units)
         per_mass = weighing(chosen, abrasive, options)
         between = None if alpha_range is None else _angles(alpha_range, p)
-        require_outputs(plot=plot, inputs=(options.case, model))
+        require_outputs(plot=plot, inputs=(options.case, name))
         start_engine()
         from erosion.optimum.alpha_max import alpha_max, alpha_min
 
         with user_errors():
             best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
         if best.ended_by == "failed":
-            raise RuntimeError(f"{model}: no impact could be computed, at any angle.")
+            raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
         if plot is not None:
             from erosion.plotting.angles import plot_optimum
             from erosion.plotting.style import save_plot
@@ -78,9 +78,9 @@ def optimum(
         output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     output.judge(per_mass, best.volume, p)
     if json:
-        _document(output, model, best, rates, per_mass)
+        _document(output, name, best, rates, per_mass)
         return
-    _print(model, best, per_mass)
+    _print(name, best, per_mass)
     if sensitivities:
         _print_sensitivities(best)
     print_paths(figure=plot)

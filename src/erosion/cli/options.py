@@ -125,6 +125,33 @@ class CaseOptions:
                 metal if self.target is None else target(self.target),
             )
 
+    def model(self) -> tuple[str | None, dict[str, Any]]:
+        """The model that the case file names for all verbs, and what it sets of that model's own parameters."""
+        from erosion.parameters.case_files import load_model_of_case
+
+        if self.case is None:
+            return None, {}
+        with user_errors():
+            name, own = load_model_of_case(self.case)
+        if any(not isinstance(value, str) for value in own.values()):
+            self._require_own_units("field `set`")
+        return name, own
+
+    def _require_own_units(self, what: str) -> None:
+        """An `InputError` where --units is not that of the file, whose bare numbers would be read in it."""
+        from erosion.parameters.case_files import load_case
+        from erosion.parameters.units import check_system
+
+        if self.case is None or self.units is None:
+            return
+        with user_errors():
+            units = load_case(self.case).units
+            if check_system(self.units) != units:
+                raise InputError(
+                    f"Option `--units` cannot convert the {what} of {self.case}, which is in {units}: leave "
+                    "one of them out."
+                )
+
     def names(self) -> dict[str, str]:
         """The names of the particle and the target as they are typed, in options or the case file; options win."""
         from erosion.parameters.case_files import names_of_materials
@@ -158,20 +185,14 @@ class CaseOptions:
         Raises:
             InputError: for a field that is neither, and for --units other than the file's, in which the table is.
         """
-        from erosion.parameters.case_files import load_case, load_section
-        from erosion.parameters.units import check_system
+        from erosion.parameters.case_files import load_section
 
         if self.case is None:
             return {}
         with user_errors():
             section = load_section(self.case, verb)
-            has_numbers = not {*section}.isdisjoint((*QUANTITIES, "set", "uncertain"))
-            units = load_case(self.case).units if has_numbers and self.units is not None else None
-            if units is not None and check_system(str(self.units)) != units:
-                raise InputError(
-                    f"Option `--units` cannot convert the table [{verb}] of {self.case}, which is in {units}: leave "
-                    "one of them out."
-                )
+        if not {*section}.isdisjoint((*QUANTITIES, "set", "uncertain")):
+            self._require_own_units(f"table [{verb}]")
         known = (*fields, *QUANTITIES) if parameters else fields
         for name in section:
             if name not in known:

@@ -12,7 +12,7 @@ from erosion.cli.options import CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
-from erosion.cli.set_option import SetOption, in_full, load_set, settings
+from erosion.cli.set_option import SetOption, in_full, named_model
 
 if TYPE_CHECKING:
     from erosion.parameters.per_mass import PerMass
@@ -25,7 +25,7 @@ def run(
     /,
     *,
     case: CaseOptions | None = None,
-    model: ModelOption = "linearized",
+    model: ModelOption | None = None,
     own: SetOption = None,
     abrasive: PerMassOptions | None = None,
     plot: Annotated[Path | None, Parameter(help="Also draw the cut into this file (.svg, .png, .pdf).")] = None,
@@ -35,9 +35,9 @@ def run(
     options = with_file(case, file)
     with working("computing"):
         p = options.parameters()
-        chosen = load_set(model, settings(own), p.units)
+        name, chosen = named_model(model, own, options, p.units)
         per_mass = weighing(chosen, abrasive, options)
-        require_outputs(plot=plot, inputs=(options.case, model))
+        require_outputs(plot=plot, inputs=(options.case, name))
         from erosion.parameters.per_mass import PER_MASS_UNITS
         from erosion.trajectory.path import path
 
@@ -58,10 +58,10 @@ def run(
         content = trajectory.to_dict()
         numbers = {name: content[name] for name in content["units"]} | per_mass.to_dict(trajectory.volume, p)
         units = content["units"] | PER_MASS_UNITS
-        output.document({"ended_by": trajectory.ended_by, **numbers}, {model: chosen}, units)
+        output.document({"ended_by": trajectory.ended_by, **numbers}, {name: chosen}, units)
         return
     print_table(
-        f"{in_full(model, chosen, p.units)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°",
+        f"{in_full(name, chosen, p.units)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°",
         _rows(trajectory, per_mass),
     )
     print_paths(figure=plot)

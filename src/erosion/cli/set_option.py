@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading
-from erosion.cli.options import load
+from erosion.cli.options import CaseOptions, load
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -20,6 +20,44 @@ SetOption = Annotated[
 ]
 Settings = Mapping[str, tuple[str, Any]]
 """By own parameter, where it is set and to what."""
+
+
+def model_and_settings(
+    given: str | None, own: Sequence[str] | None, case: CaseOptions, usual: str = "linearized"
+) -> tuple[str, Settings]:
+    """The model's name and its settings: those of the options, where these give none those of the case file.
+
+    Args:
+        given: the option --model.
+        own: the options --set.
+        case: whose file may name a model.
+        usual: the model where nothing names one.
+    """
+    section = with_model_of_case({}, case, [given] if given else None)
+    return given or section.get("model", usual), settings(own, section, f"{case.case}: `set`")
+
+
+def named_model(
+    given: str | None, own: Sequence[str] | None, case: CaseOptions, units: "System"
+) -> "tuple[str, CuttingModel]":
+    """The name and the model, with its own parameters set; see `model_and_settings`."""
+    name, of_model = model_and_settings(given, own, case)
+    return name, load_set(name, of_model, units)
+
+
+def with_model_of_case(section: Mapping[str, Any], case: CaseOptions, given: Sequence[str] | None) -> Mapping[str, Any]:
+    """A verb's table in the case file with the model, and its parameters, that the file names for all verbs.
+
+    Args:
+        section: the table; what it says itself wins.
+        case: whose file may name a model.
+        given: the models of the option --model; another one than the file's leaves out its parameters, too.
+    """
+    model, own = case.model()
+    if model is None or section.get("model", model) != model or [*(given or [model])] != [model]:
+        return section
+    of_verb = section.get("set", {})
+    return {**section, "model": model, "set": {**own, **of_verb} if isinstance(of_verb, Mapping) else of_verb}
 
 
 def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = None, where: str = "") -> Settings:

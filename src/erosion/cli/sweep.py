@@ -15,7 +15,7 @@ from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, 
 from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, far_from_tests, weighing
 from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption, Settings, read_settings, settings
+from erosion.cli.set_option import SetOption, Settings, read_settings, settings, with_model_of_case
 from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from erosion.parameters.per_mass import PerMass
     from erosion.sweeps.grid import Grid, Outputs
     from erosion.tables import Row
+
+_FIELDS = ("model", "paired", "derivatives", "wrt", "optimum", "set")
+"""The fields of [sweep] in a case file, beside parameters."""
 
 
 def sweep(
@@ -60,7 +63,7 @@ def sweep(
     A case file gives the same in a table [sweep]; options overrule it.
     """
     options = with_file(case, file)
-    section = options.section("sweep", ("model", "paired", "derivatives", "wrt", "optimum", "set"))
+    section = with_model_of_case(options.section("sweep", _FIELDS), options, model)
     _require_store(output, clustered=not (workers is scheduler is chunks is None))
     p, axes = _case_and_axes(options, section)
     chosen = _chosen(model, options, section)
@@ -140,7 +143,7 @@ def _require_store(output: Path, *, clustered: bool) -> None:
         )
 
 
-def _case_and_axes(options: CaseOptions, section: dict[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
+def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
     """The case's scalars and its axes, from its [sweep] and the options; options win."""
     from erosion.parameters.ranges import read_axis
 

@@ -28,6 +28,8 @@ from erosion.parameters.units import System, about, check_system, has_control_ch
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
 """What only erosion per mass of abrasive needs; see `load_per_mass`."""
+MODEL_KEYS = ("model", "set")
+"""The case's usual model and that model's own parameters; see `load_model_of_case`."""
 SECTIONS = ("sweep", "stream", "map", "advise")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
 
@@ -41,8 +43,8 @@ def load_case(path: str | Path) -> Parameters:
 
     Args:
         path: the file; its keys are `units`, `title`, `particle`, `target` and the fields of `Parameters`, which
-            overrule particle and target; for `density` and `cutting_fraction` see `load_per_mass`. Tables for other
-            verbs (`SECTIONS`) may stand below them.
+            overrule particle and target; for `density` and `cutting_fraction` see `load_per_mass`, for `model` and
+            `set` `load_model_of_case`. Tables for other verbs (`SECTIONS`) may stand below them.
 
     Returns:
         Validated parameters, in the file's units (SI where it names none); a mass that fits no body of the size is a
@@ -124,6 +126,23 @@ def load_per_mass(path: str | Path, usual_fraction: float = 1.0) -> PerMass:
         return PerMass(density, float(fraction))
 
 
+def load_model_of_case(path: str | Path) -> tuple[str | None, dict[str, Any]]:
+    """The model that a case file names for all verbs, a fitted one for example, and what it sets of its parameters.
+
+    Raises:
+        CaseError: for a file that cannot be read, a model that is no name, and parameters without a model.
+    """
+    table = _read(Path(path))
+    model, own = table.get("model"), table.get("set", {})
+    if not (model is None or isinstance(model, str)):
+        raise CaseError(f"{path}: field `model` must be a name in quotes, but is {shown(model)}.")
+    if not isinstance(own, dict):
+        raise CaseError(f"{path}: field `set` must be a table such as {{friction = 0.3}}, but is {shown(own)}.")
+    if own and model is None:
+        raise CaseError(f"{path}: field `set` needs the field `model`, whose parameters it sets.")
+    return model, own
+
+
 def case_title(path: str | Path) -> str:
     """What a case file calls its case: its `title`, else the file's name without its suffix.
 
@@ -198,7 +217,7 @@ def _parameters(table: dict[str, Any]) -> Parameters:
         if name in TEXT_KEYS:
             if not isinstance(value, str):
                 raise ValueError(f"Field `{name}` must be text in quotes, but is {shown(value)}.")
-        elif name in PER_MASS_KEYS or (name in SECTIONS and isinstance(value, dict)):
+        elif name in (*PER_MASS_KEYS, *MODEL_KEYS) or (name in SECTIONS and isinstance(value, dict)):
             continue
         elif name in QUANTITIES and isinstance(value, (int, float, str)):
             quantities[name] = value
@@ -206,7 +225,8 @@ def _parameters(table: dict[str, Any]) -> Parameters:
             raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {shown(value)}.")
         else:
             raise ValueError(
-                f"Field `{name}` is unknown; the fields are {', '.join((*TEXT_KEYS, *PER_MASS_KEYS, *QUANTITIES))}."
+                f"Field `{name}` is unknown; the fields are "
+                f"{', '.join((*TEXT_KEYS, *PER_MASS_KEYS, *MODEL_KEYS, *QUANTITIES))}."
             )
     units = table.get("units")
     if units is None:

@@ -154,13 +154,16 @@ class FarFromTests:
         return f"{two_digits(self.amount)} {self.rest}"
 
 
-def far_from_tests(specific_volume: Any, speed: Any, density: float | None) -> FarFromTests | None:
+def far_from_tests(
+    specific_volume: Any, speed: Any, density: float | None, factor: float = _FAR
+) -> FarFromTests | None:
     """The greatest erosion, where it is far from what tests find at its speed.
 
     Args:
         specific_volume: removed volume per mass of abrasive [m³/kg]; it broadcasts with `speed`.
         speed: of the impacts [m/s].
         density: of the target [kg/m³]; None where it is not known. Then the range is that of all metals tested.
+        factor: by which it must be outside of the tests.
     """
     removed, speed = np.broadcast_arrays(np.asarray(specific_volume, float), np.asarray(speed, float))
     usual = (speed / _TESTED_SPEED) ** _TESTED_EXPONENT
@@ -170,7 +173,7 @@ def far_from_tests(specific_volume: Any, speed: Any, density: float | None) -> F
     at = int(np.argmax(np.where(finite, removed / usual, 0.0)))
     lightest, heaviest = _TESTED_DENSITIES if density is None else (density, density)
     low, high = _TESTED[0] * usual.flat[at] / heaviest, _TESTED[1] * usual.flat[at] / lightest
-    if low / _FAR <= removed.flat[at] <= high * _FAR:
+    if low / factor <= removed.flat[at] <= high * factor:
         return None
     scale = PER_MASS_SCALES["specific_volume" if density is None else "erosion_ratio"]
     size, unit = scale.size / (density or 1.0), scale.unit
