@@ -230,3 +230,12 @@ def test_candidates_and_jumps_of_a_minimum_have_the_sign_of_the_objective():
     most = erosion.alpha_max("rotating", p, alpha_range=(low, high))
     assert all(0 <= candidate.value <= most.value for candidate in least.candidates)
     assert [jump.below for jump in least.jumps] == pytest.approx([jump.below for jump in most.jumps], rel=1e-6)
+
+
+def test_a_jump_whose_sides_differ_by_rounding_is_one():
+    p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("copper").replace(k=1.5, psi=2.0, v0=110.0)
+    best = erosion.alpha_max("rotating", p.replace(phidot0=586666.6666666667))
+    assert [(jump.ended_below, jump.ended_above) for jump in best.jumps] == [("rebound", "stop")]
+    assert [regime.ended_by for regime in best.regimes] == ["rebound", "stop"]
+    assert best.kind == "jump"
+    assert len(best.candidates) == 1

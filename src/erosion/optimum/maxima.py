@@ -19,6 +19,7 @@ TIGHT = 1e-11  # relative tolerance of a polished maximum
 _LOOSE = 1e-9  # relative tolerance of the search
 _BESIDE = 1e-6  # rad; a maximum nearer to a jump is the jump's own
 _LEVEL = 1e-6  # of a function's size, per rad²; with less curvature it is level
+_APART = 1e-11  # rad; jumps nearer to one another are one
 _FLAT = 1e-6  # of a function's size, per rad: a plateau is no steeper
 _MANY = 100  # cases; for fewer it takes longer to compile a program without derivatives than it saves
 _ALPHA = list(QUANTITIES).index("alpha")
@@ -160,6 +161,7 @@ class Search:
     def optima(self, low: float, high: float) -> list[Maxima]:
         """The maxima of each case (or its minima) over the angles from `low` to `high` [rad]."""
         scanned = scan(self.objective(_LOOSE), self.objective(TIGHT), self.cases, _first_angles(low, high))
+        scanned = scanned._replace(narrow=_side_by_side_merged(scanned.narrow))
         certified = scanned.unresolved == 0
         jumped = is_jump(scanned.narrow, scanned.size[scanned.narrow.low.case])
         candidates: list[list[Candidate]] = [[] for _ in range(self.cases)]
@@ -350,6 +352,16 @@ class Search:
             of_case[-1] = dataclasses.replace(of_case[-1], high=change)
             of_case.append(Regime(change, high, self.names[cells.high.outcome[i]]))
         return [tuple(of_case) for of_case in regimes]
+
+
+def _side_by_side_merged(cells: Cells) -> Cells:
+    """Narrow cells, where those of a case that nearly touch are one: rounding alone tells them apart."""
+    order = np.lexsort((cells.low.alpha, cells.low.case))
+    low, high = cells.low.take(order), cells.high.take(order)
+    begins = np.ones(order.size, bool)
+    begins[1:] = (np.diff(low.case) != 0) | (low.alpha[1:] - high.alpha[:-1] > _APART)
+    ends = np.append(np.flatnonzero(begins)[1:], order.size) - 1 if order.size else order
+    return Cells(low.take(np.flatnonzero(begins)), high.take(ends))
 
 
 def _first_angles(low: float, high: float) -> np.ndarray:
