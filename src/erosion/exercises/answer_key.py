@@ -42,7 +42,7 @@ class Task:
 
 
 TASKS: Mapping[str, Task] = {
-    "omega": Task("ω = √(k σ b ψ / m)", "rate", 1e-4, "Keep all digits of the parameters."),
+    "omega": Task("the angular frequency ω of the depth", "rate", 1e-4, "Keep all digits of the parameters."),
     "euler_depth": Task(
         f"the depth at the time π/(4ω), after {EULER_STEPS} steps of Euler's method", "length", 1e-6,
         "Check the number of steps, and that all four numbers of the state are taken from before the step.",
