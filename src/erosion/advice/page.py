@@ -90,8 +90,12 @@ def _case(advice: Advice) -> str:
     shown = ("k", "psi", "r", "b", "m", "v0", "sigma", "inertia", "phidot0")
     rows = [quantity_row(name, QUANTITIES[name], getattr(p, name), "si") for name in shown]
     numbers = [f"{row.symbol} = {float(row.value):.4g} {row.unit}".rstrip() for row in rows]
+    named = [
+        f"{advice.language.text(row.meaning)} {advice.language.number(number)}"
+        for row, number in zip(rows, numbers, strict=True)
+    ]
     # A comma between numbers that have decimal commas would be read with them.
-    return ("; " if advice.language.comma else ", ").join(map(advice.language.number, numbers))
+    return ("; " if advice.language.comma else ", ").join(named)
 
 
 def _jet(advice: Advice) -> str:

@@ -212,7 +212,7 @@ def _provenance(source: MapSource) -> dict[str, str]:
     return provenance(
         "a map",
         source.bodies.p,
-        **model_in_words(source.model),
+        **model_in_words(source.model, but={*source.bodies.laws, *source.bodies.uncertain}),
         table=source.impacts.title,
         surface="" if source.surface is None else source.surface.title,
         options=source.options,
