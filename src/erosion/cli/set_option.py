@@ -33,8 +33,8 @@ def model_and_settings(
         case: whose file may name a model.
         usual: the model where nothing names one.
     """
-    section = with_model_of_case({}, case, [given] if given else None)
-    return given or section.get("model", usual), settings(own, section, f"{case.case}: `set`")
+    section = with_model_of_case({}, case, None if given is None else [given])
+    return section.get("model", usual) if given is None else given, settings(own, section, f"{case.case}: `set`")
 
 
 def named_model(
@@ -54,7 +54,7 @@ def with_model_of_case(section: Mapping[str, Any], case: CaseOptions, given: Seq
         given: the models of the option --model; another one than the file's leaves out its parameters, too.
     """
     model, own = case.model()
-    if model is None or section.get("model", model) != model or [*(given or [model])] != [model]:
+    if model is None or section.get("model", model) != model or (given is not None and [*given] != [model]):
         return section
     of_verb = section.get("set", {})
     return {**section, "model": model, "set": {**own, **of_verb} if isinstance(of_verb, Mapping) else of_verb}
