@@ -80,14 +80,20 @@ class Controls:
         self._shown.set_value(state.shown)
         self._showing = False
 
-    def change(self, change: Callable[[Case], Case]) -> None:
-        """Show what a function makes of the case; if this is no valid case, say why and show the case again."""
-        state = self._state
+    def change(self, change: Callable[[Case], Case]) -> bool:
+        """Show what a function makes of the case; if this is no valid case, say why and show the case again.
+
+        Returns:
+            Whether it is a valid case.
+        """
         try:
-            state = dataclasses.replace(state, case=change(state.case))
+            case = change(self._state.case)
         except ValueError as error:
             warn(sentence(error))
-        self._go(state)
+            self._go(self._state)
+            return False
+        self._go(dataclasses.replace(self._state, case=case))
+        return True
 
     def _group(self, model: str) -> ui.element:
         """The fields of a model's own parameters."""
@@ -166,8 +172,8 @@ class Controls:
                 grit = materials.sized(str(material.value), str(size.value), case.units)
                 return case.with_parameters(case.parameters().with_particle(grit))
 
-            self.change(of)
-            menu.close()
+            if self.change(of):
+                menu.close()
 
         with (
             ui.button("Particle").props("dense no-caps outline icon-right=arrow_drop_down"),
