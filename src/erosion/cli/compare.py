@@ -13,7 +13,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, load, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, far_from_tests, weighing
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
 
 if TYPE_CHECKING:
@@ -70,12 +70,14 @@ def compare(
         _require_volumes(curves, lost)
         _write(curves, overlay, plot)
         _keep(curves, p, weights, output)
+    from erosion.parameters.per_mass import models_far_from_tests
+
     said = Output("compare", p, options.case, json=json)
     for message in outside:
         said.warn(message)
     for name in lost:
         said.warn(f"{name}: its impact could not be computed.")
-    for message in far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p):
+    for message in models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p):
         said.warn(message)
     statements = _spread(lines)
     if json:

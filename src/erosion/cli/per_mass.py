@@ -1,8 +1,7 @@
 """`--density` and `--cutting-fraction`: erosion per mass of abrasive at the command line."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -11,12 +10,7 @@ from erosion.cli.options import CaseOptions
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
-
-
-_NAMED = 3
-"""Models that a warning names; the others are counted."""
 
 
 @Parameter(name="*")
@@ -61,25 +55,3 @@ def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseO
     from erosion.models.correlated import per_mass_of
 
     return per_mass_of(model, (given or PerMassOptions()).per_mass(options))
-
-
-def far_from_tests(weights: "Mapping[str, PerMass]", volumes: Mapping[str, Any], p: "Parameters") -> list[str]:
-    """Sentences on the models whose erosion is far from what tests find; models on the same side of it share one.
-
-    Args:
-        weights: by model; a model alone may have the name "".
-        volumes: by model; see `PerMass.warning`.
-        p: the case.
-    """
-    far = {name: said for name, weight in weights.items()
-           if (said := weight.far_from_tests(volumes[name], p)) is not None}  # fmt: skip
-    alike = {said.rest: [name for name in far if far[name].rest == said.rest] for said in far.values()}
-    return [
-        f"{_in_words(names)}{max((far[name] for name in names), key=lambda said: said.amount)}"
-        for names in alike.values()
-    ]
-
-
-def _in_words(names: Sequence[str]) -> str:
-    named = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
-    return f"{named}: " if named else ""

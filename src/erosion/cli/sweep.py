@@ -13,7 +13,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, load, with_file
 from erosion.cli.output import Output, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, far_from_tests, weighing
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, read_settings, settings, with_model_of_case
 from erosion.parameters.quantities import QUANTITIES
@@ -246,13 +246,15 @@ def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -
 
 def _far_from_tests(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -> list[str]:
     """Sentences on the models whose greatest erosion is far from tests."""
+    from erosion.parameters.per_mass import models_far_from_tests
+
     speeds = dataset.get("v0")
     per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
     kept = {"model"} | set(() if speeds is None else speeds.dims)
     greatest = per_particle_mass.max([dim for dim in per_particle_mass.dims if dim not in kept])
     at = dataclasses.replace(p, m=1.0, v0=p.v0 if speeds is None else speeds.values)
     volumes = {name: (greatest.sel(model=name) if name else greatest).values for name in weights}
-    return far_from_tests(weights, volumes, at)
+    return models_far_from_tests(weights, volumes, at)
 
 
 def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":

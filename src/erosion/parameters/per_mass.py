@@ -1,7 +1,7 @@
 """From a removed volume to the erosion that engineers measure: volume, and mass, per mass of abrasive."""
 
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -27,6 +27,7 @@ _TESTED = (1e-4, 1e-3)  # kg/kg at `_TESTED_SPEED`
 _TESTED_SPEED, _TESTED_EXPONENT = 100.0, 2.4  # m/s, -
 _TESTED_DENSITIES = (2700.0, 7800.0)  # kg/m³, the aluminium and the steels of that table
 _FAR = 3.0  # outside of the tests by this factor
+_NAMED = 3  # models that a sentence names
 _LEAST_DENSITY = 1e-9  # kg/m³, far below that of any gas at which anything is cut
 _LEAST_SHARE = 1e-9  # one particle in a thousand million; erosion by far fewer is lost in rounding
 
@@ -131,7 +132,7 @@ class PerMass:
         return self.density is not None or self.cutting_fraction != 1
 
     def far_from_tests(self, volume: Any, p: Parameters) -> "FarFromTests | None":
-        """The same, with the amount apart from the rest of the sentence."""
+        """The same in numbers."""
         if not self.is_given:
             return None
         speed = np.asarray(p.v0) * conversion_factor("speed", p.units, "si")
@@ -143,15 +144,59 @@ class FarFromTests:
     """An erosion that is far from what tests find; as text it is a sentence.
 
     Args:
-        amount: the erosion, in the unit of the sentence.
-        rest: the sentence after the amount.
+        amount: the erosion, in `unit`.
+        unit: "g/kg", or "mm³/kg" where the target's density is not known.
+        speed: of the impacts [m/s].
+        least, greatest: what tests find at this speed, in `unit`.
     """
 
     amount: float
-    rest: str
+    unit: str
+    speed: float
+    least: float
+    greatest: float
+
+    @property
+    def is_above(self) -> bool:
+        """Whether tests find less."""
+        return self.amount > self.greatest
+
+    @property
+    def rest(self) -> str:
+        """The sentence after the amount; models on the same side of the tests share it."""
+        text = (
+            f"{self.unit} is far from what tests on ductile metals find at {self.speed:.3g} m/s, about "
+            f"{two_digits(self.least)} to {two_digits(self.greatest)} {self.unit} "
+            "(fits to tests: DNVGL-RP-O501, 2015, table 3-1)"
+        )
+        if self.is_above:
+            text += "; only some particles cut, and the product of σ and ψ is known to a factor of two at best"
+        return f"{text}."
 
     def __str__(self) -> str:
         return f"{two_digits(self.amount)} {self.rest}"
+
+
+def models_far_from_tests(weights: Mapping[str, PerMass], volumes: Mapping[str, Any], p: Parameters) -> list[str]:
+    """Sentences on the models whose erosion is far from what tests find; models on the same side of it share one.
+
+    Args:
+        weights: by model; a model alone may have the name "".
+        volumes: by model; see `PerMass.warning`.
+        p: the case.
+    """
+    far = {name: said for name, weight in weights.items()
+           if (said := weight.far_from_tests(volumes[name], p)) is not None}  # fmt: skip
+    alike = {said.rest: [name for name in far if far[name].rest == said.rest] for said in far.values()}
+    return [
+        f"{_in_words(names)}{max((far[name] for name in names), key=lambda said: said.amount)}"
+        for names in alike.values()
+    ]
+
+
+def _in_words(names: Sequence[str]) -> str:
+    named = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+    return f"{named}: " if named else ""
 
 
 def far_from_tests(
@@ -177,13 +222,8 @@ def far_from_tests(
         return None
     scale = PER_MASS_SCALES["specific_volume" if density is None else "erosion_ratio"]
     size, unit = scale.size / (density or 1.0), scale.unit
-    rest = (
-        f"{unit} is far from what tests on ductile metals find at {speed.flat[at]:.3g} m/s, about "
-        f"{two_digits(low / size)} to {two_digits(high / size)} {unit} (fits to tests: DNVGL-RP-O501, 2015, table 3-1)"
-    )
-    if removed.flat[at] > high:
-        rest += "; only some particles cut, and the product of σ and ψ is known to a factor of two at best"
-    return FarFromTests(float(removed.flat[at] / size), f"{rest}.")
+    amounts = float(removed.flat[at] / size), unit, float(speed.flat[at]), float(low / size), float(high / size)
+    return FarFromTests(*amounts)
 
 
 def two_digits(number: float) -> str:

@@ -1,14 +1,14 @@
 """The numbers of the checked models as an HTML table."""
 
 import html
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
 from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import styles
 from erosion.optimum.alpha_max import Optimum
-from erosion.parameters.per_mass import PER_MASS_SCALES
+from erosion.parameters.per_mass import PER_MASS_SCALES, models_far_from_tests
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
@@ -35,7 +35,8 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
     table = f"<thead><tr><th scope='col'>model</th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
     caption = "<caption>Numbers of the checked models</caption>"
-    return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{_of_the_cut(computed)}",)
+    below = _of_the_cut(computed) + _far_from_tests(computed)
+    return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
 
 
 def _of_the_cut(computed: Computed) -> str:
@@ -49,8 +50,19 @@ def _of_the_cut(computed: Computed) -> str:
         facts.append(f"{RESULTS['volume_at_contact'].meaning}: {at_contact}")
     if np.isfinite(cut.turn):
         facts.append(f"{RESULTS['turn'].meaning}: {np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
-    warnings = "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in cut.warnings)
-    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{warnings}"
+    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.warnings)}"
+
+
+def _far_from_tests(computed: Computed) -> str:
+    """At their best angles, the models whose erosion is far from what tests find."""
+    state, best = computed.state, dict(computed.in_order(computed.best))
+    volumes = {model: float(optimum.volume) for model, optimum in best.items()}
+    weights = dict.fromkeys(volumes, state.per_mass)
+    return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()))
+
+
+def _warnings(lines: Iterable[str]) -> str:
+    return "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in lines)
 
 
 def _volume(computed: Computed, volume: float) -> str:

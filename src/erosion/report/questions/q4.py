@@ -24,7 +24,8 @@ def answer(case: Case) -> Answer:
         **{f"{name}_max": value for name, value in case.weighed(steps[-1].volume).items()},
         "iterates": [step._asdict() for step in steps],
     }
-    return Answer(numbers, {"volume-over-angle": _figure(case, numbers)})
+    far = case.per_mass.far_from_tests(steps[-1].volume, case.p)
+    return Answer(numbers, {"volume-over-angle": _figure(case, numbers)}, {"far": far})
 
 
 def _figure(case: Case, numbers: Record) -> Figure:
