@@ -16,7 +16,7 @@ from erosion.advice.figure import plot_advice
 from erosion.advice.page import write_advice
 from erosion.cli import _status
 from erosion.exercises import AnswerKey, notebook
-from erosion.exercises.answer_key import IN_OTHER_UNITS, SLIPS, TASKS
+from erosion.exercises.answer_key import IN_OTHER_UNITS, NO_NUMBER, SLIPS, TASKS, UNKNOWN_TASK
 from erosion.language import ENGLISH, Language, catalogue_path, language, languages, message_blocks
 from erosion.parameters.materials import known_particles, known_targets
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
@@ -74,7 +74,7 @@ def test_what_a_key_says_is_translated() -> None:
     said = [words for task in TASKS.values() for words in (task.asks, task.hint) if " = " not in words]
     assert [
         words
-        for words in (*said, *(slip for _, slip in SLIPS), *IN_OTHER_UNITS.values())
+        for words in (*said, *(slip for _, slip in SLIPS), IN_OTHER_UNITS, NO_NUMBER, UNKNOWN_TASK)
         if GERMAN.text(words) == words
     ] == []
     names = [*known_particles(), *known_targets()]
@@ -87,8 +87,12 @@ def test_what_a_key_says_is_translated() -> None:
         "volume: Das ist das 100-Fache der Lösung. Gesucht ist das abgetragene Volumen."
     )
     assert str(key.check("volume", 0.0254**3 * key.answer("volume"))) == (
-        "volume: In SI-Einheiten ist das richtig; geben Sie den Wert in in³ an."
+        "volume: In m³ ist das richtig; geben Sie den Wert in in³ an."
     )
+    with pytest.raises(ValueError, match="muss eine einzelne endliche Zahl sein; es ist '1,5'"):
+        key.check("volume", "1,5")
+    with pytest.raises(ValueError, match=r"muss eine dieser Aufgaben sein: omega, .*; es ist 'V'"):
+        key.check("V", 1.5)
 
 
 def test_the_german_notebook_is_german_and_its_code_the_same() -> None:

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from erosion.models import Linearized
 from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.optimum.maxima import Jump
 from erosion.parameters.parameters import Parameters, require_scalars, validate
+from erosion.parameters.scales import known_scales
 from erosion.parameters.units import Dimension, System, conversion_factor, shown, unit_name
 
 EULER_STEPS = 100
@@ -77,11 +78,11 @@ SLIPS = (
 )
 """Factors by which an answer is often off, and what to say then."""
 
-IN_OTHER_UNITS: Mapping[System, str] = {
-    "si": "It is right in SI units; give {unit}.",
-    "inch-pound": "It is right in inch-pound units; give {unit}.",
-}
-"""What to say of an answer in the other system than that of the case."""
+UNKNOWN_TASK = "Argument `task` must be one of {tasks}, but is {task}."
+NO_NUMBER = "Argument `answer` must be one finite number, but is {answer}."
+
+IN_OTHER_UNITS = "It is right in {other}; give {unit}."
+"""What to say of an answer in other units than those of the case."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -164,7 +165,8 @@ class AnswerKey:
             ValueError: for a name that is no task.
         """
         if not isinstance(task, str) or task not in self.tasks:
-            raise ValueError(f"Argument `task` must be one of {', '.join(self.tasks)}, but is {shown(task)}.")
+            words = self.language.text(UNKNOWN_TASK)
+            raise ValueError(words.format(tasks=", ".join(self.tasks), task=shown(task)))
         return self._answers[task]()
 
     def check(self, task: str, answer: Any) -> Verdict:
@@ -180,9 +182,11 @@ class AnswerKey:
         Raises:
             ValueError: for a name that is no task, and for an answer that is no single finite number, or has a unit.
         """
-        given = None if answer is ... else _finite_number(answer)
-        right, asked = self.answer(task), TASKS[task]
         say, text = self.language.say, self.language.text
+        given = _finite_number(answer)
+        if given is None and answer is not ...:
+            raise ValueError(text(NO_NUMBER).format(answer=shown(answer)))
+        right, asked = self.answer(task), TASKS[task]
         if given is None:
             return Verdict(False, f"{task}: {text('still to do.')}")
         ratio = given / right
@@ -203,11 +207,13 @@ class AnswerKey:
         for factor, slip in SLIPS:
             if abs(ratio / factor - 1) <= asked.tolerance and (asked.dimension == "angle" or "radians" not in slip):
                 return self.language.text(slip)
-        units = self.p.units
-        for other, slip in IN_OTHER_UNITS.items():
-            factor = conversion_factor(asked.dimension, units, other)
-            if factor != 1 and abs(ratio / factor - 1) <= asked.tolerance:
-                return self.language.say(slip, unit=unit_name(asked.dimension, units))
+        unit = unit_name(asked.dimension, self.p.units)
+        for system in get_args(System):
+            per_unit = conversion_factor(asked.dimension, self.p.units, system)
+            for scale in known_scales(asked.dimension, system):
+                factor = per_unit / scale.size
+                if scale.unit != unit and abs(ratio / factor - 1) <= asked.tolerance:
+                    return self.language.say(IN_OTHER_UNITS, other=scale.unit, unit=unit)
         return ""
 
     def _how_far(self, ratio: float) -> str:
@@ -264,15 +270,18 @@ class AnswerKey:
         return min(best.jumps, key=lambda jump: abs(float(jump.alpha) - float(best.alpha)))
 
 
-def _finite_number(answer: Any) -> float:
+def _finite_number(answer: Any) -> float | None:
+    """An answer as a float; None for what is no single finite number."""
+    # Of a quantity of pint, numpy would drop the unit; a range may be too long for the memory.
+    if hasattr(answer, "units") or isinstance(answer, range):
+        return None
     try:
-        # Of a quantity of pint, numpy would drop the unit.
-        given = np.empty(0) if hasattr(answer, "units") else np.asarray(answer)
+        given = np.asarray(answer)
     except (TypeError, ValueError):  # lists of several lengths, and what JAX is tracing
-        given = np.empty(0)
+        return None
     if given.dtype.kind in "iuf" and given.size == 1 and np.isfinite(given).all() and not np.ma.is_masked(answer):
         return float(given.reshape(()))
-    raise ValueError(f"Argument `answer` must be one finite number, but is {shown(answer)}.")
+    return None
 
 
 def _plain_digits(value: float, digits: int) -> str:

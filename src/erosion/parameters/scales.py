@@ -49,6 +49,14 @@ _ANY_SIZE = ("1", "angle", "speed", "angular speed", "rate", "density")
 _PER_ANGLE = {"volume per angle": ("°", _DEGREE), "volume per angle²": ("°²", _DEGREE**2)}
 
 
+def known_scales(dimension: Dimension, units: System) -> list[Scale]:
+    """The units in which a reader may give numbers of a dimension: the consistent one first, then others by name."""
+    key = (dimension, units)
+    named = (*_NAMED.get(key, ()), *_RARE.get(key, ()), *([_BASES[key]] if key in _BASES else ()))
+    sizes = {unit_name(dimension, units): 1.0} | dict(named)
+    return [Scale(size, unit) for unit, size in sizes.items()]
+
+
 def superscript(exponent: int) -> str:
     """An integer in superscript digits: "⁻⁴"."""
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -149,7 +149,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     # Number and unit are taken apart here: pint reads "44 00 in" as a product.
     parts = _parts(text)
     if parts is None:
-        raise UnitError(f"must be {expected}, but {shown(text)} cannot be read")
+        raise UnitError(f"must be {expected}, but {_unreadable(text)}")
     number, given = float(parts["number"]), _POWERLESS.sub(r"\1^\2", parts["unit"].strip())
     if not given:
         return number
@@ -167,7 +167,12 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     # pint lets errors of its tokenizer and of Python's arithmetic through as they are.
     except (pint.errors.PintError, ArithmeticError, AssertionError, AttributeError, SyntaxError, TypeError, ValueError,
             LookupError, RecursionError, tokenize.TokenError) as error:  # fmt: skip
-        raise UnitError(f"must be {expected}, but {text!r} cannot be read") from error
+        raise UnitError(f"must be {expected}, but {_unreadable(text)}") from error
+
+
+def _unreadable(text: str) -> str:
+    hint = "; a number has a point, no comma" if _COMMA.match(text, 0, _LONGEST) else ""
+    return f"{shown(text)} cannot be read{hint}"
 
 
 def header_parts(text: str) -> tuple[str, str]:
@@ -232,6 +237,8 @@ def _check_angles(units: Mapping[str, Any], dimension: Dimension, complaint: str
 _QUANTITY = re.compile(
     r"\s*(?P<number>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan))(?P<unit>(?:\s*[^\d\s.+\-(][^\n]*|\s+1/[^\n]*)?)\s*"
 )
+
+_COMMA = re.compile(r"\s*[+-]?\d*,\d")
 
 _EXAMPLES: Mapping[System, Mapping[str, str]] = {
     "inch-pound": {

@@ -9,6 +9,8 @@ from erosion.optimum.alpha_max import ASIDE, Optimum
 from erosion.optimum.maxima import Jump
 from erosion.plotting.labels import NOTHING
 
+_LONG_STEP = 4.0  # degrees
+_STEEPER = 3.0  # times the shorter of the steps beside
 
 class Best(NamedTuple):
     """The fields of an optimum that a figure needs. Their names are those of `Optimum`, so a figure takes both."""
@@ -35,6 +37,19 @@ def describe(best: Best | Optimum) -> str:
 def with_gaps(before: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     """Insert NaN into the arrays before each of these indices, so that a curve has gaps there."""
     return tuple(np.insert(array, before, np.nan) for array in arrays)
+
+
+def leaps(degrees: np.ndarray) -> np.ndarray:
+    """The indices before which a line over angles of greatest removal breaks, for another maximum is the greatest.
+
+    Args:
+        degrees: the angles, shape (n,), NaN where nothing is removed.
+    """
+    steps = np.abs(np.diff(degrees))
+    around = np.concatenate([[np.nan], steps, [np.nan]])
+    # Where a line is only steep, the steps beside are long, too.
+    smaller = np.nan_to_num(np.fmin(around[:-2], around[2:]))
+    return np.flatnonzero((steps > _LONG_STEP) & (steps > _STEEPER * smaller)) + 1
 
 
 def broken_at(jumps: Sequence[Jump], angles: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,13 +11,12 @@ from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.colors import ENDS, FAINT, INK, PALETTE
-from erosion.plotting.curves import with_gaps
+from erosion.plotting.curves import leaps, with_gaps
 from erosion.plotting.labels import end_label
 from erosion.plotting.style import angle_axis, house_style, legend_below
 
 _COLORS = (*PALETTE.values(), INK)
 _MARKERS = ("o", "s", "^", "v", "D", "P")
-_APART = np.deg2rad(4)  # neighbouring maxima that differ by more are different maxima: no line joins them
 _WIDE = 30  # times the least maximum; with a larger maximum the axis is logarithmic
 
 _ROUNDING = 2.0**-52
@@ -49,7 +48,8 @@ class BestAngles(NamedTuple):
         x: the values of the parameter.
         alpha: α_max [rad], NaN where nothing is removed.
         at_jump: whether the maximum is at a jump of V(α).
-        line: whether to join maxima that are close together; without it only markers are drawn.
+        line: whether to join the maxima, with gaps where another one becomes the greatest; without it only markers are
+            drawn.
     """
 
     label: str
@@ -122,9 +122,9 @@ def plot_best_angles(
     """
     if exact is not None:
         label, x, alpha = exact
-        apart = np.flatnonzero(np.abs(np.diff(alpha)) > _APART) + 1
+        degrees = np.rad2deg(alpha)
         ax.plot(
-            *with_gaps(apart, x, np.rad2deg(alpha)),
+            *with_gaps(leaps(degrees), x, degrees),
             color=PALETTE["sky"],
             linewidth=7,
             alpha=0.5,
@@ -135,8 +135,7 @@ def plot_best_angles(
         color, degrees = _COLORS[i % len(_COLORS)], np.rad2deg(alpha)
         highest = max([highest, *degrees[np.isfinite(degrees)]])
         if line:
-            apart = np.flatnonzero((np.abs(np.diff(alpha)) > _APART) | (np.diff(at_jump.astype(int)) != 0)) + 1
-            ax.plot(*with_gaps(apart, x, degrees), color=color, linewidth=1.7)
+            ax.plot(*with_gaps(leaps(degrees), x, degrees), color=color, linewidth=1.7)
         marker, size = _MARKERS[i % len(_MARKERS)], 4 if line else 6.5
         ax.plot(x[~at_jump], degrees[~at_jump], marker, color=color, markersize=size, label=label,
                 markeredgecolor=color if line else INK, markeredgewidth=0.6)  # fmt: skip

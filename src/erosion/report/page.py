@@ -1,7 +1,6 @@
 """The page and its files: answers -> index.html, figures, numbers.json."""
 
 import contextlib
-import math
 import types
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from erosion.interrupts import unawaited_threads
 from erosion.language import Language, language
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
+from erosion.parameters.scales import Scale, table_scale
 from erosion.parameters.units import System, shown, unit_name
 from erosion.plotting.style import save_figure
 from erosion.report.case import Case, question
@@ -190,14 +190,15 @@ def _page(
 
 
 def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, str, str]]:
-    """Symbol, meaning, value, unit; angles in degrees."""
+    """Symbol, meaning, value, unit; in units in which the values read well."""
     rows = []
     for name, quantity in QUANTITIES.items():
-        value, unit = float(getattr(p, name)), unit_name(quantity.dimension, p.units)
-        if quantity.dimension == "angle":
-            value, unit = math.degrees(value), "°"
-        shown = language.number(number(value, 7, strip=True))
-        rows.append((quantity.symbol, language.text(quantity.meaning), shown, unit or "–"))
+        value = float(getattr(p, name))
+        scale = table_scale(quantity.dimension, p.units, abs(value))
+        if scale.unit.startswith("10"):
+            scale = Scale(1.0, unit_name(quantity.dimension, p.units))
+        shown = language.number(number(value / scale.size, 7, strip=True))
+        rows.append((quantity.symbol, language.text(quantity.meaning), shown, scale.unit or "–"))
     return rows
 
 

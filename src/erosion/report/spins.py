@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from erosion.parameters.parameters import Parameters
+from erosion.plotting.curves import leaps
 from erosion.plotting.families import BestAngles
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.studies import regimes
@@ -48,6 +49,11 @@ class Spins:
     def jumps(self) -> int:
         """How many of the maxima are at a jump of V(α)."""
         return int(np.sum(self.kind == "jump"))
+
+    @property
+    def leaps(self) -> int:
+        """At how many spins another maximum becomes the greatest."""
+        return leaps(np.rad2deg(self.alpha)).size
 
     def best_angles(self, label: str) -> BestAngles:
         """For a figure."""

@@ -11,9 +11,7 @@ from erosion.explorer.views.look import Option, axis, frame, line, points, style
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.plotting.colors import PALETTE
-from erosion.plotting.curves import with_gaps
-
-_APART = 4.0  # degrees; neighbouring maxima that differ by more are different maxima: no line joins them
+from erosion.plotting.curves import leaps, with_gaps
 
 
 def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
@@ -23,8 +21,7 @@ def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Opt
         color, dashes = styles(models)[model]
         degrees = np.rad2deg(best.alpha)
         at_jump = best.kind == "jump"
-        apart = np.flatnonzero((np.abs(np.diff(degrees)) > _APART) | (np.diff(at_jump.astype(int)) != 0)) + 1
-        s, best_angle = with_gaps(apart, SPINS, degrees)
+        s, best_angle = with_gaps(leaps(degrees), SPINS, degrees)
         series.append(line(model, s, best_angle, color, dashes))
         hollow = {"color": "transparent", "borderColor": color, "borderWidth": 1.6}
         marks = {"type": "scatter", "name": f"{model}, at a jump", "itemStyle": hollow, "symbolSize": 8}

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from erosion.models import load_model
+from erosion.optimum.alpha_max import Optimum
 from erosion.plotting.families import plot_best_angles, plot_family, plot_turn
 from erosion.plotting.studies import plot_regimes
 from erosion.plotting.style import new_axes
@@ -22,6 +23,7 @@ NEEDS = (
     ("sensitivities", MODEL),
     ("sensitivities", "linearized"),
 )
+_LEAST_SEEN = 0.01  # of the greatest volume
 _TURN_ANGLES = np.deg2rad(np.arange(3.0, 90.0, 4.0))
 
 
@@ -56,6 +58,7 @@ def _fields(case: Case, numbers: Record) -> Record:
         "least_sine": min((float(np.cos(turn)) for turn, _ in turned), default=1.0),
         "farthest": max((abs(turn) for turn, _ in turned), default=0.0),
         "jumps": [(label, jump) for model, label in TORQUES.items() for jump in case.optimum(model).jumps],
+        "is_seen_to_jump": any(_is_seen_to_jump(case.optimum(model)) for model in TORQUES),
         "torques": list(TORQUES.values()),
         "spins": spins,
         "spin_rows": list(zip(*(spin.rows for spin in spins), strict=True)),
@@ -63,6 +66,11 @@ def _fields(case: Case, numbers: Record) -> Record:
         "ranges": ranges(case),
         "sensitivities": sensitivities(case),
     }
+
+
+def _is_seen_to_jump(best: Optimum) -> bool:
+    """Whether a figure shows that V(α) jumps."""
+    return any(abs(jump.above - jump.below) > _LEAST_SEEN * float(best.volume) for jump in best.jumps)
 
 
 def _numbers(case: Case, model: str) -> Record:
