@@ -12,6 +12,7 @@ from erosion.plotting.labels import NOTHING
 _LONG_STEP = 4.0  # degrees
 _STEEPER = 3.0  # times the shorter of the steps beside
 
+
 class Best(NamedTuple):
     """The fields of an optimum that a figure needs. Their names are those of `Optimum`, so a figure takes both."""
 
