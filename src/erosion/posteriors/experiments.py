@@ -76,7 +76,7 @@ class NextExperiment(Result):
             return "No candidate can be judged: no draw has a volume there."
         conditions = " and ".join(self.condition_in_words(name, value) for name, value in self.best.items())
         share = f" ({self.discrimination[self.order[0]]:.3f} on which model is right)" if len(self.names) > 1 else ""
-        usual = f"the median candidate {np.nanmedian(self.total):.3f}"
+        usual = f"the median candidate {np.nanmedian(self.total):.3f}; one bit halves what is left open"
         return f"Measure next at {conditions}: one row there is expected to say {most:.3f} bit{share}, {usual}."
 
     def condition_in_words(self, name: str, value: float) -> str:
