@@ -27,12 +27,13 @@ def test_a_line_for_each_point_with_axes_outcomes_and_erosion_per_mass(tmp_path)
     assert float(last["volume [m^3]"]) == float(corner.volume)
     assert float(last["specific_volume [mm^3/kg]"]) == pytest.approx(0.5 * float(corner.volume) / 5e-5 * 1e9)
     assert float(last["erosion_ratio [g/kg]"]) == pytest.approx(1350 * float(corner.volume) / 5e-5 * 1e3)
+    assert (last["model"], float(last["cutting_fraction"])) == ("rotating", 0.5)
     assert last["ended_by"] in ("rebound", "stop")
 
 
 def test_paired_axes_and_several_models(tmp_path):
     grid = erosion.sweep(["finnie", "dnv"], P, r=[1e-3, 2e-3], m=[5e-5, 4e-4], paired=("r", "m"), optimum=True)
-    weights = {"finnie": erosion.PerMass(2700.0), "dnv": erosion.PerMass(7800.0)}
+    weights = {"finnie": erosion.PerMass(2700.0, 0.25), "dnv": erosion.PerMass(7800.0)}
     write_csv(grid, tmp_path / "grid.csv", P, weights)
     table = lines(tmp_path / "grid.csv")
     assert [(line["model"], float(line["r [m]"])) for line in table] == [
@@ -41,5 +42,6 @@ def test_paired_axes_and_several_models(tmp_path):
     ratio = float(erosion.correlations.dnv(float(P.alpha), float(P.v0)))
     assert float(table[3]["erosion_ratio [g/kg]"]) == pytest.approx(1e3 * ratio, rel=1e-9)
     assert table[0]["alpha_max_kind"] == "interior"
+    assert [float(line["cutting_fraction"]) for line in table] == [0.25, 0.25, 1.0, 1.0]
     write_csv(grid, tmp_path / "grid.csv", P, {**weights, "finnie": erosion.PerMass()})
     assert "erosion_ratio [g/kg]" not in lines(tmp_path / "grid.csv")[0]
