@@ -1,14 +1,15 @@
 """Laws of several parameters together."""
 
 import os
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from erosion.advice.advise import advise
-from erosion.distributions import LogNormal, Normal, Uniform
-from erosion.joint_laws import SHARE, Correlated, LawSet, Ranges, Rows, read_rows
+from erosion.distributions import LogNormal, Normal, Samples, Uniform
+from erosion.joint_laws import SHARE, Correlated, LawSet, Ranges, Rows, law_digest, read_rows
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
 from erosion.posteriors.files import read_draws
@@ -123,3 +124,47 @@ def test_a_pipe_is_no_table_and_no_draws(tmp_path):
 def test_what_cannot_be(make, message):
     with pytest.raises((ValueError, TypeError), match=message):
         make()
+
+
+LAW = """
+import dataclasses
+import numpy as np
+from erosion.distributions import Distribution
+
+def middle(u): return {middle}
+
+@dataclasses.dataclass(frozen=True)
+class Mine(Distribution):
+    '''{text}'''
+    mean: float = 1.0
+
+    def ppf(self, u):
+        return {formula}
+
+    def cdf(self, x):
+        return {below}
+"""
+
+
+def typed(
+    middle: str = "u", text: str = "A law.", formula: str = "self.mean + middle(u)", below: str = "float(x >= 1)"
+) -> Any:
+    scope: dict[str, Any] = {"__name__": "typed"}
+    exec(LAW.format(middle=middle, text=text, formula=formula, below=below), scope)
+    return scope["Mine"]()
+
+
+def test_a_law_is_known_by_its_draws_and_numbers() -> None:
+    values = np.linspace(0, 1, 5000)
+    changed = values.copy()
+    changed[2501] = np.nextafter(changed[2501], np.inf)
+    different = [
+        typed(), typed(middle="u + 1e-12"), typed(formula="self.mean - middle(u)"), typed(below="float(x >= 0.5)"),
+        Normal(1, 0.1), Normal(1, 0.1 + 1e-16), Samples(values), Samples(changed),
+        Rows({"v0": values, "r": values})["v0"], Rows({"v0": changed, "r": values})["v0"],
+        *(Correlated({"v0": Normal(1, 2), "r": Normal(1, 2)}, {("v0", "r"): rho})["v0"] for rho in (0.1, 0.2)),
+    ]  # fmt: skip
+    assert len({law_digest(law) for law in different}) == len(different)
+    same = [typed(), typed(text="Another text."), typed(formula="middle(u) + self.mean"), typed(middle="+u")]
+    assert len({law_digest(law) for law in same}) == 1
+    assert law_digest(Samples(values, "a.csv")) == law_digest(Samples(values, "b.csv"))

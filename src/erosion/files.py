@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import hashlib
 import os
 import secrets
 import shutil
@@ -12,6 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _DRAFT = ".part"  # ends the name of a folder in which a file is written
+
+
+def digest(content: bytes) -> str:
+    """Sixteen hexadecimal digits of the SHA-256 of the content."""
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def write_whole(path: Path, content: bytes | memoryview) -> None:

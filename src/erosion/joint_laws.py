@@ -21,6 +21,7 @@ from scipy import special
 
 from erosion.arguments import check_unmasked
 from erosion.distributions import Distribution, Samples, column_names, read_column
+from erosion.files import digest
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import Dimension, System
 
@@ -30,6 +31,7 @@ Ranges = Mapping[str, tuple[float, float]]
 SHARE = (0.0, 1.0)
 """The range of the share of the particles that cut."""
 
+_DRAWN = 1000  # draws that tell laws apart
 _MOST_OUTSIDE = 0.01  # of a law that is cut off without a word
 
 
@@ -243,6 +245,42 @@ class Correlated(JointLaw):
         """The pairs."""
         pairs = ", ".join(f"{first} with {second} by {value:g}" for (first, second), value in self.correlation.items())
         return f"correlated: {pairs}"
+
+
+def law_digest(law: Any) -> str:
+    """The digest of a law: of its numbers and, whatever its code looks like, of its draws.
+
+    Args:
+        law: a `Distribution`, or a law of somebody's own with `ppf` and `cdf`.
+    """
+    joint = law.joint if isinstance(law, Member) else None
+    dimension = 1 if joint is None else joint.dimension
+    random = np.random.default_rng(0).uniform(2.0**-53, 1 - 2.0**-53, (_DRAWN, dimension))
+    points = np.concatenate([random, np.full((1, dimension), 2.0**-53), np.full((1, dimension), 1 - 2.0**-53)])
+    own = np.asarray(law.ppf(points[:, 0]), float)
+    # A stream cuts laws off at the ends of a parameter's range, by the share that lies below.
+    places = np.linspace(-1.5, 1.5, 61) * np.abs(own[:_DRAWN]).max()
+    shares = np.array([float(law.cdf(value)) for value in (0.0, 1.0, *places.tolist())])
+    drawn = {} if joint is None else joint.draw(points, dict.fromkeys(joint, (0.0, 1.0)))
+    pieces = [own, shares, *drawn.values()]
+    return digest(b"".join([*(np.ascontiguousarray(piece).tobytes() for piece in pieces), *_numbers_of(law)]))
+
+
+def _numbers_of(thing: Any) -> Iterator[bytes]:
+    """The numbers that a law holds, in its fields and in theirs."""
+    if isinstance(thing, np.ndarray) or (isinstance(thing, (int, float, np.generic)) and not isinstance(thing, bool)):
+        array = np.asarray(thing)
+        yield f"{array.dtype.str} {array.shape}".encode() + array.tobytes()
+    elif isinstance(thing, Mapping) and not isinstance(thing, JointLaw):
+        for name in thing:
+            yield str(name).encode()
+            yield from _numbers_of(thing[name])
+    elif isinstance(thing, (list, tuple)):
+        for part in thing:
+            yield from _numbers_of(part)
+    elif dataclasses.is_dataclass(thing):
+        for field in dataclasses.fields(thing):
+            yield from _numbers_of(getattr(thing, field.name, None))
 
 
 def require_units(laws: Mapping[str, Any], units: System) -> None:

@@ -338,7 +338,7 @@ def test_a_stream_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
 def test_a_file_that_vanishes_while_it_goes_on_is_no_matter(tmp_path: Path) -> None:
     path = tmp_path / "out.nc"
     netcdf(path)
-    read = read_netcdf(path, make_grid("linearized", P, AXES).identity())
+    read = read_netcdf(path, make_grid("linearized", P, AXES).identity)
     path.unlink()
     assert_same_bits(read, WHOLE)
 

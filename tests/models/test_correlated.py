@@ -6,11 +6,11 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from erosion.models.equations import flaw
 
 import erosion
 from erosion.cli import _status
 from erosion.models import correlated, model_name
-from erosion.models.check import flaw
 from erosion.models.correlated import CorrelatedBySize
 
 P = erosion.TABLE_1

@@ -4,8 +4,9 @@ from pathlib import Path
 import pytest
 
 import erosion
-from erosion.storage.fingerprint import digest
-from erosion.storage.identity import StoreError, identity, require_same
+import erosion.storage.identity
+from erosion.files import digest
+from erosion.storage.identity import StoreError, identity, package_digest, require_same
 
 P = erosion.TABLE_1
 MODELS = Path(__file__).parents[2] / "models"
@@ -37,11 +38,25 @@ def test_what_changes_the_result_changes_the_identity() -> None:
     assert differing(one, other) == {"models"}
 
 
-def test_a_model_without_a_file_has_no_identity() -> None:
+def test_a_model_that_was_typed_has_an_identity() -> None:
     scope: dict = {"__name__": "typed"}
     exec("from erosion.models import Linearized\nclass Typed(Linearized): pass", scope)
-    with pytest.raises(ValueError, match="`model` must come from a file where a store is given, but Typed does not"):
-        identity({"m": scope["Typed"]()}, P)
+    models = [identity({"m": model}, P)["models"] for model in (scope["Typed"](), erosion.load_model("linearized"))]
+    assert models[0] == models[1]
+
+
+def test_an_edit_of_the_package_itself_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "engine").mkdir()
+    (tmp_path / "cli").mkdir()
+    for name in ("engine/tableau.py", "cli/run.py"):
+        (tmp_path / name).write_text("order = 8\n")
+    monkeypatch.setattr(erosion.storage.identity, "_PACKAGE", tmp_path)
+    before = package_digest.__wrapped__()
+    (tmp_path / "cli/run.py").write_text("order = 9\n")
+    assert package_digest.__wrapped__() == before
+    (tmp_path / "engine/tableau.py").write_text("order = 9\n")
+    assert package_digest.__wrapped__() != before
+    assert package_digest() in identity({}, P)["version"]
 
 
 def test_a_digest_is_of_the_bytes() -> None:

@@ -174,13 +174,16 @@ def test_another_version_and_foreign_files_are_refused(tmp_path, monkeypatch):
         sweep("linearized", P, store=tmp_path / "out.zarr", alpha=[0.2])
 
 
-def test_a_plug_in_is_known_by_its_file(tmp_path):
+def test_a_plug_in_is_known_by_its_equations(tmp_path):
     plug_in = tmp_path / "lip.py"
     shutil.copy(Path(__file__).parents[2] / "models/saturating_lip.py", plug_in)
     grid = make_grid(str(plug_in), P, {"alpha": [0.2]})
-    before = grid.identity()
     plug_in.write_text(plug_in.read_text() + "\n# changed\n")
-    assert make_grid(str(plug_in), P, {"alpha": [0.2]}).identity()["models"] != before["models"]
+    assert make_grid(str(plug_in), P, {"alpha": [0.2]}).identity == grid.identity
+    text = plug_in.read_text()
+    plug_in.write_text(text.replace("p.k * ", "1.5 * p.k * ", 1))
+    assert plug_in.read_text() != text
+    assert make_grid(str(plug_in), P, {"alpha": [0.2]}).identity["models"] != grid.identity["models"]
 
 
 @pytest.mark.parametrize(

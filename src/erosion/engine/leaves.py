@@ -7,7 +7,6 @@ numbers or arrays. Everything else in a model (functions, strings) is part of th
 import functools
 import math
 from collections.abc import Sequence
-from typing import TypeGuard
 
 import jax
 import numpy as np
@@ -16,18 +15,12 @@ from jax.core import Tracer
 
 from erosion.array_types import Indices, Number, PerImpact, PerLane, Structure
 from erosion.models.base import CuttingModel, units_within
-from erosion.models.own_parameters import own_parameters
+from erosion.models.equations import Equations, equations_of
+from erosion.models.own_parameters import is_number, own_parameters
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.units import System
 
 _NAMES = tuple(QUANTITIES)
-
-
-def is_number(leaf: object) -> TypeGuard[Number]:
-    """Whether a leaf is a number or an array of numbers."""
-    if isinstance(leaf, (float, int)):
-        return True
-    return isinstance(leaf, (np.ndarray, np.generic, jax.Array, Tracer)) and np.dtype(leaf.dtype).kind in "fiub"
 
 
 def numbers_of(model: CuttingModel, p: Parameters) -> list[Number]:
@@ -36,7 +29,9 @@ def numbers_of(model: CuttingModel, p: Parameters) -> list[Number]:
 
 
 class Layout:
-    """The shapes and types of the numbers, and everything else of the model. Equal layouts share a program.
+    """What programs need to know of a model beside its numbers. Equal layouts share a program.
+
+    Layouts are equal where the models compute the same from numbers of the same shapes, however they are written.
 
     Args:
         structure: of the model.
@@ -44,6 +39,7 @@ class Layout:
         shapes: of each number, for one impact.
         dtypes: of each number.
         units: the unit system that the model's methods see; any, but for a model with numbers in fixed units.
+        equations: of the model.
     """
 
     def __init__(
@@ -53,19 +49,17 @@ class Layout:
         shapes: tuple[tuple[int, ...], ...],
         dtypes: tuple[str, ...],
         units: System,
+        equations: Equations,
     ) -> None:
         self.structure, self.leaves, self.shapes, self.dtypes, self.units = structure, leaves, shapes, dtypes, units
+        self.equations = equations
+        self._key = equations.digest, shapes, dtypes, units
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Layout) and self._key == other._key
 
     def __hash__(self) -> int:
-        # Without the structure, whose hash is slow, and the functions, of which some have none.
-        return hash((self.shapes, self.dtypes))
-
-    @property
-    def _key(self) -> tuple[object, ...]:
-        return self.structure, self.leaves, self.shapes, self.dtypes, self.units
+        return hash(self._key)
 
     @functools.cached_property
     def offsets(self) -> list[int]:
@@ -102,24 +96,16 @@ def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[PerImpact]]:
     The parameters of the case and the model's own may be arrays, with one number for each impact.
     Any other array is part of the model, the same for all impacts.
     """
+    units = units_within(model, p)
+    equations = equations_of(model, units)
     leaves, structure = jax.tree.flatten(model)
-    own = {parameter.leaf for parameter in own_parameters(model).values()} if leaves else ()
     fields = vars(p)
     numbers = [_array(fields[name]) for name in _NAMES]
-    rest: list[object] = []
-    shapes: list[tuple[int, ...]] = [()] * len(_NAMES)
-    dtypes = ["float64"] * len(_NAMES)
-    for i, leaf in enumerate(leaves):
-        if not is_number(leaf):
-            rest.append(leaf)
-            continue
-        array = _array(leaf)
-        rest.append(None)
-        numbers.append(array)
-        # A whole number in a parameter's place is a number like others.
-        dtypes.append("float64" if i in own or array.dtype.kind == "f" else array.dtype.name)
-        shapes.append(() if i in own else array.shape)
-    return Layout(structure, tuple(rest), tuple(shapes), tuple(dtypes), units_within(model, p)), numbers
+    numbers += [_array(leaf) for leaf in leaves if is_number(leaf)]
+    rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
+    shapes = (((),) * len(_NAMES)) + tuple(number.shape for number in equations.numbers)
+    dtypes = ("float64",) * len(_NAMES) + tuple(number.dtype.name for number in equations.numbers)
+    return Layout(structure, rest, shapes, dtypes, units, equations), numbers
 
 
 def element_of(model: CuttingModel, name: str) -> int:

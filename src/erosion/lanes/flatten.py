@@ -14,15 +14,11 @@ from jax.typing import ArrayLike
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
-from erosion.lanes.jax_versions import carried_by_scan, expansion
+from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
 from erosion.lanes.passes import finish
 from erosion.lanes.places import PLACES, SCATTERS, scatter
 from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
-_CALLS = {
-    "closed_call", "composite", "core_call", "custom_jvp_call", "custom_vjp_call", "eval_jaxpr", "jit", "pjit", "remat",
-    "checkpoint", "remat2",
-}  # fmt: skip
 _DOUBLE = np.dtype(np.float64)
 _Result = TypeVar("_Result")
 _UNROLLED = 64  # rounds of a loop of known length, at most; longer ones run as loops
@@ -98,9 +94,8 @@ class Flattener:
 
     def _other_work(self, equation: Equation, name: str) -> Work:
         """What computes an equation of a call, of control flow, of a function or of arrays."""
-        if name in _CALLS:
-            inner = equation.params["jaxpr" if "jaxpr" in equation.params else "call_jaxpr"]
-            body, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
+        if name in CALLS:
+            body, constants = called(equation)
             return lambda _, inputs: self.call(body, constants, inputs)
         control = {"while": self._while, "cond": self._cond, "scan": self._scan}.get(name)
         if control is not None:

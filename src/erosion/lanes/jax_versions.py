@@ -1,13 +1,14 @@
 """What newer versions of JAX write in other ways: their new primitives, in terms of older ones."""
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.extend.core import ClosedJaxpr
+from jax.extend.core import ClosedJaxpr, Jaxpr
+from jax.typing import ArrayLike
 
 from erosion.lanes.scalars import Equation, Params, aval_of
 
@@ -35,6 +36,19 @@ def expansion(equation: Equation) -> ClosedJaxpr | None:
         return None
     inputs = [jax.ShapeDtypeStruct(aval_of(atom).shape, aval_of(atom).dtype) for atom in equation.invars]
     return jax.make_jaxpr(functools.partial(function, **equation.params))(*inputs)
+
+
+CALLS = frozenset({
+    "closed_call", "composite", "core_call", "custom_jvp_call", "custom_vjp_call", "eval_jaxpr", "jit", "pjit", "remat",
+    "checkpoint", "remat2",
+})  # fmt: skip
+"""Primitives that call another traced function, which `called` gives."""
+
+
+def called(equation: Equation) -> tuple[Jaxpr, Sequence[ArrayLike]]:
+    """The function that a primitive of `CALLS` calls, and its constants."""
+    inner = equation.params["jaxpr" if "jaxpr" in equation.params else "call_jaxpr"]
+    return getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
 
 
 def carried_by_scan(params: Params) -> tuple[int, int]:

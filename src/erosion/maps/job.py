@@ -15,6 +15,8 @@ from erosion.cfd.impacts import Impacts, ImpactsError
 from erosion.cfd.surface import Surface
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
+from erosion.files import digest
+from erosion.joint_laws import law_digest
 from erosion.maps.bodies import FRACTION, outside_range
 from erosion.maps.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence
 from erosion.maps.options import MapOptions
@@ -25,7 +27,6 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
 from erosion.models.registry import require_loadable
 from erosion.parameters.units import conversion_factor
-from erosion.storage.fingerprint import digest, fingerprint
 from erosion.storage.identity import code_version, identity, require_code
 from erosion.trajectory.trajectory import SimulationError
 
@@ -103,7 +104,7 @@ class MapJob:
         """What the map depends on, in words; all files of the table are read for it.
 
         Raises:
-            ValueError: for a model whose code is in no file.
+            ValueError: for a model that computes by what only this process knows.
         """
         surface = "none"
         if self.surface is not None:
@@ -111,7 +112,7 @@ class MapJob:
             surface = digest(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
         table = f"{self.impacts.title} {self.impacts.identity()}"
         bodies = self.task.options.bodies
-        laws = "".join(f" {fingerprint(law, name)}" for name, law in {**bodies.laws, **bodies.uncertain}.items())
+        laws = "".join(f" {name} {law_digest(law)}" for name, law in {**bodies.laws, **bodies.uncertain}.items())
         options = f"{self._in_words()}; rtol = {self.task.options.rtol}{laws}"
         return identity({"map": self.task.model}, bodies.p, table=table, surface=surface, options=options)
 

@@ -208,6 +208,13 @@ def own_in_words(model: eqx.Module, but: Collection[str] = (), units: System | N
     )
 
 
+def is_number(leaf: object) -> TypeGuard[Number]:
+    """Whether a leaf of a model is a number or an array of numbers; truth values are, too."""
+    if isinstance(leaf, (float, int)):
+        return True
+    return isinstance(leaf, (np.ndarray, np.generic, jax.Array, Tracer)) and np.dtype(leaf.dtype).kind in "fiub"
+
+
 def _is_number(value: object, *, many: bool = False) -> TypeGuard[Number]:
     """Whether it is a real number, or, with `many`, an array of real numbers."""
     if isinstance(value, (bool, np.bool_)):

@@ -18,9 +18,9 @@ from erosion.arguments import check_path
 from erosion.correlations import CORRELATIONS
 from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
-from erosion.models.check import flaw, named
 from erosion.models.correlated import Correlated, correlated
 from erosion.models.deformation import Deformation, ProportionalDeformationWear
+from erosion.models.equations import flaw, named
 from erosion.models.finnie import Finnie
 from erosion.models.forces import ForceLaw, TanAlpha, VelocityAligned
 from erosion.models.linearized import Linearized

@@ -1,22 +1,25 @@
 """The identity of a stored result, version, case and models, and the refusal of files with another identity."""
 
 import contextlib
+import functools
 import importlib.metadata
 import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-
+from erosion.files import digest
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
+from erosion.models.equations import model_digest
 from erosion.models.own_parameters import own_in_words
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
-from erosion.storage.fingerprint import fingerprint, package_digest
 from erosion.version import __version__
+
+_PACKAGE = Path(__file__).parents[1]
+_WITHOUT_NUMBERS = ("cli", "explorer", "plotting", "report")  # they show what the other folders compute
 
 IDENTITY = "identity"
 """The attribute that holds a stored result's identity, as JSON."""
@@ -27,13 +30,15 @@ class StoreError(ValueError):
 
 
 def identity(models: Mapping[str, CuttingModel], p: Parameters, **more: str) -> dict[str, str]:
-    """What a result depends on, in words; two results of the same identity have the same bits."""
+    """What a result depends on, in words; two results of the same identity have the same bits.
+
+    Raises:
+        ValueError: for a model that computes by what only this process knows.
+    """
     return {
         "version": code_version(),
         "case": dump_case(p),
-        "models": "\n".join(
-            f"{label}: {eqx.tree_pformat(model)} {fingerprint(model)}" for label, model in models.items()
-        ),
+        "models": "\n".join(f"{label}: {model_digest(model, p)}" for label, model in models.items()),
         **more,
     }
 
@@ -54,6 +59,19 @@ def model_in_words(model: CuttingModel, but: Collection[str] = ()) -> dict[str, 
     """A model's name, and its own parameters `but` those that vary, as attributes for `provenance`."""
     own = own_in_words(model, but=but)
     return {"model": model_name(model), **({"own_parameters": own} if own else {})}
+
+
+@functools.cache
+def package_digest() -> str:
+    """The digest of this package's own code, as far as numbers depend on it."""
+    files = {str(file.relative_to(_PACKAGE)): file for file in sorted(_PACKAGE.rglob("*.py"))}
+    return digest(
+        b"\0".join(
+            name.encode() + b"\0" + file.read_bytes()
+            for name, file in files.items()
+            if not name.startswith(_WITHOUT_NUMBERS)
+        )
+    )
 
 
 def code_version() -> str:

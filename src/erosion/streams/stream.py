@@ -18,12 +18,12 @@ from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
 from erosion.files import Trace, require_writable, trace
 from erosion.interrupts import keeping_results
+from erosion.joint_laws import law_digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.precision import require_float64
-from erosion.storage.fingerprint import fingerprint
 from erosion.storage.identity import identity
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.streams.nozzle import best_nozzle_angle
@@ -162,7 +162,7 @@ def prepare_stream(
     if path is None:
         return StreamJob(particles, options, {}, None, None)
     laws_in_words = ", ".join(
-        f"{name} {'uncertain ' if name in particles.uncertain else ''}{law} {fingerprint(law, name)}"
+        f"{name} {'uncertain ' if name in particles.uncertain else ''}{law_digest(law)}"
         for name, law in particles.all_laws.items()
     )
     points = f"{options.points} {options.seed}, {options.rtol}"

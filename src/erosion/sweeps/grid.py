@@ -16,14 +16,16 @@ import xarray as xr
 from erosion.arguments import check_tolerance, check_unmasked
 from erosion.engine.impact import impact
 from erosion.engine.outcomes import end_names
+from erosion.files import digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
+from erosion.models.equations import model_digest
 from erosion.models.own_parameters import own_in_words, quantities, require_one_impact, with_values
+from erosion.models.registry import BUILT_IN
 from erosion.optimum.alpha_max import alpha_max
-from erosion.parameters.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import System, ascii_unit, derivative_unit
-from erosion.storage.fingerprint import digest, fingerprint
 from erosion.storage.identity import identity, provenance
 from erosion.sweeps.chunks import Region
 
@@ -89,7 +91,7 @@ class Outputs:
 
 @dataclasses.dataclass(frozen=True)
 class Named:
-    """A model that any process finds by its name or path, and its digest when the grid was made."""
+    """A model that any process finds by its name or path, and its digest when the grid was made; "" of a built-in."""
 
     name: str | Path
     digest: str
@@ -213,8 +215,9 @@ class Grid:
             dataset[name] = (variable.dims, values[name], variable.attributes(self.p.units))
         return dataset
 
+    @functools.cached_property
     def identity(self) -> dict[str, str]:
-        """In words, what the numbers of this sweep depend on."""
+        """In words, what the numbers of this sweep depend on, as it was before anything was computed."""
         return identity(
             self.loaded(),
             self.p,
@@ -332,7 +335,7 @@ def _loaded(model: "CuttingModel | Named") -> CuttingModel:
         return model
     if model not in _known:
         loaded = load_model(model.name)
-        if fingerprint(loaded) != model.digest:
+        if model.digest not in ("", model_digest(loaded, TABLE_1)):
             raise RuntimeError(f"{model.name}: is another model than that which the sweep was begun with.")
         _known[model] = loaded
     return _known[model]
@@ -347,7 +350,9 @@ def _source(model: Model) -> "CuttingModel | Named":
     if isinstance(model, CuttingModel):
         return loaded
     # Another process, with another working directory, must find a model's file.
-    named = Named(Path(model).absolute() if str(model).endswith(".py") else str(model), fingerprint(loaded))
+    is_file = str(model).endswith(".py")
+    its_digest = "" if str(model) in BUILT_IN else model_digest(loaded, TABLE_1)
+    named = Named(Path(model).absolute() if is_file else str(model), its_digest)
     _known.setdefault(named, loaded)
     return named
 

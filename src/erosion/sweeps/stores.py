@@ -59,7 +59,7 @@ class MemoryStore(Store):
         self._grid, self._block, self._path = grid, block, path
         self._since = None if path is None else trace(path)
         if path is not None and self._since is not None:
-            self._dataset = read_netcdf(path, grid.identity())
+            self._dataset = read_netcdf(path, grid.identity)
             return
         self._dataset = grid.labelled(
             {
@@ -84,7 +84,7 @@ class MemoryStore(Store):
 
     def save(self) -> None:
         if self._path is not None:
-            self._since = write_netcdf(self._dataset, self._path, self._grid.identity(), self._since)
+            self._since = write_netcdf(self._dataset, self._path, self._grid.identity, self._since)
 
     def dataset(self) -> xr.Dataset:
         return self._dataset
@@ -103,7 +103,7 @@ class ZarrStore(Store):
         for module in ("dask.array", "zarr"):
             library(module, "dask")
         self._grid, self._block, self._path = grid, block, path
-        identity = grid.identity() | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
+        identity = grid.identity | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
         if not path.exists():
             self._create(identity)
         # Another process may have made it at the same moment.

@@ -2,11 +2,14 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, TypeGuard, TypeVar, cast
 
 import equinox as eqx
 import jax
 from jaxtyping import PyTree
+
+from erosion.models.base import CuttingModel
+from erosion.models.equations import equations_of
 
 _Function = TypeVar("_Function", bound=Callable[..., PyTree])
 
@@ -20,13 +23,19 @@ def seldom_run(function: _Function) -> _Function:
 
     @functools.cache
     def program() -> Callable[..., PyTree]:
-        return jit(function, compiler_options=_accepted(tuple(_QUICK.items())))
+        return jit(lambda _, *arguments: function(*arguments), compiler_options=_accepted(tuple(_QUICK.items())))
 
     @functools.wraps(function)
     def call(*arguments: PyTree) -> PyTree:
-        return program()(*arguments)
+        # JAX knows a model by its class and fields. Its code may have been defined anew.
+        parts = jax.tree.leaves(arguments, is_leaf=_is_model)
+        return program()([equations_of(part).digest for part in parts if _is_model(part)], *arguments)
 
     return cast(_Function, call)
+
+
+def _is_model(part: object) -> TypeGuard[CuttingModel]:
+    return isinstance(part, CuttingModel)
 
 
 @functools.cache

@@ -1,0 +1,507 @@
+"""A model is what it computes: stores and programs tell apart what computes something else, and only that."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import erosion
+from erosion.distributions import Normal
+from erosion.engine.leaves import split
+from erosion.models.equations import equations_of, model_digest
+from erosion.trajectory.path import path
+from tests.engine.test_force_laws import Table
+
+P = erosion.TABLE_1
+DEPTHS = np.linspace(0, 1, 5000)
+
+HEAD = """
+import functools, os, types, math
+import equinox as eqx, jax, jax.numpy as jnp, numpy as np
+import erosion
+from erosion.models import ForceLaw, Rotating, Linearized
+"""
+LAW = """
+class Law(ForceLaw):
+    '''A law.'''
+    {fields}
+    def __call__(self, state, tip, p):
+        {first}
+        force = {force}
+        return force, {ratio} * force
+    def typical_ratio(self, p):
+        return {typical}
+model = Rotating(force=Law({given}))
+"""
+USUAL = {
+    "fields": "pass", "first": "pass", "force": "-p.stiffness * tip.depth", "ratio": "p.k", "typical": "p.k",
+    "given": "",
+}  # fmt: skip
+
+
+def law(before: str = "", after: str = "", **parts: str) -> str:
+    return HEAD + before + LAW.format(**(USUAL | parts)) + after
+
+
+def model_of(text: str) -> erosion.CuttingModel:
+    """What a cell of a notebook makes; each has a place of its own for its names."""
+    scope: dict[str, Any] = {"__name__": "__main__"}
+    exec(text, scope)
+    return scope["model"]
+
+
+WRAPPED = """
+def timed(function):
+    @functools.wraps(function)
+    def call(*arguments):
+        return {factor} * function(*arguments)
+    return call
+@timed
+def ratio(k): return k
+"""
+INSIDE = """
+def make(a):
+    class Law(ForceLaw):
+        def __call__(self, state, tip, p):
+            force = -a * p.stiffness * tip.depth
+            return force, p.k * force
+        def typical_ratio(self, p): return p.k
+    return Law()
+model = Rotating(force=make({a}))
+"""
+SLOTTED = """
+class Settings:
+    __slots__ = ("gain",)
+    def __init__(self, gain): self.gain = gain
+settings = Settings({gain})
+"""
+STATIC = {"fields": "power: object = eqx.field(static=True, default={})", "force": "-p.stiffness * tip.depth * {}"}
+CUSTOM = """
+@jax.custom_jvp
+def ratio(k): return k
+@ratio.defjvp
+def _(primals, tangents): return primals[0], {slope} * tangents[0]
+"""
+EVENTS = """
+class Own(Linearized):
+    def events(self, state, p):
+        tip = self.tip(state, p)
+        return {{"rebound": tip.depth / self.scales(p).length, "{name}": {stop}}}
+model = Own()
+"""
+
+
+def static(value: str, force: str) -> str:
+    return law(
+        fields=f"power: object = eqx.field(static=True, default={value})", force=f"-p.stiffness * tip.depth * {force}"
+    )
+
+
+DIFFERENT = {
+    "a class made in a function, by its argument": (HEAD + INSIDE.format(a=1.0), HEAD + INSIDE.format(a=1.5)),
+    "a wrapped function": tuple(law(WRAPPED.format(factor=f), ratio="ratio(p.k)") for f in (1.0, 1.5)),
+    "two lambdas on one line": tuple(
+        law("f, g = (lambda k: k), (lambda k: 1.5 * k)", ratio=f"{name}(p.k)") for name in "fg"
+    ),
+    "a lambda in a list, by its place": tuple(
+        law("laws = [lambda k: k, lambda k: 1.5 * k]", ratio=f"laws[{i}](p.k)") for i in (0, 1)
+    ),
+    "an attribute of a class, set from outside": tuple(
+        law(fields="gain = 1.0", after=f"type(model.force).gain = {g}", ratio="self.gain * p.k") for g in (1.0, 1.5)
+    ),
+    "a class made by type()": tuple(
+        law(
+            after=f"model = Rotating(force=type('Law', (Law,), {{'gain': {g}}})())",
+            fields="gain = 1.0",
+            ratio="self.gain * p.k",
+        )
+        for g in (1.0, 1.5)
+    ),
+    "slots": tuple(law(SLOTTED.format(gain=g), ratio="settings.gain * p.k") for g in (1.0, 1.5)),
+    "a global number": tuple(law(f"GAIN = {g}", ratio="GAIN * p.k") for g in (1.0, 1.5)),
+    "the last bit of a global number": tuple(law(f"GAIN = {g}", ratio="GAIN * p.k") for g in (1.1, 1.1 + 2.3e-16)),
+    "a number in a global table": tuple(law(f"T = {{'a': {g}}}", ratio="T['a'] * p.k") for g in (1.0, 1.5)),
+    "a global array": tuple(law(f"A = np.array([1.0, {g}])", ratio="A[1] * p.k") for g in (1.0, 1.5)),
+    "the end of a long global array": tuple(
+        law(f"A = np.append(np.ones(5000), {g})", ratio="jnp.sum(A) / 5000 * p.k") for g in (1.0, 1.5)
+    ),
+    "a helper's number": tuple(law(f"def f(k): return {g} * k", ratio="f(p.k)") for g in (1.0, 1.5)),
+    "a helper's default": tuple(law(f"def f(k, g={g}): return g * k", ratio="f(p.k)") for g in (1.0, 1.5)),
+    "a helper's helper": tuple(
+        law(f"def g(k): return {g} * k\ndef f(k): return g(k)", ratio="f(p.k)") for g in (1.0, 1.5)
+    ),
+    "a partial function": tuple(
+        law(f"import operator\nf = functools.partial(operator.mul, {g})", ratio="f(p.k)") for g in (1.0, 1.5)
+    ),
+    "a closure": tuple(
+        law(f"def times(g): return lambda k: g * k\nf = times({g})", ratio="f(p.k)") for g in (1.0, 1.5)
+    ),
+    "a bound method": tuple(
+        law(f"class S:\n    g = {g}\n    def f(self, k): return self.g * k\nf = S().f", ratio="f(p.k)")
+        for g in (1.0, 1.5)
+    ),
+    "a namespace": tuple(law(f"S = types.SimpleNamespace(g={g})", ratio="S.g * p.k") for g in (1.0, 1.5)),
+    "an environment variable": (
+        law(
+            "os.environ['EROSION_TEST_GAIN'] = '1.0'",
+            first="g = float(os.environ['EROSION_TEST_GAIN'])",
+            ratio="g * p.k",
+        ),
+        law(
+            "os.environ['EROSION_TEST_GAIN'] = '1.5'",
+            first="g = float(os.environ['EROSION_TEST_GAIN'])",
+            ratio="g * p.k",
+        ),
+    ),
+    "a sign": (law(), law(ratio="-p.k")),
+    "an operation": (law(), law(force="-p.stiffness * tip.depth ** 2 / p.r")),
+    "another parameter": (law(ratio="p.k"), law(ratio="p.inertia")),
+    "the order of a quotient": (law(ratio="p.k / p.inertia"), law(ratio="p.inertia / p.k")),
+    "the order of a difference": (law(ratio="(p.k - p.psi)"), law(ratio="(p.psi - p.k)")),
+    "which of two products comes first in a sum": (
+        law(ratio="(p.k * p.inertia + p.psi * p.k)"),
+        law(ratio="(p.psi * p.k + p.k * p.inertia)"),
+    ),
+    "brackets": (law(ratio="(p.k + (p.psi + p.inertia))"), law(ratio="((p.k + p.psi) + p.inertia)")),
+    "a branch": (
+        law(ratio="jnp.where(tip.depth > p.r, 1.0, p.k)"),
+        law(ratio="jnp.where(tip.depth > 2 * p.r, 1.0, p.k)"),
+    ),
+    "a branch's case": tuple(
+        law(ratio=f"jax.lax.cond(tip.depth > p.r, lambda k: {g} * k, lambda k: k, p.k)") for g in (1.5, 2.0)
+    ),
+    "the rounds of a loop": tuple(law(ratio=f"jax.lax.fori_loop(0, {n}, lambda i, k: 1.01 * k, p.k)") for n in (3, 4)),
+    "what a loop does": tuple(law(ratio=f"jax.lax.fori_loop(0, 3, lambda i, k: {g} * k, p.k)") for g in (1.01, 1.02)),
+    "the time scale": (law(), law(typical="2 * p.k")),
+    "a rule for the derivative": tuple(law(CUSTOM.format(slope=s), ratio="ratio(p.k)") for s in (1.0, 2.0)),
+    "an event's name": tuple(HEAD + EVENTS.format(name=n, stop="tip.vx / p.v0") for n in ("stop", "halt")),
+    "an event's function": tuple(HEAD + EVENTS.format(name="stop", stop=f"tip.vx / p.v0 - {g}") for g in (0.0, 0.1)),
+    "a static 2 and 2.0": (
+        static("2", "isinstance(self.power, int) + 1"),
+        static("2.0", "isinstance(self.power, int) + 1"),
+    ),
+    "a static True and 1": (
+        static("True", "(2 if self.power is True else 3)"),
+        static("1", "(2 if self.power is True else 3)"),
+    ),
+    "a static 0.0 and -0.0": (
+        static("0.0", "(2 + math.copysign(1, self.power))"),
+        static("-0.0", "(2 + math.copysign(1, self.power))"),
+    ),
+    "a static tuple of 2 and 2.0": (
+        static("(2,)", "(isinstance(self.power[0], int) + 1)"),
+        static("(2.0,)", "(isinstance(self.power[0], int) + 1)"),
+    ),
+    "a static function": (static("lambda k: k", "self.power(p.k)"), static("lambda k: 2 * k", "self.power(p.k)")),
+    "single precision of a constant": (law(ratio="np.float64(np.float32(1.1)) * p.k"), law(ratio="1.1 * p.k")),
+    "what is removed at contact": tuple(
+        HEAD + f"class Own(Linearized):\n    def removed_at_contact(self, p): return {g} * p.r ** 3\nmodel = Own()"
+        for g in (0.0, 1.0)
+    ),
+}
+
+SAME = {
+    "a docstring": (law(), law().replace("A law.", "Another text.")),
+    "comments and empty lines": (law(), law(before="# a comment\n\n\n# another\n")),
+    "the name of the class": (
+        law(),
+        law().replace("Law(", "Another(").replace("class Another(ForceAnother(", "class Another(ForceLaw("),
+    ),
+    "names of variables": (law(), law().replace("force,", "f,").replace("force =", "f =").replace("* force", "* f")),
+    "a helper": (law(ratio="(1.5 * p.k)"), law("def f(k): return 1.5 * k", ratio="f(p.k)")),
+    "a helper's name": (
+        law("def f(k): return 1.5 * k", ratio="f(p.k)"),
+        law("def g(k): return 1.5 * k", ratio="g(p.k)"),
+    ),
+    "a lambda and a function": (
+        law("def f(k): return 1.5 * k", ratio="f(p.k)"),
+        law("f = lambda k: 1.5 * k", ratio="f(p.k)"),
+    ),
+    "a partial function and a lambda": (
+        law("import operator\nf = functools.partial(operator.mul, 1.5)", ratio="f(p.k)"),
+        law("f = lambda k: 1.5 * k", ratio="f(p.k)"),
+    ),
+    "a closure and a global": (
+        law("GAIN = 1.5", ratio="GAIN * p.k"),
+        law("def t(g): return lambda k: g * k\nf = t(1.5)", ratio="f(p.k)"),
+    ),
+    "a global's name": (law("GAIN = 1.5", ratio="GAIN * p.k"), law("G = 1.5", ratio="G * p.k")),
+    "a number worked out by Python": (law(ratio="1.5 * p.k"), law(ratio="(3 / 2) * p.k")),
+    "a number of numpy": (law(ratio="1.5 * p.k"), law(ratio="np.float64(1.5) * p.k")),
+    "the order of factors": (law(ratio="(p.k * p.psi)"), law(ratio="(p.psi * p.k)")),
+    "the order of a sum": (law(ratio="(p.k + p.psi)"), law(ratio="(p.psi + p.k)")),
+    "a sum of a product and a number": (law(ratio="(p.k * p.psi + 1.0)"), law(ratio="(1.0 + p.k * p.psi)")),
+    "a square": (law(ratio="p.k ** 2"), law(ratio="(p.k * p.k)")),
+    "jnp.square": (law(ratio="p.k ** 2"), law(ratio="jnp.square(p.k)")),
+    "functions and operators": (law(ratio="(p.k * p.psi)"), law(ratio="jnp.multiply(p.k, p.psi)")),
+    "what is not used": (law(), law(first="unused = jnp.sin(p.k) + 3")),
+    "the order of statements": (
+        law(first="a = jnp.sin(p.k); b = jnp.cos(p.psi)", ratio="(a - b)"),
+        law(first="b = jnp.cos(p.psi); a = jnp.sin(p.k)", ratio="(a - b)"),
+    ),
+    "computed twice": (law(first="a = jnp.sin(p.k)", ratio="(a * a)"), law(ratio="(jnp.sin(p.k) * jnp.sin(p.k))")),
+    "jit": (law("def f(k): return 1.5 * k", ratio="f(p.k)"), law("@jax.jit\ndef f(k): return 1.5 * k", ratio="f(p.k)")),
+    "jit in jit": (
+        law("@jax.jit\ndef f(k): return 1.5 * k", ratio="f(p.k)"),
+        law("@jax.jit\ndef g(k): return 1.5 * k\n@jax.jit\ndef f(k): return g(k)", ratio="f(p.k)"),
+    ),
+    "checkpoint": (
+        law("def f(k): return 1.5 * k", ratio="f(p.k)"),
+        law("f = jax.checkpoint(lambda k: 1.5 * k)", ratio="f(p.k)"),
+    ),
+    "a wrapper that adds nothing": (
+        law(ratio="p.k"),
+        law(WRAPPED.format(factor=1).replace("1 * ", ""), ratio="ratio(p.k)"),
+    ),
+    "a class attribute and a number": (law(ratio="1.5 * p.k"), law(fields="gain = 1.5", ratio="self.gain * p.k")),
+    "a static field and a number": (
+        law(ratio="1.5 * p.k"),
+        law(fields="gain: float = eqx.field(static=True, default=1.5)", ratio="self.gain * p.k"),
+    ),
+    "an inherited method": (law(), law(after="class Child(Law): pass\nmodel = Rotating(force=Child())")),
+    "a class in a function": (HEAD + INSIDE.format(a=1.0), HEAD + INSIDE.format(a=1.0)),
+    "a class in a function and outside": (HEAD + INSIDE.format(a=1.5), law(force="-1.5 * p.stiffness * tip.depth")),
+    "where and select": (
+        law(ratio="jnp.where(tip.depth > p.r, 1.0, p.k)"),
+        law(ratio="jax.lax.select(tip.depth > p.r, jnp.float64(1.0), p.k)"),
+    ),
+    "a loop of Python": (
+        law(ratio="(1.01 * (1.01 * p.k))"),
+        law(first="k = p.k\n        for _ in range(2): k = 1.01 * k", ratio="k"),
+    ),
+    "a branch of Python": (law(), law(first="k = p.k if 1 < 2 else p.psi", ratio="k")),
+    "a dictionary and a name": (law("T = {'a': 1.5}", ratio="T['a'] * p.k"), law("a = 1.5", ratio="a * p.k")),
+    "an attribute and an item": (
+        law("T = {'a': 1.5}", ratio="T['a'] * p.k"),
+        law("S = types.SimpleNamespace(a=1.5)", ratio="S.a * p.k"),
+    ),
+    "annotations": (
+        law(),
+        law().replace("def typical_ratio(self, p):", "def typical_ratio(self, p: 'Parameters') -> float:"),
+    ),
+    "a tuple and a list": (law(), law().replace("return force, p.k * force", "return (force, p.k * force)")),
+    "a type conversion that changes nothing": (law(), law(ratio="jnp.asarray(p.k, jnp.float64)")),
+    "the file it comes from": (law(), law(before="\n" * 20)),
+    "a rule for the derivative": (
+        law(CUSTOM.format(slope=1.5), ratio="ratio(p.k)"),
+        law(CUSTOM.format(slope=1.5).replace("def _", "def rule"), ratio="ratio(p.k)"),
+    ),
+}
+
+
+def test_there_are_enough_pairs() -> None:
+    assert len(DIFFERENT) >= 40
+    assert len(SAME) >= 40
+
+
+@pytest.fixture(autouse=True)
+def _the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EROSION_TEST_GAIN", "1.0")
+    monkeypatch.setitem(sys.modules, "helpers_of_test", None)
+
+
+def digests(text: str) -> tuple[str, Any]:
+    """What a store, and what the programs know a model by."""
+    model = model_of(text)
+    store = model_digest(model, P)
+    return store, split(model, P)[0]
+
+
+@pytest.mark.parametrize("name", DIFFERENT)
+def test_stores_and_programs_tell_apart(name: str) -> None:
+    one, other = map(digests, DIFFERENT[name])
+    assert one[0] != other[0]
+    assert one[1] != other[1]
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_stores_and_programs_do_not_tell_apart(name: str) -> None:
+    one, other = map(digests, SAME[name])
+    assert one[0] == other[0]
+    assert one[1] == other[1]
+
+
+@pytest.mark.parametrize("name", ["a square", "the order of a sum", "a sum of a product and a number",
+                                  "the order of statements", "the order of factors"])  # fmt: skip
+def test_models_of_one_digest_have_the_same_bits(name: str) -> None:
+    from erosion.engine import batch
+
+    impacts = []
+    for text in SAME[name]:
+        batch._compiled.cache_clear()
+        impacts.append(erosion.impact(model_of(text), P.replace(alpha=np.linspace(0.1, 1.5, 200)), derivatives=2))
+    for result in ("volume", "dvolume", "d2volume"):
+        assert getattr(impacts[0], result).tobytes() == getattr(impacts[1], result).tobytes()
+
+
+CHANGES = {
+    "a helper": ("def f(k): return k", "f(p.k)", "def f(k): return 1.5 * k"),
+    "a helper's helper": ("def g(k): return k\ndef f(k): return g(k)", "f(p.k)", "def g(k): return 1.5 * k"),
+    "a helper within a wrapper": (WRAPPED.format(factor=1.0) + "\ng = ratio", "g(p.k)", "g = lambda k: 1.5 * k"),
+    "a number": ("GAIN = 1.0", "GAIN * p.k", "GAIN = 1.5"),
+    "a number of a helper": ("GAIN = 1.0\ndef f(k): return GAIN * k", "f(p.k)", "GAIN = 1.5"),
+    "an item of a table": ("T = {'a': [1.0]}", "T['a'][0] * p.k", "T['a'][0] = 1.5"),
+    "a new item": ("T = [1.0]", "sum(T) * p.k", "T.append(0.5)"),
+    "an array in place": ("A = np.array([1.0])", "A[0] * p.k", "A[0] = 1.5"),
+    "a namespace": ("S = types.SimpleNamespace(g=1.0)", "S.g * p.k", "S.g = 1.5"),
+    "a namespace that a helper is given": (
+        "S = types.SimpleNamespace(g=1.0)\ndef f(s, k): return s.g * k",
+        "f(S, p.k)",
+        "S.g = 1.5",
+    ),
+    "slots": (SLOTTED.format(gain=1.0), "settings.gain * p.k", "settings.gain = 1.5"),
+    "an attribute of the class": ("", "getattr(type(self), 'gain', 1.0) * p.k", "Law.gain = 1.5"),
+    "a method of the class": ("", "self.typical_ratio(p)", "Law.typical_ratio = lambda self, p: 1.5 * p.k"),
+    "a class that it makes": (
+        "class S:\n    def f(self, k): return k",
+        "S().f(p.k)",
+        "class S:\n    def f(self, k): return 1.5 * k",
+    ),
+    "a method of a class that it makes": (
+        "class S:\n    def f(self, k): return k",
+        "S().f(p.k)",
+        "S.f = lambda self, k: 1.5 * k",
+    ),
+    "code, as autoreload does": ("def f(k): return k", "f(p.k)", "f.__code__ = (lambda k: 1.5 * k).__code__"),
+    "a default": ("def f(k, g=1.0): return g * k", "f(p.k)", "f.__defaults__ = (1.5,)"),
+    "what a closure holds": (
+        "def make():\n    g = 1.0\n    def f(k): return g * k\n    def put(x):\n        nonlocal g\n        g = x\n"
+        "    return f, put\nf, put = make()",
+        "f(p.k)",
+        "put(1.5)",
+    ),
+    "a module's function": (
+        "import sys\nsys.modules['helpers_of_test'] = helpers = types.ModuleType('helpers_of_test')\n"
+        "helpers.__file__ = '/home/user/helpers.py'\nexec('def f(k): return k', helpers.__dict__)",
+        "helpers.f(p.k)",
+        "exec('def f(k): return 1.5 * k', helpers.__dict__)",
+    ),
+    "a module's function that is imported in a method": (
+        "import sys\nsys.modules['helpers_of_test'] = helpers = types.ModuleType('helpers_of_test')\n"
+        "helpers.__file__ = '/home/user/helpers.py'\nexec('def f(k): return k', helpers.__dict__)\n"
+        "def helped(k):\n    from helpers_of_test import f\n    return f(k)",
+        "helped(p.k)",
+        "exec('def f(k): return 1.5 * k', helpers.__dict__)",
+    ),
+    "a name that hides one of Python's": ("", "abs(p.k)", "abs = lambda k: 1.5 * k"),
+    "an environment variable": (
+        "",
+        "float(os.environ['EROSION_TEST_GAIN']) * p.k",
+        "os.environ['EROSION_TEST_GAIN'] = '1.5'",
+    ),
+    "a static function's helper": (
+        "def g(k): return k\nf = functools.partial(lambda k: g(k))",
+        "f(p.k)",
+        "def g(k): return 1.5 * k",
+    ),
+    "a helper in jnp.where": (
+        "def f(k): return k",
+        "jnp.where(tip.depth > 0, f(p.k), p.k)",
+        "def f(k): return 1.5 * k",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_is_defined_anew_counts_at_once(name: str) -> None:
+    before, ratio, change = CHANGES[name]
+    scope: dict[str, Any] = {"__name__": "__main__"}
+    exec(law(before, ratio=ratio), scope)
+    model = scope["model"]
+    usual, program = equations_of(model), split(model, P)[0]
+    assert equations_of(model) is usual
+    exec(change, scope)
+    assert equations_of(model).digest != usual.digest
+    assert split(model, P)[0] != program
+
+
+GIVES: dict[str, Callable[[Any], Any]] = {
+    "impact": lambda model: erosion.impact(model, P).volume,
+    "impact's derivative": lambda model: erosion.impact(model, P, derivatives=1).dvolume,
+    "volume": lambda model: erosion.volume(model, P),
+    "grad": lambda model: jax.grad(lambda a: erosion.volume(model, P.replace(alpha=a)))(0.3),
+    "alpha_max": lambda model: erosion.alpha_max(model, P).alpha,
+    "simulate": lambda model: erosion.simulate(model, P).volume,
+    "path": lambda model: path(model, P).volume,
+    "sweep": lambda model: erosion.sweep(model, P, alpha=[0.2, 0.4]).volume.values.sum(),
+    "stream": lambda model: erosion.stream(model, P, n=64, best_angle=False, k=Normal(2, 0.1)).total_volume,
+    "compare": lambda model: erosion.compare([model], P).volume.values,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", GIVES)
+def test_every_verb_follows_the_newest_code(verb: str) -> None:
+    gives = GIVES[verb]
+    scope: dict[str, Any] = {"__name__": "__main__"}
+    exec(law("def f(k): return k", ratio="f(p.k)"), scope)
+    usual = np.asarray(gives(scope["model"]))
+    exec("def f(k): return 1.5 * k", scope)
+    anew = np.asarray(gives(scope["model"]))
+    np.testing.assert_array_equal(anew, np.asarray(gives(model_of(law("def f(k): return 1.5 * k", ratio="f(p.k)")))))
+    assert not np.array_equal(usual, anew)
+    exec("def f(k): return k", scope)
+    np.testing.assert_array_equal(np.asarray(gives(scope["model"])), usual)
+
+
+def test_to_look_for_new_code_takes_microseconds() -> None:
+    import timeit
+
+    model = erosion.load_model(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
+    equations = equations_of(model)
+    # A bound of ten times what is asked for: other processes may be busy.
+    assert min(timeit.repeat(equations.surroundings.unchanged, number=1000, repeat=5)) < 50e-3
+
+
+def test_numbers_are_part_of_a_stores_identity_to_the_last_bit() -> None:
+    def table(values: np.ndarray) -> erosion.CuttingModel:
+        return erosion.models.Rotating(force=Table(DEPTHS, values))
+
+    changed = DEPTHS.copy()
+    changed[2500] = np.nextafter(changed[2500], np.inf)
+    assert model_digest(table(DEPTHS), P) == model_digest(table(DEPTHS.copy()), P)
+    assert model_digest(table(DEPTHS), P) != model_digest(table(changed), P)
+    tip = erosion.load_model(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
+    assert model_digest(tip.replace(friction=0.3), P) != model_digest(tip.replace(friction=0.3 + 1e-16), P)
+    # Of one program are both, which takes such numbers as arguments.
+    assert split(table(DEPTHS), P)[0] == split(table(changed), P)[0]
+
+
+def test_a_network_is_known_by_weights_and_activation() -> None:
+    def law(seed: int, activation: Callable) -> erosion.CuttingModel:
+        network = eqx.nn.MLP(1, "scalar", 4, 1, activation=activation, key=jax.random.key(seed))
+        return erosion.models.Rotating(force=_Network(network))
+
+    usual = model_digest(law(0, jax.nn.tanh), P)
+    assert model_digest(law(0, jax.nn.tanh), P) == usual
+    assert model_digest(law(1, jax.nn.tanh), P) != usual
+    assert model_digest(law(0, jax.nn.sigmoid), P) != usual
+
+
+class _Network(erosion.models.ForceLaw):
+    network: eqx.nn.MLP
+
+    def __call__(self, state: Any, tip: Any, p: Any) -> Any:
+        force = -p.stiffness * tip.depth * (1 + 0.1 * self.network(jnp.stack([tip.depth / p.r])))
+        return force, p.k * force
+
+    def typical_ratio(self, p: Any) -> Any:
+        return p.k
+
+
+def test_the_case_of_a_correlation_counts_with_its_units() -> None:
+    model = erosion.load_model("oka")
+    assert model_digest(model, P) != model_digest(model, P.to("si"))
+    assert model_digest(erosion.load_model("dnv:duplex"), P) != model_digest(erosion.load_model("dnv"), P)
+
+
+def test_a_model_that_calls_back_into_python_has_no_identity() -> None:
+    text = law(ratio="jax.pure_callback(lambda k: k, jax.ShapeDtypeStruct((), float), p.k)")
+    with pytest.raises(ValueError, match="Argument `model` must compute by JAX alone where a store is given"):
+        model_digest(model_of(text), P)
