@@ -6,12 +6,12 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
-from erosion.models.equations import flaw
 
 import erosion
 from erosion.cli import _status
 from erosion.models import correlated, model_name
 from erosion.models.correlated import CorrelatedBySize
+from erosion.models.equations import flaw
 
 P = erosion.TABLE_1
 SI = P.to("si")

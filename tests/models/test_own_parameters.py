@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from erosion.models.equations import flaw
 
 import erosion
 from erosion.cli.optimum import _print, _print_sensitivities
 from erosion.engine import batch
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
+from erosion.models.equations import flaw
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.optimum.objectives import EndTime
 from erosion.verification.checks import Subject
