@@ -215,7 +215,7 @@ def test_polyhedra_with_faces_of_many_corners(tmp_path):
     (mesh / "faces").write_text(head.format("faceList") + "3(5(0 1 2 3 4) 3(0 5 1) 4(0 4 5 1))")
     (mesh / "boundary").write_text(
         head.format("polyBoundaryMesh")
-        + "2(a {type patch; nFaces 1; startFace 1;} b {type wall; nFaces 2; startFace 0;})"
+        + "2(a {type patch; nFaces 1; startFace 2;} b {type wall; nFaces 2; startFace 0;})"
     )
     surface = read_surface(tmp_path, "b")
     np.testing.assert_allclose(surface.area[0], 3.0, rtol=1e-15)
@@ -323,7 +323,10 @@ def twice(run):
 
 
 def foreign_mesh(run):
-    append(run / "constant" / "polyMesh" / "boundary", "918", "917")
+    boundary = run / "constant" / "polyMesh" / "boundary"
+    append(boundary, "nFaces          24", "nFaces          23")
+    append(boundary, "nFaces          36", "nFaces          37")
+    append(boundary, "942", "941")
 
 
 def short_addressing(run):
@@ -425,6 +428,86 @@ def test_a_patch_that_is_not_there_is_refused_with_those_that_are(patch, message
 def test_a_folder_without_a_mesh_is_no_case(tmp_path):
     with pytest.raises(ImpactsError, match="is no OpenFOAM case, because it has no constant/polyMesh/boundary"):
         read_surface(tmp_path)
+
+
+HEAD = "FoamFile {{ version 2.0; format ascii; class {}; object x; }}\n"
+POINTS = "4((0 0 0) (1 0 0) (0 1 0) (0 0 1))"
+FACES = "4(3(0 2 1) 3(0 1 3) 3(0 3 2) 3(1 2 3))"
+COMPACT = "5(0 3 6 9 12)\n12(0 2 1 0 1 3 0 3 2 1 2 3)"
+BOUNDARY = "2(a {type wall; nFaces 3; startFace 0;} b {type patch; nFaces 1; startFace 3;})"
+
+
+def tetrahedron(folder, points=POINTS, faces=FACES, boundary=BOUNDARY):
+    mesh = folder / "constant" / "polyMesh"
+    mesh.mkdir(parents=True)
+    (mesh / "points").write_text(HEAD.format("vectorField") + points)
+    (mesh / "faces").write_text(HEAD.format("faceCompactList" if faces[0] == "5" else "faceList") + faces)
+    (mesh / "boundary").write_text(HEAD.format("polyBoundaryMesh") + boundary)
+    return folder
+
+
+@pytest.mark.parametrize("faces", [FACES, COMPACT])
+def test_a_small_mesh_is_read(tmp_path, faces):
+    surface = read_surface(tetrahedron(tmp_path, faces=faces))
+    np.testing.assert_allclose(surface.area, 0.5)
+    np.testing.assert_array_equal(surface.normal, -np.eye(3)[[2, 1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("boundary", "startFace 0", "startFace -40", "boundary: `startFace` of patch 'a' must be .* but is -40"),
+        ("boundary", "startFace 3", "startFace 3.7", "boundary: `startFace` of patch 'b' must be .* but is 3.7"),
+        ("boundary", "nFaces 3", "nFaces yes", "boundary: `nFaces` of patch 'a' must be .* but is True"),
+        ("boundary", "nFaces 3", "nFaces -3", "boundary: `nFaces` of patch 'a' must be .* but is -3"),
+        ("boundary", "nFaces 3;", "", "boundary: is no list of patches"),
+        ("boundary", "nFaces 3;", "nFaces 3; nFaces 2;", "boundary: cannot be read .*[dD]uplicate"),
+        ("boundary", "b {", "a {", "boundary: has two patches 'a'"),
+        ("boundary", "nFaces 3", "nFaces 4", "patch 'b' must start at face 4, where 'a' ends, but starts at 3"),
+        ("boundary", "nFaces 3", "nFaces 2", "patch 'b' must start at face 2, where 'a' ends, but starts at 3"),
+        ("boundary", "nFaces 1", "nFaces 2", "faces: has 4 faces, but the last patch of `boundary` ends at 5"),
+        ("boundary", "2(a", "3(a", "boundary: says that its list has 3 items, but it has 2"),
+        ("faces", "3(0 2 1)", "3(0 2 -1)", "faces: has a face with the corner -1, but points are 0 to 3"),
+        ("faces", "3(0 2 1)", "3(0 2 4)", "faces: has a face with the corner 4, but points are 0 to 3"),
+        ("faces", "3(0 2 1)", "3(0 2 1.5)", "faces: must hold whole numbers, but holds decimals"),
+        ("faces", "3(0 2 1)", "3(0 2 nan)", "faces: must hold whole numbers, but holds decimals"),
+        ("faces", "3(0 2 1)", "2(0 2)", "face 0 has fewer than three corners"),
+        ("faces", "3(0 2 1)", "4(0 2 1)", "faces: cannot be read"),
+        ("faces", "4(3(0 2 1)", "5(3(0 2 1)", "faces: says that its list has 5 items, but it has 4"),
+        ("faces", "4(3(0 2 1) 3", "3(3", "faces: has 3 faces, but the last patch of `boundary` ends at 4"),
+        ("compact", "5(0 3 6", "5(0 7 6", "faces: is no list of faces: their corners do not follow one another"),
+        ("compact", "5(0 3 6", "5(1 3 6", "faces: is no list of faces: their corners do not follow one another"),
+        ("compact", "9 12)", "9 15)", "faces: is no list of faces: their corners do not follow one another"),
+        ("compact", "5(0 3 6", "5(0 3.5 6", "faces: must hold whole numbers, but holds decimals"),
+        ("compact", "12(0 2", "12(0 -2", "faces: has a face with the corner -2, but points are 0 to 3"),
+        ("points", "(1 0 0)", "(1 0 nan)", "coordinates are not finite"),
+        ("points", "(1 0 0)", "(1 0)", "points: is no list of points"),
+        ("points", "4((0", "5((0", "points: says that its list has 5 items, but it has 4"),
+        ("points", " (0 0 1)", "", "points: says that its list has 4 items, but it has 3"),
+    ],
+)
+def test_a_mesh_with_a_wrong_number_is_refused_by_its_file(tmp_path, name, old, new, message):
+    parts = {"points": POINTS, "faces": FACES, "compact": COMPACT, "boundary": BOUNDARY}
+    assert old in parts[name]
+    key = name.replace("compact", "faces")
+    with pytest.raises(ImpactsError, match=message):
+        read_surface(tetrahedron(tmp_path, **{key: parts[name].replace(old, new, 1)}), ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ("3(1 2.5 3)", "must hold whole numbers"),
+        ("3(1 0 3)", "numbers faces from 1, but has a 0"),
+        ("4(1 -2 3)", "says that its list has 4 items, but it has 3"),
+        ("3((1 2) (3 4) (5 6))", "is no list of whole numbers"),
+    ],
+)
+def test_an_addressing_with_a_wrong_number_is_refused(run, numbers, message):
+    path = run / "processor1" / "constant" / "polyMesh" / "faceProcAddressing"
+    path.write_text(HEAD.format("labelList") + numbers)
+    with pytest.raises(ImpactsError, match=f"faceProcAddressing: {message}"):
+        together(read_impacts(run))
 
 
 @pytest.mark.parametrize("name", ["boundary", "faces", "points"])

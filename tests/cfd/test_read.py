@@ -40,6 +40,41 @@ def test_an_stl_file_is_its_triangles(tmp_path, box):
     assert surface.area.sum() == pytest.approx(22, rel=1e-7)  # STL holds single precision
 
 
+@pytest.mark.parametrize(
+    ("cut", "held"), [(slice(0, -50), "11"), (slice(0, -20), "11.6"), (slice(0, -300), "6"), (slice(0, 84), "0")]
+)
+def test_a_binary_stl_file_without_some_of_its_facets_is_refused(tmp_path, box, cut, held):
+    path = tmp_path / "box.stl"
+    box.triangulate().save(path)
+    path.write_bytes(path.read_bytes()[cut])
+    with pytest.raises(ImpactsError, match=rf"box.stl: .* has {held} facets, but it says that it has 12"):
+        read_surface(path)
+
+
+def test_a_binary_stl_file_with_other_facets_than_it_says_is_refused(tmp_path, box):
+    path = tmp_path / "box.stl"
+    box.triangulate().save(path)
+    content = path.read_bytes()
+    path.write_bytes(content + content[-50:])
+    with pytest.raises(ImpactsError, match="has 13 facets, but it says that it has 12"):
+        read_surface(path)
+    path.write_bytes(b"solid box".ljust(80) + content[80:])
+    assert read_surface(path).faces == 12
+    path.write_bytes(b"solid box".ljust(80) + content[80:-50])
+    with pytest.raises(ImpactsError, match="has 11 facets, but it says that it has 12"):
+        read_surface(path)
+
+
+@pytest.mark.parametrize("lines", [-1, -2, -7, -8])
+def test_an_stl_file_of_text_that_is_cut_is_refused(tmp_path, box, lines):
+    path = tmp_path / "box.stl"
+    box.triangulate().save(path, binary=False)
+    assert read_surface(path).faces == 12
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:lines]))
+    with pytest.raises(ImpactsError, match="cannot be read"):
+        read_surface(path)
+
+
 def test_the_surface_cells_of_a_vtu_file(tmp_path):
     points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)], float)
     cells = [4, 0, 1, 2, 4, 4, 0, 1, 2, 3, 3, 0, 1, 4]

@@ -12,8 +12,10 @@ import pytest
 import xarray as xr
 
 import erosion
+from erosion.cfd.surface import Surface
 from erosion.cli import _status
 from tests.cli.test_document import SCHEMA
+from tests.maps.parts import PARTS, rows_on, write
 
 pytestmark = pytest.mark.slow
 
@@ -99,10 +101,60 @@ def test_a_table_of_angles_has_totals_and_sentences(capsys: pytest.CaptureFixtur
     assert Path("totals.csv").read_text().startswith("patch,volume [mm^3],mass [kg],erosion")
 
 
+def positions_on(surface: Surface) -> Path:
+    """A table with positions alone."""
+    table, path = rows_on(surface), Path("rows.csv")
+    names = ("velocity_{} [m/s]", "position_{} [mm]")
+    heads = ["diameter [um]", "density [kg/m^3]", *(name.format(axis) for name in names for axis in "xyz")]
+    numbers = np.hstack([table.columns["velocity"], 1e3 * table.columns["position"]])
+    rows = [",".join(map(repr, (50.0, 2650.0, *row))) for row in numbers.tolist()]
+    path.write_text("\n".join([",".join(heads), *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("part", ["pipe", "plate", "hump"])
+def test_a_surface_in_millimetres(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    table = positions_on(PARTS[part])
+    given = ["map", str(table), "--case", "sand.toml", "--duration", "1 s", "--surface"]
+    write(PARTS[part], Path("metres.vtp"))
+    write(PARTS[part], Path("part.stl"), 1000)
+    assert _status([*given, "metres.vtp", "--json"]) == 0
+    expected = json.loads(capsys.readouterr().out)["result"]
+    assert _status([*given, "part.stl"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "In mm it would fit: Option `--surface-unit` must then be 'mm'." in err
+    assert err.count("\n") == 1
+    assert _status([*given, "part.stl", "--surface-unit", "mm", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["result"]
+    assert result["total_volume"]["value"] == pytest.approx(expected["total_volume"]["value"], rel=1e-6, abs=0)
+
+
+def test_a_larger_plate_and_rows_off_it_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+    table = positions_on(PARTS["plate"])
+    write(PARTS["plate"], Path("part.stl"), 2)
+    given = ["map", str(table), "--case", "sand.toml", "--surface", "part.stl"]
+    assert _status(given) == 0
+    assert "lie as well on one that is 2 × smaller" in (err := capsys.readouterr().err)
+    assert "Option `--surface-unit` must be 'm'." in err
+    assert _status([*given, "--surface-unit", "m"]) == 0
+    assert "smaller" not in capsys.readouterr().err
+    write(PARTS["plate"], Path("small.stl"), 0.9)
+    assert _status([*given[:-1], "small.stl"]) == 0
+    assert "rows lie farther from their face than the limit, and are not counted: " in capsys.readouterr().err
+
+
 BAD = [
     ("map", "Option `IMPACTS` must have a value, but has none."),
     ("map nowhere", "nowhere: is not there."),
-    ("map {run} --patch hump", "Options `--patch` and `--reverse` need `--surface`"),
+    ("map {run} --patch hump", "Option `--patch` needs `--surface`"),
+    ("map {run} --surface-unit mm", "Option `--surface-unit` needs `--surface`"),
+    ("map {run} --surface {run} --surface-unit kg", "Option `--surface-unit` must be a length such as"),
+    (
+        "map {run} --surface {run} --surface-unit mm",
+        "roof, sides: is 1000 × too small for the impacts: 464",
+    ),
+    ("map {run} --surface {run} --surface-unit ft", "it would fit: Option `--surface-unit` must then be 'm'."),
     ("map {run} --surface {run} --patch hmp", "has no patch 'hmp', but has inlet, outlet, floor, hump, roof, sides."),
     ("map {run} --surface {run} --reverse", "n·U is not positive: these look like velocities after the rebound"),
     ("map {run} --surface {run} --restitution 0.8,0.1", "Option `--restitution` must be left out."),

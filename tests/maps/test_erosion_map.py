@@ -238,11 +238,11 @@ class TestRows:
         table = table.replace(face=None, position=position)
         wear = erosion_map("rotating", P, table, SURFACE, limit=0.05)
         assert int(wear["total_impacts"]) == 96
-        assert wear.attrs["far_rows"].startswith("table.csv: row 4 (0.")
         (sentence,) = MapSummary(wear).warnings
         assert sentence.startswith(
-            "4 of 100 rows lie farther from the surface than the limit, and are not counted, such"
+            "4 of 100 rows lie farther from their face than the limit, and are not counted: 0.09"
         )
+        assert "with a limit of 0.05 m: table.csv: row 4 (0." in sentence
         assert sentence.count("table.csv: row") == 3
 
     def test_faces_of_the_mesh_are_found_and_others_left_out(self) -> None:

@@ -13,9 +13,8 @@ from erosion.maps.tally import Tally, portion_of
 def hits(rows: int, face: np.ndarray, **changes: np.ndarray) -> Hits:
     columns = {field.name: np.ones(rows) for field in dataclasses.fields(Hits)}
     zeros = np.zeros(rows, np.int64)
-    return Hits(
-        **{**columns, "fate": zeros, "patch": zeros, "face": face, "distance": np.full(rows, np.nan), **changes}
-    )
+    others = {"fate": zeros, "patch": zeros, "face": face, "distance": np.full(rows, np.nan), "named": zeros > 0}
+    return Hits(**{**columns, **others, **changes})
 
 
 def test_many_equal_rows_of_one_face_lose_no_digit() -> None:

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import itertools
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,9 +26,14 @@ class Patch:
     start: int
     faces: int
 
+    @property
+    def end(self) -> int:
+        """The first face after it."""
+        return self.start + self.faces
+
     def has(self, mesh_faces: np.ndarray) -> np.ndarray:
         """Whether each face of the mesh is of this patch."""
-        return (mesh_faces >= self.start) & (mesh_faces < self.start + self.faces)
+        return (mesh_faces >= self.start) & (mesh_faces < self.end)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,33 +47,59 @@ class Mesh:
         """Its patches by name.
 
         Raises:
-            ImpactsError: where the mesh's file cannot be read.
+            ImpactsError: where the mesh's file cannot be read, or its patches are not one after the other.
         """
-        path, entries = self._read("boundary")
+        path = self._path("boundary")
+        patches = dict[str, Patch]()
         try:
-            return {
-                name: Patch(str(entry["type"]), int(entry["startFace"]), int(entry["nFaces"]))
-                for name, entry in dict(entries).items()
-            }
+            for name, entry in _content(path):
+                if name in patches:
+                    raise ImpactsError(f"{path}: has two patches {name!r}.")
+                numbers = [_count(path, name, key, entry[key]) for key in ("startFace", "nFaces")]
+                patches[name] = Patch(str(entry["type"]), *numbers)
         except (TypeError, ValueError, KeyError) as error:
+            if isinstance(error, ImpactsError):
+                raise
             raise ImpactsError(f"{path}: is no list of patches.") from error
+        following = sorted((patch.start, patch.end, name) for name, patch in patches.items() if patch.faces)
+        for (_, end, before), (start, _, name) in itertools.pairwise(following):
+            if start != end:
+                raise ImpactsError(
+                    f"{path}: patch {name!r} must start at face {end}, where {before!r} ends, but starts at {start}."
+                )
+        return patches
 
     @functools.cached_property
     def faces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where each face's corners end, and the corners of all faces."""
-        path, content = self._read("faces")
+        """Where each face's corners end, and the corners of all faces.
+
+        Raises:
+            ImpactsError: where the mesh's file cannot be read, or its faces are not those of the patches.
+        """
+        path = self._path("faces")
+        content = _content(path)
         try:
             if isinstance(content, tuple):
-                starts, corners = content
-                return _labels(starts)[1:], _labels(corners)
-            sizes = np.fromiter(map(len, content), np.int64, len(content))
-            return np.cumsum(sizes), np.concatenate([np.zeros(0, np.int64), *content]).astype(np.int64, copy=False)
-        except (TypeError, ValueError) as error:
+                starts, corners = (_labels(path, labels) for labels in content)
+            else:
+                starts = np.cumsum([0, *map(len, content)])
+                corners = _labels(path, np.concatenate([np.zeros(0, np.int64), *content]))
+        except TypeError as error:
             raise ImpactsError(f"{path}: is no list of faces.") from error
+        if not len(starts) or starts[0] != 0 or starts[-1] != len(corners) or (np.diff(starts) < 0).any():
+            raise ImpactsError(f"{path}: is no list of faces: their corners do not follow one another.")
+        faces = len(starts) - 1
+        if self.patches and (end := max(patch.end for patch in self.patches.values())) != faces:
+            raise ImpactsError(f"{path}: has {faces} faces, but the last patch of `boundary` ends at {end}.")
+        return starts[1:], corners
 
     @functools.cached_property
     def processors(self) -> dict[int, np.ndarray]:
-        """The number of each face of a processor's part in the whole mesh, by processor; empty for a serial case."""
+        """The number of each face of a processor's part in the whole mesh, by processor; empty for a serial case.
+
+        Raises:
+            ImpactsError: where a file cannot be read, or holds what is no number of a face.
+        """
         addressing = {}
         for folder in self.case.glob("processor[0-9]*"):
             if not folder.name.removeprefix("processor").isdecimal():
@@ -75,7 +108,10 @@ class Mesh:
             if not _present(path):
                 continue
             # The numbers start at 1; a negative one says that the face is turned round.
-            addressing[int(folder.name.removeprefix("processor"))] = np.abs(_labels(_content(path))) - 1
+            numbers = np.abs(_labels(path, _content(path))) - 1
+            if (numbers < 0).any():
+                raise ImpactsError(f"{path}: numbers faces from 1, but has a 0.")
+            addressing[int(folder.name.removeprefix("processor"))] = numbers
         return addressing
 
     def surface(self, patch: str | Sequence[str] | None) -> Surface:
@@ -87,15 +123,16 @@ class Mesh:
         names = self._chosen(patch)
         points = self._points()
         ends, corners = self.faces
-        numbers = np.concatenate([np.arange(p.start, p.start + p.faces) for p in map(self.patches.__getitem__, names)])
-        if len(numbers) and numbers.max() >= len(ends):
-            raise ImpactsError(f"{self.case / _MESH}: has {len(ends)} faces, but its patches have more.")
+        numbers = np.concatenate([np.arange(p.start, p.end) for p in map(self.patches.__getitem__, names)])
         sizes = np.diff(ends, prepend=0)[numbers]
         own_ends = np.cumsum(sizes)
         own_corners = corners[np.repeat(ends[numbers] - own_ends, sizes) + np.arange(sizes.sum())]
         used, own_corners = np.unique(own_corners, return_inverse=True)
-        if len(used) and used[-1] >= len(points):
-            raise ImpactsError(f"{self.case / _MESH}: has {len(points)} points, but its faces name more.")
+        if len(used) and not 0 <= used[0] <= used[-1] < len(points):
+            wrong = used[0] if used[0] < 0 else used[-1]
+            raise ImpactsError(
+                f"{self._path('faces')}: has a face with the corner {wrong}, but points are 0 to {len(points) - 1}."
+            )
         return Surface(
             title=f"{self.case}: {', '.join(names)}",
             points=points[used],
@@ -107,8 +144,13 @@ class Mesh:
         )
 
     def _points(self) -> np.ndarray:
-        path, content = self._read("points")
-        points = np.asarray(content, float)
+        path = self._path("points")
+        try:
+            points = np.asarray(_content(path), float)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, ImpactsError):
+                raise
+            raise ImpactsError(f"{path}: is no list of points.") from error
         if points.ndim != 2 or points.shape[1] != 3:
             raise ImpactsError(f"{path}: is no list of points.")
         return points
@@ -123,9 +165,8 @@ class Mesh:
             raise ImpactsError(f"{self.case}: has no patch of type wall, but has {', '.join(self.patches)}.")
         return wanted
 
-    def _read(self, name: str) -> tuple[Path, Any]:
-        path = self.case / _MESH / name
-        return path, _content(path)
+    def _path(self, name: str) -> Path:
+        return self.case / _MESH / name
 
 
 def case_of(path: Path) -> Path | None:
@@ -155,10 +196,26 @@ def dictionary(path: Path) -> Any:
         return None
 
 
-def _labels(numbers: Any) -> np.ndarray:
-    """Whole numbers; foamlib takes those of 64 bits in a binary file for floating point numbers."""
-    numbers = np.asarray(numbers)
-    return numbers.view(np.int64) if numbers.dtype == np.float64 else numbers.astype(np.int64)
+def _count(path: Path, patch: str, key: str, value: Any) -> int:
+    """A number of faces in `boundary`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < 2**63:
+        raise ImpactsError(f"{path}: `{key}` of patch {patch!r} must be a whole number of at least 0, but is {value}.")
+    return int(value)
+
+
+def _labels(path: Path, numbers: Any) -> np.ndarray:
+    """Whole numbers, shape (labels,)."""
+    try:
+        labels = np.asarray(numbers)
+    except ValueError as error:  # lists of several lengths
+        raise ImpactsError(f"{path}: is no list of whole numbers.") from error
+    if labels.dtype == np.float64 and labels.size:
+        if library("foamlib", "cfd").FoamFile(_stored(path)).format != "binary":
+            raise ImpactsError(f"{path}: must hold whole numbers, but holds decimals.")
+        labels = labels.view(np.int64)  # foamlib takes labels of 64 bits in a binary file for floating point numbers
+    if labels.ndim != 1 or (labels.size and labels.dtype.kind not in "iu"):
+        raise ImpactsError(f"{path}: is no list of whole numbers.")
+    return labels.astype(np.int64)
 
 
 def _present(path: Path) -> bool:
@@ -174,9 +231,20 @@ def _content(path: Path) -> Any:
     """What a file of OpenFOAM holds beside its header."""
     foamlib, stored = library("foamlib", "cfd"), _stored(path)
     try:
-        return foamlib.FoamFile(stored)[None]
+        # foamlib warns of an entry that is there twice.
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            content = foamlib.FoamFile(stored)[None]
     except FileNotFoundError as error:
         raise ImpactsError(f"{path}: is not there.") from error
-    except (OSError, EOFError, ValueError, KeyError) as error:
+    except (OSError, EOFError, ValueError, KeyError, UserWarning) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ImpactsError(f"{stored}: cannot be read as a file of OpenFOAM ({reason[:120]}).") from error
+    if isinstance(content, tuple) and len(content) == 2 and isinstance(content[0], int):
+        # The number before a list is part of the list only where it is right.
+        raise ImpactsError(f"{stored}: says that its list has {content[0]} items, but it has {_items(content[1])}.")
+    return content
+
+
+def _items(content: Any) -> str:
+    return str(len(content)) if hasattr(content, "__len__") else "others"

@@ -10,7 +10,7 @@ from erosion.arguments import check_path
 from erosion.cfd import fluent, named_columns, openfoam_impacts, surface_files
 from erosion.cfd.impacts import Impacts, ImpactsError
 from erosion.cfd.openfoam_mesh import case_of, open_case
-from erosion.cfd.surface import Surface
+from erosion.cfd.surface import Surface, metres_of
 from erosion.parameters.units import about, read_quantity
 
 _IMPACTS = ".post, .dat, .dpm, .csv or .parquet"
@@ -72,13 +72,20 @@ def read_impacts(
     raise ImpactsError(f"{path}: is no table of impacts; its name must end in {_IMPACTS}.")
 
 
-def read_surface(source: str | Path, patch: str | Sequence[str] | None = None, *, reverse: bool = False) -> Surface:
+def read_surface(
+    source: str | Path,
+    patch: str | Sequence[str] | None = None,
+    *,
+    unit: str | None = None,
+    reverse: bool = False,
+) -> Surface:
     """Read the surface that particles hit.
 
     Args:
-        source: an OpenFOAM case (its mesh in ASCII or binary, compressed or not), or a file `.vtp`, `.stl` or `.vtu`,
-            whose coordinates must be in metres.
+        source: an OpenFOAM case (its mesh in ASCII or binary, compressed or not), or a file `.vtp`, `.stl` or `.vtu`.
         patch: one or more patches of the case; by default all of type wall.
+        unit: of the coordinates, "mm"; by default they are in metres, and `erosion_map` compares them with the
+            positions of impacts.
         reverse: whether to turn the normals round, for a file whose normals point into the fluid. OpenFOAM's point
             out of it. Where nearly all impacts come from behind, `erosion_map` says it.
 
@@ -86,6 +93,8 @@ def read_surface(source: str | Path, patch: str | Sequence[str] | None = None, *
         ImpactsError: a ValueError that names the file and what is wrong with it.
     """
     path = _existing("source", source)
+    if unit is not None:
+        metres_of(unit)
     if path.is_dir():
         case = case_of(path)
         surface = open_case(path if case is None else case).surface(patch)
@@ -95,6 +104,7 @@ def read_surface(source: str | Path, patch: str | Sequence[str] | None = None, *
         surface = surface_files.open_surface(path)
     else:
         raise ImpactsError(f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {_SURFACES}.")
+    surface = surface.in_unit(unit)
     return surface.reversed() if reverse else surface
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,14 @@ from erosion.array_types import Indices, Numbers, Vectors
 from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.rows import GREATEST
 from erosion.extras import library
+from erosion.parameters.units import about, read_quantity
+
+METRES: Mapping[str, float] = {"mm": 1e-3, "cm": 0.01, "in": 0.0254, "dm": 0.1, "ft": 0.3048, "m": 1.0}
+"""Units that files of surfaces are in."""
+
+_SHARP = np.pi / 3
+"""The angle between two faces from which on they are two walls, not facets of a curved one [rad]."""
+_ROWS = 1 << 15  # whose distances are computed at once
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,6 +36,7 @@ class Surface:
         patches: names of patches.
         patch: of each face, an index of `patches`, shape (faces,).
         mesh_face: number of each face in the mesh of the CFD run, shape (faces,); None where there is none.
+        unit: that of the file, of which `points` are in metres; None where nobody said it, and it is taken as metres.
 
     Raises:
         ImpactsError: for a surface without faces, coordinates that are not finite, corners that are no points, and
@@ -40,6 +50,7 @@ class Surface:
     patches: tuple[str, ...]
     patch: Indices
     mesh_face: Indices | None = None
+    unit: str | None = "m"
 
     def __post_init__(self) -> None:
         if not self.faces:
@@ -93,6 +104,15 @@ class Surface:
         mirrored = np.repeat(starts + self.ends - 1, sizes) - np.arange(len(self.corners))
         return dataclasses.replace(self, corners=self.corners[mirrored])
 
+    def in_unit(self, unit: str | None) -> "Surface":
+        """The surface of a file whose numbers are in this unit, in metres; None takes them as metres.
+
+        Raises:
+            ImpactsError: for what is no unit of length.
+        """
+        metres = 1.0 if unit is None else metres_of(unit)
+        return dataclasses.replace(self, points=self.points * metres, unit=unit)
+
     def face_of_mesh(self, mesh_face: Indices) -> Indices:
         """The surface's face of each face of the mesh, -1 for faces that are not of the surface.
 
@@ -110,14 +130,89 @@ class Surface:
         triangles, points = self._for_vtk.find_closest_cell(np.asarray(positions, float), return_closest_point=True)
         return self._triangles[0][triangles], np.linalg.norm(points - positions, axis=1)
 
+    def distance(self, faces: Indices, positions: Vectors) -> Numbers:
+        """The distance of each position from one face [m]."""
+        face, *corners = self._triangles
+        counts = np.bincount(face, minlength=self.faces)
+        starts = np.cumsum(counts) - counts
+        distances = np.zeros(len(faces))
+        for first in range(0, len(faces), _ROWS):
+            part = faces[first : first + _ROWS]
+            begins = np.cumsum(counts[part]) - counts[part]
+            # The triangles of a face stand side by side.
+            triangle = np.repeat(starts[part] - begins, counts[part]) + np.arange(counts[part].sum())
+            position = np.repeat(np.asarray(positions, float)[first : first + _ROWS], counts[part], axis=0)
+            each = _to_triangles(position, *(corner[triangle] for corner in corners))
+            distances[first : first + _ROWS] = np.minimum.reduceat(each, begins)
+        return distances
+
+    @functools.cached_property
+    def box(self) -> tuple[Numbers, Numbers]:
+        """The least and the greatest coordinates [m]."""
+        used = self.points[self.corners]
+        return used.min(axis=0), used.max(axis=0)
+
+    @property
+    def length(self) -> float:
+        """From end to end, the diagonal of the box [m]."""
+        low, high = self.box
+        return float(np.linalg.norm(high - low))
+
+    @functools.cached_property
+    def width(self) -> float:
+        """Area over length [m]: of a strip its width, of a pipe its circumference."""
+        return float(self.area.sum()) / self.length
+
+    @functools.cached_property
+    def longest_side(self) -> Numbers:
+        """Of each face, shape (faces,) [m]."""
+        _, sides = self._sides
+        return np.maximum.reduceat(sides, np.concatenate([[0], self.ends[:-1]]))
+
+    @functools.cached_property
+    def bulge(self) -> Numbers:
+        """How far a curved wall may lie from each of its facets, 0 where the neighbours are in its plane, [m].
+
+        A facet of width c that turns by θ against the next one is the chord of an arc, which is c/2 tan(θ/4) off it.
+        Facets are not even, so it is twice as much here, and as much as that of the neighbours.
+        """
+        sizes = np.diff(self.ends, prepend=0)
+        face = np.repeat(np.arange(self.faces), sizes)
+        following, sides = self._sides
+        # Files may repeat a point for each of its faces.
+        points = np.unique(self.points[self.corners], axis=0, return_inverse=True)[1].reshape(-1)
+        ends = np.sort(np.stack([points, points[following]]), axis=0)
+        order = np.lexsort(ends)
+        shared = (np.diff(ends[:, order], axis=1) == 0).all(axis=0)
+        one, other = order[:-1][shared], order[1:][shared]
+        cosine = np.einsum("ij,ij->i", self.normal[face[one]], self.normal[face[other]])
+        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+        angle[angle > _SHARP] = 0.0
+        # A triangle is as high over its side as a rectangle of twice its area.
+        width = np.where(sizes == 3, 2, 1)[face] * self.area[face] / sides
+        own = np.zeros(self.faces)
+        for side in (one, other):
+            np.maximum.at(own, face[side], width[side] * np.tan(angle / 4))
+        bulge = own.copy()
+        for side, beside in ((one, other), (other, one)):
+            np.maximum.at(bulge, face[side], np.where(angle > 0, own[face[beside]], 0.0))
+        return bulge
+
+    @functools.cached_property
+    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the side that begins at each corner, the corner at which it ends, and its length [m]."""
+        following = np.arange(len(self.corners)) + 1
+        following[self.ends - 1] = np.concatenate([[0], self.ends[:-1]])
+        used = self.points[self.corners]
+        return following, np.linalg.norm(used[following] - used, axis=1)
+
     @functools.cached_property
     def _triangles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Face and three corners of each triangle: a triangle is itself, another polygon has one to a side."""
         sizes = np.diff(self.ends, prepend=0)
         starts = self.ends - sizes
         face = np.repeat(np.arange(self.faces), sizes)
-        following = np.arange(len(self.corners)) + 1
-        following[self.ends - 1] = starts
+        following, _ = self._sides
         a, b = self.points[self.corners], self.points[self.corners[following]]
         middle = np.add.reduceat(a, starts) / sizes[:, None]
         # The first side of a triangle with its third corner is the triangle.
@@ -140,6 +235,42 @@ class Surface:
         _, *corners = self._triangles
         cells = np.arange(3 * len(corners[0])).reshape(3, -1).T
         return library("pyvista", "cfd").PolyData.from_regular_faces(np.concatenate(corners), cells)
+
+
+def metres_of(unit: str) -> float:
+    """The metres of a unit of length, such as "mm".
+
+    Raises:
+        ImpactsError: for what is no unit of length.
+    """
+    if not (isinstance(unit, str) and any(letter.isalpha() for letter in unit)):
+        raise ImpactsError(f"Argument `unit` must be a unit of length such as 'mm', but is {unit!r}.")
+    with about("Argument `unit`", ImpactsError):
+        metres = read_quantity(unit if unit[:1].isdigit() else f"1 {unit}", "length", "si")
+    if not 0 < metres <= GREATEST:
+        raise ImpactsError(f"Argument `unit` must be a unit of length such as 'mm', but is {unit!r}.")
+    return metres
+
+
+def _to_triangles(position: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """The distance of each position from a triangle; all of shape (rows, 3)."""
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1)
+    sides = ((a, b), (b, c), (c, a))
+    inside = area > 0
+    for begin, end in sides:
+        inside &= np.einsum("ij,ij->i", np.cross(end - begin, position - begin), normal) >= 0
+    height = np.abs(np.einsum("ij,ij->i", position - a, normal))
+    plane = np.divide(height, area, out=np.zeros(len(area)), where=inside)
+    return np.where(inside, plane, np.min([_to_side(position, *side) for side in sides], axis=0))
+
+
+def _to_side(position: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    side = end - begin
+    square = np.einsum("ij,ij->i", side, side)
+    along = np.einsum("ij,ij->i", position - begin, side)
+    share = np.clip(np.divide(along, square, out=np.zeros(len(square)), where=square > 0), 0.0, 1.0)
+    return np.linalg.norm(position - begin - share[:, None] * side, axis=1)
 
 
 def _sums(face: np.ndarray, vectors: np.ndarray, faces: int) -> np.ndarray:

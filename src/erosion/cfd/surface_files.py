@@ -13,6 +13,7 @@ from erosion.cfd.surface import Surface
 from erosion.extras import library
 
 SUFFIXES = (".vtp", ".stl", ".vtu")
+_STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
 
 
@@ -23,6 +24,8 @@ def open_surface(path: Path) -> Surface:
         ImpactsError: for a file that cannot be read, or that holds no polygons.
     """
     pyvista = library("pyvista", "cfd")
+    if path.suffix.lower() == ".stl":
+        _require_whole_stl(path)
     try:
         with _quiet(), pyvista.vtk_verbosity("off"):
             mesh = pyvista.read(path)
@@ -43,6 +46,22 @@ def open_surface(path: Path) -> Surface:
         patches=(path.stem,),
         patch=np.zeros(int(chosen.sum()), np.int64),
     )
+
+
+def _require_whole_stl(path: Path) -> None:
+    """Refuse a binary file that has other facets than its header says; VTK reads those that are there."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        start = file.read(_STL_HEAD)
+    # Binary files may begin with "solid", too.
+    if b"\0" not in start and start.lstrip().startswith(b"solid"):
+        return
+    facets = int.from_bytes(start[80:84], "little")
+    if size != 84 + 50 * facets:
+        raise ImpactsError(
+            f"{path}: cannot be read; it is damaged, or no .stl file: a binary one of its {size:,} bytes has "
+            f"{max(size - 84, 0) / 50:,.6g} facets, but it says that it has {facets:,}."
+        )
 
 
 @contextlib.contextmanager

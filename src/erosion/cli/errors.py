@@ -17,8 +17,13 @@ def user_errors(*also: type[Exception]) -> Iterator[None]:
     try:
         yield
     except (ValueError, OSError, *also) as error:
-        # What a plug-in's own code says after "ValueError: " is not about options.
-        raise InputError(re.sub(r"(?<!Error: )\bArgument `(\w+)`", _as_option, sentence(error))) from error
+        raise InputError(as_options(sentence(error))) from error
+
+
+def as_options(text: str) -> str:
+    """A sentence about Python's arguments as one about options."""
+    # What a plug-in's own code says after "ValueError: " is not about options.
+    return re.sub(r"(?<!Error: )\bArgument `(\w+)`", _as_option, text)
 
 
 def reading(source: str) -> contextlib.AbstractContextManager[None]:
@@ -39,6 +44,7 @@ _OPTIONS = {
     "store": "Option `--output`",
     "data": "The table",
     "candidates": "Option `--next-speeds`",
+    "unit": "Option `--surface-unit`",
 }
 """Python's arguments that have another name on the command line."""
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.clusters import dask_cluster
-from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.errors import InputError, as_options, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, ModelOption
@@ -38,6 +38,9 @@ class _Surface:
     )
     patch: Annotated[
         list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; all walls without it.')
+    ] = None
+    surface_unit: Annotated[
+        str | None, Parameter(help="Of its coordinates, such as mm; metres without it, as the impacts confirm.")
     ] = None
     reverse: Annotated[
         bool, Parameter(negative="", show_default=False, help="Turn round normals that point into the fluid.")
@@ -71,7 +74,8 @@ class _Rows:
         str | None, Parameter(help='For mass: "7800 kg/m^3"; --target and a case file have one as well.')
     ] = None
     limit: Annotated[
-        str | None, Parameter(help='Leave out rows that name no face and lie farther from the surface: "1 mm".')
+        str | None,
+        Parameter(help='Leave out rows that lie farther from their face, "1 mm"; a default follows the faces.'),
     ] = None
     duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
     density: Annotated[
@@ -297,10 +301,13 @@ def _job(
     from erosion.maps.erosion_map import prepare_map
 
     name, p = target.surface, options.bodies.p
-    if name is None and (target.patch is not None or target.reverse):
-        raise InputError("Options `--patch` and `--reverse` need `--surface`, which has the patches and the normals.")
+    for option in ("patch", "surface_unit", "reverse"):
+        if name is None and getattr(target, option):
+            raise InputError(f"Option `--{option.replace('_', '-')}` needs `--surface`, of which it is.")
     with user_errors(TypeError), working("reading"):
-        surface = None if name is None else read_surface(name, patch=target.patch, reverse=target.reverse)
+        surface = (
+            None if name is None else read_surface(name, target.patch, unit=target.surface_unit, reverse=target.reverse)
+        )
         case = name if name is not None and name.is_dir() else None
         duration = rows.number("duration", "time", p)
         table = read_impacts(impacts, case=case, density=rows.density, duration=duration)
@@ -326,7 +333,7 @@ def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> N
     summary = MapSummary(dataset)
     far = summary.erosion_warning
     for sentence in (*summary.warnings, *([far] if far else [])):
-        output.warn(sentence)
+        output.warn(as_options(sentence))
     if output.json:
         content = summary.to_dict()
         units = content.pop("units")

@@ -64,7 +64,8 @@ def erosion_map(
         spin: "column" of the table, "case" (its φ̇₀), "none", or a law; else the table's, the case's if there is none.
         restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
         target_density: for mass [density]; without it that of a correlation, else there is no mass.
-        limit: greatest distance between a face and a row that names none [length]; farther rows are left out.
+        limit: greatest distance of a row from its face [length]; farther rows are left out. Without it a share of the
+            surface's width, the particle's diameter, and what a curved wall is off its facets; see docs/cfd.md.
         seed: of the numbers drawn from laws.
         rtol: see `impact`.
         uncertain: laws of what is one number for all impacts but not known, {"k": Normal(2, 0.1)}, "cutting_fraction"
@@ -81,7 +82,8 @@ def erosion_map(
         If something is uncertain: means over the draws, and `relative_error` = √(sampling_error² + parameter_error²).
 
     Raises:
-        ValueError: for arguments that make no sense, and a table (`ImpactsError`, with file and row) of no use.
+        ValueError: for arguments that make no sense, and a table (`ImpactsError`, with file and row) of no use, or on
+            whose surface it does not lie, as in other units.
         SimulationError: where no impact could be computed.
     """
     bodies = Bodies(p, scaling, diameter, spin, seed, distributions, uncertain or {}, draws, cutting_fraction)

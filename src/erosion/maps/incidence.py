@@ -21,13 +21,16 @@ LEFT_OUT: Mapping[str, str] = types.MappingProxyType(
     {
         "stuck": "have no velocity, as parcels that stick to a wall",
         "receding": "move along the surface or away from it (n·U ≤ 0)",
-        "too-far": "lie farther from the surface than the limit",
+        "too-far": "lie farther from their face than the limit",
         "elsewhere": "name a face that is not of this surface",
     }
 )
 """Why a row may remove nothing; codes are 1, 2, … in this order, 0 is a hit."""
 
 HIT, STUCK, RECEDING, TOO_FAR, ELSEWHERE = range(5)
+
+OF_WIDTH = 0.005
+"""Of the surface's width: what tables round away, and what walls of other meshes of the same part are off."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +39,7 @@ class Hits:
 
     Args:
         fate: 0 for a hit, else 1 + the place in `LEFT_OUT`.
-        face: the surface's face; 0 without a surface, and where the row is left out.
+        face: the surface's face; 0 without a surface, and where the row is elsewhere.
         patch: of this face, an index of `Surface.patches`; 0 without a surface.
         speed: v₀ [m/s].
         alpha: angle of attack [rad]; in (0, π/2] for hits.
@@ -44,7 +47,8 @@ class Hits:
         mass: of one particle [kg].
         diameter: of one particle [m].
         spin: φ̇₀ of the table [rad/s], NaN where it has none.
-        distance: from the position to the nearest face [m], NaN where the row names its face.
+        distance: from the position to the face [m], NaN where the row has no position or is elsewhere.
+        named: whether the row names its face, which else is the nearest.
     """
 
     fate: np.ndarray
@@ -57,6 +61,7 @@ class Hits:
     diameter: np.ndarray
     spin: np.ndarray
     distance: np.ndarray
+    named: np.ndarray
 
     @property
     def rows(self) -> int:
@@ -86,7 +91,7 @@ class Incidence:
         surface: None where only totals are wanted.
         mesh_faces: whether rows count the faces of the whole mesh, see `Impacts`.
         restitution: (e, μ) of the wall, where the table holds velocities after the rebound.
-        limit: greatest distance of a row that names no face [m]; None for any.
+        limit: greatest distance of a row from its face [m]; None for `limit_of`.
     """
 
     surface: Surface | None
@@ -107,15 +112,14 @@ class Incidence:
         """
         self._check(block)
         fate = np.zeros(block.rows, np.int8)
-        face, distance = self._faces(block, fate)
+        face, distance, named = self._faces(block, fate)
         speed, alpha = self._motion(block, face)
         meets = fate == HIT
         fate[meets & (alpha <= 0)] = RECEDING
         fate[meets & (speed == 0)] = STUCK
         spin = np.full(block.rows, np.nan) if block.spin is None else block.spin
-        face = np.where(fate == HIT, face, 0)
         patch = np.zeros(block.rows, np.int64) if self.surface is None else self.surface.patch[face]
-        return Hits(fate, face, patch, speed, alpha, block.count, block.mass, block.diameter, spin, distance)
+        return Hits(fate, face, patch, speed, alpha, block.count, block.mass, block.diameter, spin, distance, named)
 
     def too_far(self, block: ImpactBlock, hits: Hits, most: int) -> list[str]:
         """The first rows of a block that are too far, in words."""
@@ -141,37 +145,28 @@ class Incidence:
         sine = np.divide(into, speed, out=np.zeros_like(speed), where=speed > 0)
         return speed, np.arcsin(np.clip(sine, -1.0, 1.0))
 
-    def _faces(self, block: ImpactBlock, fate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The surface's face of each row, and the distance to it; `fate` notes what is elsewhere or too far."""
-        distance = np.full(block.rows, np.nan)
-        if self.surface is None:
-            return np.zeros(block.rows, np.int64), distance
+    def _faces(self, block: ImpactBlock, fate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each row the surface's face, the distance to it, and whether it is named; `fate` notes what is far."""
+        distance, surface = np.full(block.rows, np.nan), self.surface
+        if surface is None:
+            return np.zeros(block.rows, np.int64), distance, np.zeros(block.rows, bool)
         face = self._named_faces(block, fate)
-        unnamed = np.flatnonzero((face < 0) & (fate == HIT))
-        if unnamed.size:
-            if block.position is None:
+        named, meets = face >= 0, fate == HIT
+        unnamed = np.flatnonzero(~named & meets)
+        if block.position is None:
+            if unnamed.size:
                 raise ImpactsError(f"{row_in_words(block, unnamed[0])} names no face of the surface and no position.")
-            _require(block, "position", np.isfinite(block.position).all(axis=1), "must be finite")
-            face[unnamed], distance[unnamed] = self.surface.nearest(np.asarray(block.position, float)[unnamed])
-            if self.limit is None:
-                self._require_near(block, distance)
-            else:
-                fate[unnamed[distance[unnamed] > self.limit]] = TOO_FAR
-        return np.maximum(face, 0), distance
-
-    def _require_near(self, block: ImpactBlock, distance: np.ndarray) -> None:
-        """Refuse a row that is farther from the surface than the surface is long."""
-        assert self.surface is not None
-        length = float(np.linalg.norm(np.ptp(self.surface.points, axis=0)))
-        with np.errstate(invalid="ignore"):
-            far = distance > length
-        if far.any():
-            row = int(np.argmax(far))
-            raise ImpactsError(
-                f"{row_in_words(block, row)} lies {distance[row]:.3g} m from {self.surface.title}, which is "
-                f"{length:.3g} m across: is it in other units, or of another part? Argument `limit` leaves out what is "
-                "too far."
-            )
+            return np.maximum(face, 0), distance, named
+        _require(block, "position", np.isfinite(block.position).all(axis=1), "must be finite")
+        position = np.asarray(block.position, float)
+        if unnamed.size:
+            face[unnamed], distance[unnamed] = surface.nearest(position[unnamed])
+        if (of_name := np.flatnonzero(named & meets)).size:
+            distance[of_name] = surface.distance(face[of_name], position[of_name])
+        face = np.maximum(face, 0)
+        limit = limit_of(surface, face, distance, np.asarray(block.diameter)) if self.limit is None else self.limit
+        fate[meets & (distance > limit)] = TOO_FAR
+        return face, distance, named
 
     def _named_faces(self, block: ImpactBlock, fate: np.ndarray) -> np.ndarray:
         """The surface's faces that rows name, -1 where they name none."""
@@ -223,6 +218,25 @@ class Incidence:
             )
         _require(block, "speed", (block.speed >= 0) & np.isfinite(block.speed), "must be a number of at least 0")
         _require(block, "alpha", (block.alpha == 0) | are_angles(block.alpha), "must be in [0°, 90°]", _angle_in_words)
+
+
+def limit_of(surface: Surface, face: np.ndarray, distance: np.ndarray, diameter: np.ndarray) -> np.ndarray:
+    """The farthest that a particle which hits a face may lie from it, shape (rows,) [m].
+
+    It is the particle's diameter, as the centre of a sphere is half of it off the wall; and of these the greater one:
+    0.5 % of the surface's width, but at most the face's longest side; and what a curved wall may lie off its facets.
+
+    Args:
+        surface: the surface.
+        face: of each row, shape (rows,).
+        distance: from it [m], shape (rows,); only rows that are far make facets be looked at.
+        diameter: of a particle [m], shape (rows,).
+    """
+    limit = np.minimum(OF_WIDTH * surface.width, surface.longest_side[face])
+    far = distance > limit + diameter
+    if far.any():
+        limit[far] = np.maximum(limit[far], surface.bulge[face[far]])
+    return limit + diameter
 
 
 def row_in_words(block: ImpactBlock, row: int | np.integer) -> str:

@@ -19,6 +19,7 @@ from erosion.files import digest
 from erosion.joint_laws import law_digest
 from erosion.maps.bodies import FRACTION, outside_range
 from erosion.maps.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence
+from erosion.maps.nearness import Nearness
 from erosion.maps.options import MapOptions
 from erosion.maps.result import MapSource, to_dataset
 from erosion.maps.tally import Portion, Tally, portion_of
@@ -131,17 +132,20 @@ class MapJob:
         task, faces = self.task, 1 if self.surface is None else self.surface.faces
         ends = end_names(task.model)
         tally = Tally(faces, task.patches, len(ends), task.options.bodies.realisations)
+        nearness = None if self.surface is None else Nearness(self.surface, self._limit)
         far: list[str] = []
 
         def add(portion: Portion) -> None:
             tally.add(portion)
             progress("map", tally.rows, self.impacts.rows or 0)
 
-        self._compute(self._portions(far), add)
+        self._compute(self._portions(nearness, far), add)
         self._require_hits(tally)
         if not tally.impacts.any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
-        source = MapSource(task.model, task.options.bodies, self.impacts, self.surface, self._in_words(), tuple(far))
+        notes = self.impacts.notes if nearness is None else (*self.impacts.notes, *nearness.sentences())
+        rows = "" if nearness is None else nearness.far_in_words(far)
+        source = MapSource(task.model, task.options.bodies, self.impacts, self.surface, self._in_words(), notes, rows)
         return to_dataset(tally, source, ends, task.options.target_density)
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
@@ -173,18 +177,30 @@ class MapJob:
 
         run_blocks(client, compute_portion, ((self.task, hits, i, code) for i, hits in enumerate(portions)), done)
 
-    def _portions(self, far: list[str]) -> Iterator[Hits]:
-        """All rows in portions of a fixed number, the last one of what is left; `far` gets rows that are too far."""
+    @property
+    def _limit(self) -> float | None:
+        """In metres."""
         options = self.task.options
         factor = conversion_factor("length", options.bodies.p.units, "si")
-        limit = None if options.limit is None else options.limit * factor
-        incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, limit)
+        return None if options.limit is None else options.limit * factor
+
+    def _portions(self, nearness: Nearness | None, far: list[str]) -> Iterator[Hits]:
+        """All rows in portions of a fixed number, the last one of what is left.
+
+        Args:
+            nearness: takes note of all rows; None without a surface.
+            far: gets the first rows that are too far.
+        """
+        options = self.task.options
+        incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
         blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.bodies.realisations)
         try:
             held, count, is_first = list[Hits](), 0, True
             for block in blocks:
                 hits = incidence.hits(block)
                 far += incidence.too_far(block, hits, _NAMED - len(far))
+                if nearness is not None:
+                    nearness.add(block, hits)
                 begin = 0
                 while begin < hits.rows:
                     part = hits.part(slice(begin, begin + rows - count))
@@ -193,15 +209,22 @@ class MapJob:
                     if count == rows:
                         portion = Hits.joined(held)
                         if is_first:
+                            self._require_right_place(nearness)
                             self._require_right_way(np.bincount(portion.fate, minlength=1 + len(LEFT_OUT)))
                         yield portion
                         held, count, is_first = [], 0, False
+            self._require_right_place(nearness)
             if held:
                 yield Hits.joined(held)
         finally:
             # A reader may read ahead in a thread, which must end before the process does.
             if isinstance(blocks, Generator):
                 blocks.close()
+
+    def _require_right_place(self, nearness: Nearness | None) -> None:
+        """Refuse a surface on which the rows do not lie."""
+        if nearness is not None:
+            nearness.require(self.impacts.title)
 
     def _require_right_way(self, fates: np.ndarray) -> None:
         """Refuse a table in which nearly all rows come from behind."""

@@ -67,6 +67,7 @@ class MapSource:
         impacts: the table.
         surface: None for totals alone.
         options: the other options, in words.
+        notes: sentences on what the table and the surface do not say.
         far: the first rows that are too far, in words.
     """
 
@@ -75,7 +76,8 @@ class MapSource:
     impacts: Impacts
     surface: Surface | None
     options: str
-    far: tuple[str, ...]
+    notes: tuple[str, ...]
+    far: str
 
 
 def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: float | None) -> xr.Dataset:
@@ -215,9 +217,10 @@ def _provenance(source: MapSource) -> dict[str, str]:
         **model_in_words(source.model, but={*source.bodies.laws, *source.bodies.uncertain}),
         table=source.impacts.title,
         surface="" if source.surface is None else source.surface.title,
+        surface_unit="" if source.surface is None else source.surface.unit or "taken in m",
         options=source.options,
-        far_rows="; ".join(source.far),
-        notes=" ".join(source.impacts.notes),
+        far_rows=source.far,
+        notes=" ".join(source.notes),
     )
 
 
@@ -299,8 +302,8 @@ class MapSummary(Result):
         total = int(data["rows"])
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
-                named = f", such as {data.attrs['far_rows']}" if name == "too-far" else ""
-                sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{named}.")
+                far = f": {data.attrs['far_rows']}" if name == "too-far" else ""
+                sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{far}.")
         failed = round(float(data["ends"].sum() - data["total_impacts"]))
         if failed:
             sentences.append(f"{failed:,} impacts could not be computed, and are not counted.")

@@ -75,7 +75,7 @@ def portion_of(
     """
     faces, impacts, sums, of_draws = _by_face(struck, volume)
     code = (struck.patch * ends + outcome).ravel()
-    near = hits.distance[np.isfinite(hits.distance)]
+    near = hits.distance[np.isfinite(hits.distance) & ~hits.named]
     return Portion(
         faces=faces,
         impacts=impacts,

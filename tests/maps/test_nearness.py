@@ -1,0 +1,251 @@
+"""Surfaces in another unit than the impacts, and rows off the surface: refused, or a sentence says so."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.read import read_surface
+from erosion.cfd.surface import Surface
+from erosion.maps.erosion_map import erosion_map
+from erosion.maps.result import MapSummary
+from tests.maps.parts import PARTS, pipe, plate, polygons, rows_on, write
+from tests.maps.tables import Table
+
+P = erosion.TABLE_1.to("si")
+SCALES = (0.001, 0.01, 0.0254, 0.1, 0.3048, 1, 2, 10, 39.37, 100, 1000)
+TABLES = {name: rows_on(part) for name, part in PARTS.items()}
+UNITS = {10: "dm", 39.37: "in", 100: "cm", 1000: "mm"}
+
+
+def wear(table: Table, surface: Surface, **options: Any) -> tuple[xr.Dataset, list[str]]:
+    dataset = erosion_map("linearized", P, table, surface, **options)
+    return dataset, MapSummary(dataset).warnings
+
+
+def right(name: str) -> tuple[float, float]:
+    dataset, sentences = wear(TABLES[name], PARTS[name])
+    assert sentences == []
+    return float(dataset["total_volume"]), float(dataset["depth_per_year"].max())
+
+
+RIGHT: dict[str, tuple[float, float]] = {}
+
+
+def is_right(dataset: xr.Dataset, name: str) -> bool:
+    """Whether volume and greatest depth are within 5 %."""
+    if name not in RIGHT:
+        RIGHT[name] = right(name)
+    got = float(dataset["total_volume"]), float(dataset["depth_per_year"].max())
+    return bool(np.allclose(got, RIGHT[name], rtol=0.05, atol=0))
+
+
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize(
+    ("name", "suffix"), [("hump", ".vtp"), ("hump", ""), ("plate", ".vtp"), ("plate", ""), ("pipe", ".vtp")]
+)
+def test_a_surface_in_another_unit(tmp_path: Path, name: str, suffix: str, scale: float) -> None:
+    surface = read_surface(write(PARTS[name], tmp_path / f"part{suffix}", scale))
+    if scale == 1:
+        dataset, sentences = wear(TABLES[name], surface)
+        assert is_right(dataset, name)
+        assert sentences == []
+    elif name == "plate" and 1 < scale <= 10:  # it lies in the same plane: it may be a larger plate
+        dataset, (sentence,) = wear(TABLES[name], surface)
+        assert f"{scale:g} × smaller" in sentence
+    else:
+        with pytest.raises(ImpactsError, match=f"part.*{max(scale, 1 / scale):.4g} × ") as raised:
+            wear(TABLES[name], surface)
+        assert "`unit`" in str(raised.value) or scale not in UNITS
+        assert scale not in UNITS or f"must then be '{UNITS[scale]}'" in str(raised.value)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_an_stl_file_in_another_unit(tmp_path: Path, scale: float) -> None:
+    surface = read_surface(write(PARTS["pipe"], tmp_path / "part.stl", scale))
+    if scale != 1:
+        with pytest.raises(ImpactsError, match=f"part.stl: .*{max(scale, 1 / scale):.4g} × "):
+            wear(TABLES["pipe"], surface)
+        return
+    dataset, sentences = wear(TABLES["pipe"], surface)
+    assert float(dataset["total_volume"]) == pytest.approx(right("pipe")[0], rel=1e-6, abs=0)
+    assert sentences == []
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".vtp", ""])
+@pytest.mark.parametrize(("unit", "scale"), [("mm", 1000), ("in", 1 / 0.0254), ("25.4 mm", 1 / 0.0254), ("m", 1)])
+def test_the_unit_may_be_given(tmp_path: Path, suffix: str, unit: str, scale: float) -> None:
+    surface = read_surface(write(PARTS["plate"], tmp_path / f"part{suffix}", scale), unit=unit)
+    dataset, sentences = wear(TABLES["plate"], surface)
+    there = read_surface(write(PARTS["plate"], tmp_path / f"metres{suffix}"))
+    np.testing.assert_allclose(dataset["area"], wear(TABLES["plate"], there)[0]["area"], rtol=1e-5)
+    assert sentences == []
+    assert dataset.attrs["surface_unit"] == unit
+
+
+@pytest.mark.parametrize("unit", ["kg", "", "0 mm", "nan m", "-1 m", "1e300 m", "2"])
+def test_what_is_no_unit_is_refused_before_the_file_is_read(tmp_path: Path, unit: str) -> None:
+    (tmp_path / "part.stl").touch()
+    with pytest.raises(ImpactsError, match=r"^Argument `unit` must be"):
+        read_surface(tmp_path / "part.stl", unit=unit)
+
+
+OFF = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+
+
+@pytest.mark.parametrize("share", OFF)
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("which", ["a quarter", "all", "all aside"])
+def test_rows_off_the_surface(name: str, which: str, share: float) -> None:
+    table, length = TABLES[name], 0.137
+    position = table.columns["position"].copy()
+    if which == "all aside":
+        position[:, 0] += share * length
+    else:
+        rows = np.flatnonzero(np.arange(len(position)) % 4 == 0) if which == "a quarter" else np.arange(len(position))
+        face, _ = PARTS[name].nearest(position[rows])
+        position[rows] -= share * length * PARTS[name].normal[face]
+    try:
+        dataset, sentences = wear(table.replace(position=position), PARTS[name])
+    except ImpactsError:
+        assert share >= 0.005
+        return
+    # What lies aside by less than a face is wide moves the wear to the next face.
+    total = right(name)[0] if which == "all aside" else None
+    good = is_right(dataset, name) if total is None else abs(float(dataset["total_volume"]) / total - 1) < 0.05
+    assert good or any("farther" in sentence for sentence in sentences)
+    if which == "a quarter" and share >= 0.02:
+        assert "100 of 400 rows lie farther from their face than the limit" in sentences[0]
+        assert int(dataset["total_impacts"]) == 300
+
+
+def spot(surface: Surface, centre: Any, size: float) -> Table:
+    """Rows on a small part of a surface alone."""
+    table = rows_on(surface, 200_000)
+    near = np.linalg.norm(table.columns["position"] - np.asarray(centre), axis=1) < size
+    return table.only(np.flatnonzero(near)[:300])
+
+
+def round_pipe() -> Table:
+    """Rows on a pipe without facets."""
+    turn, x = np.random.default_rng(1).uniform(0, [[2 * np.pi], [0.137]], (2, 400))
+    outward = np.stack([0 * x, np.cos(turn), np.sin(turn)], axis=1)
+    velocity = 30.0 * (np.sin(0.52) * outward + np.cos(0.52) * np.array([1.0, 0.0, 0.0]))
+    return TABLES["pipe"].replace(position=0.02 * outward + x[:, None] * [1.0, 0.0, 0.0], velocity=velocity)
+
+
+LEGITIMATE: dict[str, tuple[Table, Surface]] = {
+    "a jet on a spot of a pipe": (spot(PARTS["pipe"], (0.06, 0.0, 0.02), 2e-3), PARTS["pipe"]),
+    "a jet on a spot of a hump": (spot(PARTS["hump"], (0.08, 0.02, 0.018), 5e-3), PARTS["hump"]),
+    "one row": (TABLES["pipe"].only([77]), PARTS["pipe"]),
+    "two rows": (TABLES["hump"].only([7, 200]), PARTS["hump"]),
+    "few digits": (TABLES["pipe"].replace(position=np.round(TABLES["pipe"].columns["position"], 4)), PARTS["pipe"]),
+    "facets of a coarse pipe": (round_pipe(), pipe(8, 3)),
+    "facets of a fine pipe": (TABLES["pipe"], pipe(240, 16)),
+    "a plate of two triangles": (TABLES["plate"], polygons(plate(cells=1).points, np.array([[0, 1, 3], [0, 3, 2]]))),
+    "a jet at the end of a plate": (spot(plate(), (0.06, 0.06, 0.0), 5e-3), plate()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", LEGITIMATE)
+def test_what_is_right_is_taken_without_a_word(what: str) -> None:
+    table, surface = LEGITIMATE[what]
+    dataset, sentences = wear(table, Surface(**{**vars_of(surface), "unit": None}))
+    assert int(dataset["total_impacts"]) == int(dataset["rows"])
+    assert sentences == []
+
+
+def vars_of(surface: Surface) -> dict[str, Any]:
+    return {name: getattr(surface, name) for name in ("title", "points", "corners", "ends", "patches", "patch")}
+
+
+def test_the_centre_of_a_particle_is_half_its_diameter_off_the_wall() -> None:
+    table = TABLES["plate"]
+    large = table.replace(
+        diameter=np.full(400, 5e-3), position=table.columns["position"] - [0, 0, 2.5e-3], mass=np.full(400, 1e-4)
+    )
+    dataset, sentences = wear(large, PARTS["plate"])
+    assert int(dataset["total_impacts"]) == 400
+    assert sentences == []
+
+
+def test_a_spot_on_a_plate_about_the_origin_is_said_unless_the_unit_is_given() -> None:
+    surface = plate(cells=120)
+    fields = vars_of(surface)
+    table = spot(surface, (0, 0, 0), 0.01)
+    dataset, (sentence,) = wear(table, Surface(**fields, unit=None))
+    assert "The impacts reach over 0.0" in sentence
+    again, sentences = wear(table, Surface(**fields, unit="m"))
+    assert sentences == []
+    np.testing.assert_array_equal(dataset["volume"], again["volume"])
+
+
+def test_a_small_part_of_what_is_hit_needs_a_limit() -> None:
+    whole = PARTS["hump"]
+    faces = np.flatnonzero(np.isin(np.arange(48) // 4, (3, 4)))
+    part = polygons(whole.points, whole.corners.reshape(-1, 4)[faces])
+    with pytest.raises(ImpactsError, match="Argument `limit` says how far off"):
+        wear(TABLES["hump"], part)
+    dataset, (sentence,) = wear(TABLES["hump"], part, limit=1e-6)
+    there, _ = wear(TABLES["hump"], whole)
+    np.testing.assert_allclose(dataset["volume"], there["volume"].values[faces], rtol=1e-12)
+    left = 400 - int(dataset["total_impacts"])
+    assert sentence.startswith(f"{left} of 400 rows lie farther from their face than the limit")
+    assert "with a limit of 1e-06 m" in sentence
+
+
+def test_a_limit_that_lets_far_rows_count_says_so() -> None:
+    table = TABLES["pipe"].replace(position=TABLES["pipe"].columns["position"] * [1, 0.5, 0.5])
+    dataset, (sentence,) = wear(table, PARTS["pipe"], limit=0.02)
+    assert int(dataset["total_impacts"]) == 400
+    assert "400 of 400 rows lie up to 0.00991 m from their face, and are counted only because" in sentence
+
+
+class TestRowsThatNameTheirFace:
+    named = TABLES["hump"].replace(face=np.arange(400) % 48)
+
+    def test_their_positions_agree(self) -> None:
+        dataset, sentences = wear(self.named, PARTS["hump"])
+        assert sentences == []
+        assert int(dataset["rows_to_nearest"]) == 0
+        np.testing.assert_allclose(dataset["volume"], wear(TABLES["hump"], PARTS["hump"])[0]["volume"], rtol=1e-12)
+
+    @pytest.mark.parametrize("scale", [scale for scale in SCALES if scale != 1])
+    @pytest.mark.parametrize("name", PARTS)
+    def test_a_surface_in_another_unit(self, name: str, scale: float) -> None:
+        part = PARTS[name]
+        table = TABLES[name].replace(face=np.arange(400) % part.faces)
+        with pytest.raises(ImpactsError, match=f"{max(scale, 1 / scale):.4g} × too"):
+            wear(table, Surface(**{**vars_of(part), "points": part.points * scale}))
+
+    def test_other_faces_than_those_where_they_are(self) -> None:
+        faces = self.named.columns["face"].copy()
+        faces[:40] = (faces[:40] + 24) % 48
+        dataset, (sentence,) = wear(self.named.replace(face=faces), PARTS["hump"])
+        assert list(dataset["left_out"].values) == [0, 0, 40, 0]
+        assert sentence.startswith("40 of 400 rows lie farther from their face than the limit")
+        with pytest.raises(ImpactsError, match="is not where the impacts are: 400 of 400 rows"):
+            wear(self.named.replace(face=(self.named.columns["face"] + 24) % 48), PARTS["hump"])
+
+    def test_without_positions_a_file_without_a_unit_is_said(self, tmp_path: Path) -> None:
+        table = self.named.replace(position=None)
+        path = write(PARTS["hump"], tmp_path / "part.vtp", 1000)
+        _, (sentence,) = wear(table, read_surface(path))
+        assert "part.vtp is taken in metres" in sentence
+        dataset, sentences = wear(table, read_surface(path, unit="mm"))
+        assert sentences == []
+        assert is_right(dataset, "hump")
+
+
+def test_sentences_do_not_depend_on_the_blocks() -> None:
+    table = rows_on(plate(), 1500)
+    surface = Surface(**{**vars_of(plate(0.4)), "unit": None})
+    whole, one = wear(table, surface)
+    table.block = 7
+    cut, other = wear(table, surface)
+    assert one == other != []
+    assert whole.identical(cut)
