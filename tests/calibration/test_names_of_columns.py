@@ -79,6 +79,13 @@ def test_masses_are_understood(table, name):
     assert read(table, f"angle [deg],volume [mm^3],{name}", "30,5,7").mass == pytest.approx(7e-6)
 
 
+def test_the_mass_of_the_sand_of_a_test_is_no_mass_of_an_erodent(table):
+    with pytest.raises(
+        MeasurementError, match=r"column 3 \(mass \[kg\]\) must be the mass of one erodent, .* but is 0.5"
+    ):
+        read(table, "angle [deg],mass_loss [mg],mass [kg]", "30,5,0.5")
+
+
 @pytest.mark.parametrize("name", ["uncertainty [mg/g]", "std [mg/g]", "Standard deviation (mg/g)", "std_dev [mg/g]"])
 def test_uncertainties_are_understood(table, name):
     assert read(table, f"angle [deg],mass_loss [mg/kg],{name}", "30,5,7").uncertainty == pytest.approx(7e-3)

@@ -29,7 +29,7 @@ DOUBTFUL_WEIGHTS = [
     "mass_flow", "frequency", "n", "N", "np", "particles", "parcel count", "rate", "rate [1/s]", "flow rate [kg/s]",
     "flow rate", "volume flow rate [m^3/s]", "mass flux [kg/m^2/s]", "weight [kg]", "weight factor", "hits",
     "statistical weight", "total mass [kg]", "strength [1/s]", "Anzahl", "Massenstrom [kg/s]", "weight %", "m [kg]",
-    "impact frequency [1/s]", "particle number", "number/s", "freq", "mass0",
+    "impact frequency [1/s]", "particle number", "number/s", "freq", "mass0", "wt", "kg/s", "npart",
 ]  # fmt: skip
 SPEEDS = {
     "speed [m/s]": 50, "v [m/s]": 50, "V [m/s]": 50, "velocity [m/s]": 50, "speed (m/s)": 50, "v0 [m/s]": 50,
@@ -158,6 +158,11 @@ VECTOR = {"u [m/s]": 3.0, "v [m/s]": 0.0, "w [m/s]": -4.0}
 def test_v_beside_u_and_w_is_a_component(tmp_path):
     block = block_of(a_table(tmp_path, "csv", {**BODY, **VECTOR}))
     np.testing.assert_array_equal(block.velocity, [(3, 0, -4)])
+    for name in ("Velocity[{}] (m/s)", "Velocity {} [ m s^-1 ]"):
+        letters = "ijk" if "[{}]" in name else "uvw"
+        columns = dict(zip(map(name.format, letters), VECTOR.values(), strict=True))
+        block = block_of(a_table(tmp_path, "csv", {**BODY, **columns}))
+        np.testing.assert_array_equal(block.velocity, [(3, 0, -4)])
     path = a_table(tmp_path, "csv", {**BODY, "vx [m/s]": 3, "vy [m/s]": 0, "vz [m/s]": -4, "v [m/s]": 5})
     np.testing.assert_array_equal(block_of(path).velocity, [(3, 0, -4)])
     assert "columns that are not used: 'v [m/s]'" in read_impacts(path).notes[-1]

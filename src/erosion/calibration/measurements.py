@@ -26,12 +26,14 @@ from erosion.files import readable
 from erosion.parameters.headings import HeaderError
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import Dimension, System, ascii_unit, check_system, unit_name
+from erosion.parameters.units import Dimension, System, ascii_unit, check_system, conversion_factor, unit_name
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
     "mass per mass": "erosion_ratio", "1": "relative_erosion",
 }  # fmt: skip
+
+_HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
 _SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
 
@@ -282,6 +284,9 @@ def _checked(
         must = "must be a finite number"
         if column.name == "angle":
             good, must = are_angles(values), "must be above 0° and at most 90°"
+        elif column.name == "mass":
+            greatest = _HEAVIEST * conversion_factor("mass", "si", system)
+            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one erodent, at most 20 g"
         elif column is not removal:
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):

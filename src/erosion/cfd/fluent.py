@@ -68,6 +68,6 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Fl
     # Fluent gives the weight in several ways, which agree.
     for weight in [weight for weight in WEIGHTS if weight in columns][1:]:
         del columns[weight]
-    duration, notes = weigh(str(path), columns, duration)
+    duration, notes = weigh(str(path), columns.keys() - {"time"}, duration)
     require_columns(str(path), columns)
     return FluentImpacts(path, names, numbers[0] + 1, columns, str(path), duration, notes=notes)

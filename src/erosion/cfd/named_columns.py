@@ -37,12 +37,15 @@ _EXAMPLES: Mapping[str, str] = {
     "mass": "kg", "mass flow": "kg/s", "rate": "1/s", "density": "kg/m^3", "length": "m", "speed": "m/s",
     "angle": "deg", "angular speed": "rad/s", "time": "s",
 }  # fmt: skip
-_WEIGHT_WORDS = r"n|np|num|nr|numbers?|counts?|particles?|parcels?|weigh\w*|gewicht\w*|anzahl|multiplicity|hits|impacts"
+_WEIGHT_WORDS = (
+    r"n|np\w*|num|nr|numbers?|counts?|particles?|parcels?|weigh\w*|wt|factor|scale|multiplicity|hits|impacts|"
+    r"gewicht\w*|anzahl"
+)
 _RATE_WORDS = r"rates?|flow\w*|flux|mflow\w*|freq\w*|mdot|strength|massenstrom"
 _COMPONENTS = [
-    ("uvw"[axis], f"v:{axis}", *(f"{word}{end}" for word in ("u", "v", "vel", "velocity")
-                                      for end in (letter, f":{letter}")),
-     *(f"{word}{end}" for word in ("u", "velocity") for end in (axis, f":{axis}")))
+    ("uvw"[axis], f"velocity {'uvw'[axis]}", f"velocity[{'ijk'[axis]}]", f"v:{axis}",
+     *(f"{word}{colon}{letter}" for word in ("u", "v", "vel", "velocity") for colon in ("", ":")),
+     *(f"{word}{colon}{axis}" for word in ("u", "velocity") for colon in ("", ":")))
     for axis, letter in enumerate("xyz")
 ]  # fmt: skip
 # Other names that codes and their post-processors give to the same columns.
@@ -65,7 +68,8 @@ _KNOWN: Mapping[str, Known] = {
     **{name: Known(("speed",), _COMPONENTS[axis]) for axis, name in enumerate(VELOCITY)},
     "angle": Known(("angle",), ANGLES, ANGLE_WORDS),
     "spin": Known(("angular speed",), (), r"spin\w*|omega|rotation\w*"),
-    **{name: Known(("length",), ("xyz"[axis], f"points:{axis}")) for axis, name in enumerate(POSITION)},
+    **{name: Known(("length",), (letter, f"points:{axis}", f"position[{letter}]"))
+       for axis, (letter, name) in enumerate(zip("xyz", POSITION, strict=True))},
     "face": Known(("1",)), "mesh_face": Known(("1",), ("facei",)),
     "time": Known(("time",), ("flow time", "time of impact")),
 }  # fmt: skip
