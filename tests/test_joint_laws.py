@@ -80,7 +80,7 @@ def test_rows_of_a_file(tmp_path):
     rows = read_rows(path, QUANTITIES, "si")
     np.testing.assert_allclose(rows.columns["alpha"], np.deg2rad([30, 20]))
     np.testing.assert_array_equal(rows.columns["v0"], [100, 200])
-    path.write_text("cell, angle\n1, 30\n")
+    path.write_text("cell, wall\n1, 30\n")
     with pytest.raises(ValueError, match="must have columns of parameters"):
         read_rows(path, QUANTITIES, "si")
     path.write_text("v0 [m/s]\n100\nnan\n")

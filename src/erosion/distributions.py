@@ -26,8 +26,9 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked
+from erosion.parameters.headings import Head, HeaderError, head_parts, matching, of_parameters, read_heads
 from erosion.parameters.scales import table_scale
-from erosion.parameters.units import Dimension, System, has_unit, read_quantity, shown
+from erosion.parameters.units import Dimension, System, ascii_unit, has_unit, read_quantity, shown, unit_name
 
 Number = float | int
 
@@ -319,32 +320,60 @@ def read_samples(path: str | Path, name: str, dimension: Dimension, system: Syst
     return Samples(read_column(path, name, dimension, system), str(path))
 
 
-def column_names(path: str | Path) -> list[str]:
-    """The names of the columns of a CSV file, without units; errors as of `read_column`."""
-    parts = [_HEAD.fullmatch(head) for head in _read_columns(path)[0] if len(head) <= _LONGEST_HEAD]
-    return [part[1] for part in parts if part is not None]
-
-
 def read_column(path: str | Path, name: str, dimension: Dimension, system: System) -> list[float]:
-    """The column of a CSV file that bears a parameter's name, with its unit if it has one: "v0 [m/s]".
+    """The column of a CSV file that is called as a parameter, with its unit if it has one: "v0 [m/s]".
 
     Raises:
         ValueError: with a clause that starts with "must", to follow the parameter's name.
     """
-    heads, rows = _read_columns(path)
-    parts = [_HEAD.fullmatch(head) if len(head) <= _LONGEST_HEAD else None for head in heads]
-    columns = [i for i, part in enumerate(parts) if part is not None and part[1] == name]
+    table = _read_columns(path)
+    heads = matching(table[0], of_parameters({name: dimension}))
+    columns = [i for i, head in enumerate(heads) if head is not None]
     if len(columns) != 1:
-        there = shown(", ".join(heads)).strip("'") or "none"
+        there = shown(", ".join(table[0])).strip("'") or "none"
         raise ValueError(f"must have one column `{name}` in {path}, whose columns are {there}")
-    part = parts[columns[0]]
-    unit = (part[2] or "") if part is not None else ""
-    values = []
-    for line, cells in rows:
-        text = f"{cells[columns[0]]} {unit}"
+    return _numbers(path, table, columns[0], heads[columns[0]], dimension, system)
+
+
+def read_columns(
+    path: str | Path, dimensions: Mapping[str, Dimension], system: System
+) -> tuple[dict[str, list[float]], tuple[str, ...]]:
+    """All columns of a CSV file that are called as parameters, by parameter, and the heads of the others.
+
+    Raises:
+        ValueError: with a clause that starts with "must", for a column that may be a parameter, too.
+    """
+    table = _read_columns(path)
+    try:
+        heads, unused = read_heads(table[0], of_parameters(dimensions), leave_out="remove it from the file")
+    except HeaderError as error:
+        at = "" if error.index is None else f"{table[0][error.index].strip()!r} "
+        raise ValueError(f"must have columns that are understood, but in {path} {at}{error}") from error
+    columns = {
+        head.name: _numbers(path, table, i, head, dimensions[head.name], system)
+        for i, head in enumerate(heads)
+        if head is not None
+    }
+    return columns, unused
+
+
+_Table = tuple[list[str], list[tuple[int, list[str]]]]
+
+
+def _numbers(
+    path: str | Path, table: _Table, index: int, head: Head | None, dimension: Dimension, system: System
+) -> list[float]:
+    """A column in the units of `system`; one of another name than its parameter's must have a unit."""
+    assert head is not None
+    name, values = head.name, []
+    for line, cells in table[1]:
+        text = f"{cells[index]} {head.unit}"
         try:
-            if dimension == "angle" and not has_unit(text):
-                raise ValueError(f"must have a unit in the header, such as `{name} [deg]`")
+            if (dimension == "angle" or (head.alias and dimension != "1")) and not has_unit(text):
+                such_as = "deg" if dimension == "angle" else ascii_unit(unit_name(dimension, system))
+                raise ValueError(
+                    f"must have a unit in the header, such as `{head_parts(table[0][index])[0]} [{such_as}]`"
+                )
             values.append(read_quantity(text, dimension, system))
         except ValueError as error:
             raise ValueError(
@@ -355,11 +384,7 @@ def read_column(path: str | Path, name: str, dimension: Dimension, system: Syste
     return values
 
 
-_HEAD = re.compile(r"\s*([\w.]+)\s*(?:\[(.*)\])?\s*")
-_LONGEST_HEAD = 300  # characters; the pattern's time grows with their square
-
-
-def _read_columns(path: str | Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def _read_columns(path: str | Path) -> _Table:
     """The header of a CSV file, and the cells of each row with the number of its line; every row is as long."""
     if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):  # a pipe waits for its writer
         raise ValueError(f"must name a CSV file, but {str(path)!r} is no file")

@@ -20,8 +20,9 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked
-from erosion.distributions import Distribution, Samples, column_names, read_column
+from erosion.distributions import Distribution, Samples, read_columns
 from erosion.files import digest
+from erosion.parameters.headings import unused_note
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import Dimension, System
 
@@ -121,6 +122,7 @@ class Rows(JointLaw):
             impacts, or draws of a posterior (`Posterior.rows_of_draws`).
         source: words for the table.
         units: the unit system of the values; a case in another one refuses them. Without it they are the case's.
+        unused: the heads of other columns of the table.
 
     Raises:
         ValueError: for columns that differ in length, or values that are not finite.
@@ -129,6 +131,7 @@ class Rows(JointLaw):
     columns: Mapping[str, Any]
     source: str = "a table"
     units: System | None = None
+    unused: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         columns = {}
@@ -283,6 +286,13 @@ def _numbers_of(thing: Any) -> Iterator[bytes]:
             yield from _numbers_of(getattr(thing, field.name, None))
 
 
+def unused_columns(laws: Mapping[str, Any]) -> list[str]:
+    """Sentences on columns of tables that are not used."""
+    joints = [law.joint for law in laws.values() if isinstance(law, Member)]
+    tables = {rows.source: rows.unused for rows in joints if isinstance(rows, Rows) and rows.unused}
+    return [f"{source}: {unused_note(unused)}." for source, unused in tables.items()]
+
+
 def require_units(laws: Mapping[str, Any], units: System) -> None:
     """Refuse rows in other units than those of the case that takes them.
 
@@ -389,11 +399,11 @@ def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: Syst
     Raises:
         ValueError: with a clause that starts with "must".
     """
-    names = [name for name in column_names(path) if name in quantities]
-    if not names:
+    dimensions: dict[str, Dimension] = {name: quantity.dimension for name, quantity in quantities.items()}
+    columns, unused = read_columns(path, dimensions, system)
+    if not columns:
         raise ValueError(f"must have columns of parameters in {path}, such as `alpha [deg]`, but has none")
-    columns = {name: read_column(path, name, quantities[name].dimension, system) for name in names}
     for name, values in columns.items():
         if not np.isfinite(values).all():
             raise ValueError(f"must have a finite number in each row of column `{name}` in {path}")
-    return Rows(columns, str(path))
+    return Rows(columns, str(path), unused=unused)

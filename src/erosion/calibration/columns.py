@@ -4,7 +4,23 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from erosion.parameters.units import Dimension, System, UnitError, header_parts, read_quantity
+from erosion.parameters.headings import (
+    ANGLE_WORDS,
+    ANGLES,
+    MASS_WORDS,
+    MASSES,
+    NO_UNIT,
+    SIZE_WORDS,
+    SPEED_WORDS,
+    SPEEDS,
+    Head,
+    HeaderError,
+    Known,
+    factor,
+    matching,
+    read_heads,
+)
+from erosion.parameters.units import Dimension, System, UnitError
 
 REMOVALS: Mapping[str, Sequence[Dimension]] = {
     "volume": ("volume", "volume per mass"),
@@ -13,15 +29,39 @@ REMOVALS: Mapping[str, Sequence[Dimension]] = {
 }
 """The columns that may hold the erosion, with their dimensions; `erosion [-]` has units of its own."""
 
-_OTHERS: Mapping[str, Sequence[Dimension]] = {"angle": ("angle",), "speed": ("speed",), "mass": ("mass",)}
-
-COLUMNS = ("angle", *REMOVALS, "uncertainty", "speed", "mass")
+_LOSS_WORDS = r"vol\w*|loss\w*|lost|wear\w*|erosion\w*|eroded|remov\w*|ratio|rate|depth|abtrag|verlust|verschlei\w*"
+_KNOWN: Mapping[str, Known] = {
+    "angle": Known(("angle",), ANGLES, ANGLE_WORDS),
+    "volume": Known(
+        REMOVALS["volume"],
+        ("volume loss", "wear volume", "eroded volume", "removed volume", "volume removed"),
+        _LOSS_WORDS,
+    ),
+    "mass_loss": Known(
+        REMOVALS["mass_loss"],
+        ("mass loss", "weight loss", "eroded mass", "removed mass", "mass removed", "mass loss of target"),
+        _LOSS_WORDS,
+    ),
+    "erosion": Known(
+        REMOVALS["erosion"],
+        ("erosion rate", "erosion ratio", "specific erosion", "erosion loss", "wear", "wear rate"),
+        _LOSS_WORDS,
+    ),
+    "uncertainty": Known(
+        REMOVALS["erosion"],
+        ("standard deviation", "standard uncertainty", "std", "stdev", "std dev", "sd"),
+        r"uncert\w*|std\w*|stdev|deviation|errors?|err|scatter|unsicherheit|streuung",
+    ),
+    "speed": Known(("speed",), (*SPEEDS, "v"), f"{SPEED_WORDS}|rpm"),
+    "mass": Known(("mass",), (*MASSES, "erodent mass", "mass of erodent", "grain mass"), f"{MASS_WORDS}|{SIZE_WORDS}"),
+}
+_ALSO: Sequence[Dimension] = ("length", "density", "angular speed")
+"""Conditions of a row that are the case's: sizes, densities, spins."""
 
 _EXAMPLES = {
     "angle": "angle [deg]", "volume": "volume [mm^3]", "mass_loss": "mass_loss [mg/g]", "erosion": "erosion [-]",
     "speed": "speed [m/s]", "mass": "mass [mg]",
 }  # fmt: skip
-_NO_UNIT = ("", "-", "–", "1")
 _INCH_POUND = {
     "in", "inch", "inches", "mil", "mils", "thou", "ft", "foot", "feet", "mph", "mile", "miles", "lb", "lbs", "lbm",
     "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
@@ -36,63 +76,72 @@ class Column(NamedTuple):
     factor: float
 
 
-class HeaderError(ValueError):
-    """A header that cannot be used.
-
-    Args:
-        index: the column, from 0; None where one is missing.
-        message: a clause that follows the column's place.
-    """
-
-    def __init__(self, index: int | None, message: str):
-        super().__init__(message)
-        self.index = index
-
-
 def system_of_unit(unit: str) -> System | None:
     """The unit system that a heading's unit belongs to, of which one word says that it is inch-pound; None for none."""
-    if unit in _NO_UNIT:
+    if unit in NO_UNIT:
         return None
     return "inch-pound" if _INCH_POUND & {*re.findall(r"[^\W\d_]+", unit)} else "si"
 
 
-def read_header(cells: Sequence[str], units: System) -> list[Column | None]:
-    """The columns of a header; None for a column of another name, which is not used.
+class Header(NamedTuple):
+    """The columns of a table.
+
+    Args:
+        columns: in their order; None for one that is not used.
+        unused: the heads of those, without those that were to be ignored.
+    """
+
+    columns: Sequence[Column | None]
+    unused: tuple[str, ...]
+
+
+def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ()) -> Header:
+    """The columns of a header.
 
     Args:
         cells: "angle [deg]", "volume [in^3]", …
         units: the unit system to convert to.
+        ignore: columns that are left out, by their names.
 
     Raises:
-        HeaderError: for a repeated or missing column, or a unit that does not fit.
+        HeaderError: for a repeated or missing column, one that is not understood, or a unit that does not fit.
     """
-    names, given = zip(*map(header_parts, cells), strict=True) if cells else ((), ())
-    for i, name in enumerate(names):
-        if name in COLUMNS and name in names[:i]:
-            raise HeaderError(i, f"repeats the column `{name}`")
+    heads, unused = read_heads(cells, _KNOWN, ignore=ignore, also=_ALSO)
+    names = [head.name for head in heads if head is not None]
     removals = [name for name in names if name in REMOVALS]
     if "angle" not in names:
         raise HeaderError(None, "has no column `angle [deg]`")
     if len(removals) != 1:
         present = f"has {' and '.join(removals)}" if removals else "has none"
-        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}")
-    at = names.index(removals[0])
-    removal = _column(at, names[at], given[at], REMOVALS[names[at]], units)
+        remedy = "; name the others in `ignore`" if removals else ""
+        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
+    at = next(i for i, head in enumerate(heads) if head is not None and head.name == removals[0])
+    removal = _column(at, heads[at], REMOVALS[removals[0]], units)
     columns: list[Column | None] = []
-    for i, (name, unit) in enumerate(zip(names, given, strict=True)):
-        if i == at:
-            columns.append(removal)
-        elif name not in COLUMNS:
-            columns.append(None)
-        elif name == "uncertainty":
-            columns.append(_column(i, name, unit, (removal.dimension,), units))
+    for i, head in enumerate(heads):
+        if head is None or i == at:
+            columns.append(None if head is None else removal)
         else:
-            columns.append(_column(i, name, unit, _OTHERS[name], units))
-    return columns
+            expected = (removal.dimension,) if head.name == "uncertainty" else _KNOWN[head.name].dimensions
+            columns.append(_column(i, head, expected, units))
+    return Header(columns, unused)
 
 
-def _column(index: int, name: str, unit: str, dimensions: Sequence[Dimension], units: System) -> Column:
-    if unit in _NO_UNIT:
+def units_of_header(cells: Sequence[str], names: Sequence[str], ignore: Sequence[str] = ()) -> list[str]:
+    """The units of some columns, in the order of `names`."""
+    heads = [head for head in matching(cells, _KNOWN, ignore=ignore) if head is not None]
+    return [head.unit for name in names for head in heads if head.name == name]
+
+
+def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> Column:
+    assert head is not None
+    name, unit = head.name, head.unit
+    if name in REMOVALS and unit in ("%", "percent"):
+        raise HeaderError(index, "must not be a percentage, which may be one of the target's mass; write [mg/g]")
+    if unit in NO_UNIT:
+        if name == "erosion" and head.alias:
+            message = "must carry its unit in brackets, as [mg/g]; `erosion [-]` is known up to a factor"
+            raise HeaderError(index, message)
         if name == "erosion" or tuple(dimensions) == ("1",):
             return Column(name, "1", 1.0)
         if "mass per mass" in dimensions and unit:
@@ -103,7 +152,7 @@ def _column(index: int, name: str, unit: str, dimensions: Sequence[Dimension], u
     for dimension in dimensions:
         try:
             # "volume [1e-4 in^3]" has a number of its own.
-            return Column(name, dimension, read_quantity(unit if unit[0].isdigit() else f"1 {unit}", dimension, units))
+            return Column(name, dimension, factor(unit, dimension, units))
         except UnitError as error:
             errors.append(str(error))
     if len(dimensions) == 1:

@@ -4,7 +4,8 @@
     20,          1.8e-4,        2e-6
 
 Cells are separated by commas, or by semicolons or tabs, and then a comma in a number is a
-decimal comma. Lines that start with # are comments. Columns of other names may stand there and are not used.
+decimal comma. Lines that start with # are comments. Columns of other names are not used, unless they may be one of
+those that are: such a table is refused.
 """
 
 import array
@@ -20,16 +21,19 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import check_unmasked
-from erosion.calibration.columns import REMOVALS, Column, HeaderError, read_header, system_of_unit
+from erosion.calibration.columns import REMOVALS, Header, read_header, system_of_unit, units_of_header
 from erosion.files import readable
+from erosion.parameters.headings import HeaderError
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import Dimension, System, ascii_unit, check_system, header_parts, unit_name
+from erosion.parameters.units import Dimension, System, ascii_unit, check_system, conversion_factor, unit_name
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
     "mass per mass": "erosion_ratio", "1": "relative_erosion",
 }  # fmt: skip
+
+_HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
 _SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
 
@@ -109,7 +113,7 @@ class Measurements:
         return dataclasses.replace(self, **{name: values[rows] for name, values in arrays.items()})
 
 
-def read_measurements(data: Any, units: str) -> Measurements:
+def read_measurements(data: Any, units: str, *, ignore: Sequence[str] = ()) -> Measurements:
     """Measured erosion from a CSV file, or from columns in memory.
 
     Args:
@@ -118,8 +122,9 @@ def read_measurements(data: Any, units: str) -> Measurements:
             `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
             Each carries its unit; volume and mass loss may be per impact ([mm^3], [mg]) or
             per mass of erodent ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
-            Columns of other names are not read; `unused` of the result names them.
+            A column of another name that may be one of these is refused; `unused` of the result names all others.
         units: the unit system to convert to.
+        ignore: columns that are left out, by their names: ("v_gas",).
 
     Raises:
         MeasurementError: one sentence with the file, the line and the column.
@@ -130,38 +135,37 @@ def read_measurements(data: Any, units: str) -> Measurements:
             raise MeasurementError(f"Argument `data` must be in {system} units, as the case is, but is {data.units}.")
         return data
     if isinstance(data, (str, Path)):
-        return _read_file(Path(data), system)
+        return _read_file(Path(data), system, ignore)
     if hasattr(data, "keys") and hasattr(data, "__getitem__"):
-        return _read_columns({str(key): data[key] for key in data.keys()}, system)  # noqa: SIM118 (tables iterate rows)
+        return _read_columns({str(key): data[key] for key in data.keys()}, system, ignore)  # noqa: SIM118 (tables iterate rows)
     raise MeasurementError(
         f"Argument `data` must be the path of a CSV file or columns by name, but is {type(data).__name__}."
     )
 
 
-def unit_system(path: Path) -> System | None:
+def unit_system(path: Path, ignore: Sequence[str] = ()) -> System | None:
     """The unit system of a CSV file: that of its erosion's unit, or, where that has none, of its speed's or mass's.
 
     None where no heading has a unit, and for what is no file, as a pipe is, or no table: reading it says what is wrong.
     """
     if not path.is_file():
         return None
-    with contextlib.suppress(MeasurementError), readable(path, MeasurementError):
+    with contextlib.suppress(MeasurementError, HeaderError), readable(path, MeasurementError):
         with path.open(encoding="utf-8-sig", newline="") as file:
             cells = next(_lines(file, path)[0])[1]
-        given = dict(map(header_parts, cells))
-        units = (given.get(name, "") for name in (*REMOVALS, "speed", "mass"))
+        units = units_of_header(cells, (*REMOVALS, "speed", "mass"), ignore)
         known: list[System] = [system for unit in units if (system := system_of_unit(unit)) is not None]
         return known[0] if known else None
     return None
 
 
-def _read_columns(table: dict[str, Any], system: System) -> Measurements:
+def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) -> Measurements:
     where = "Argument `data`"
     for name, values in table.items():
         check_unmasked(name, values)
     try:
-        header = read_header(list(table), system)
-        used = [values for values, column in zip(table.values(), header, strict=True) if column is not None]
+        header = read_header(list(table), system, ignore)
+        used = [values for values, column in zip(table.values(), header.columns, strict=True) if column is not None]
         columns = [np.atleast_1d(np.asarray(values, float)) for values in used]
     except HeaderError as error:
         at = "" if error.index is None else f": column {list(table)[error.index]!r}"
@@ -177,23 +181,23 @@ def _read_columns(table: dict[str, Any], system: System) -> Measurements:
 
     if not columns[0].size:
         raise MeasurementError(f"{where} has no rows.")
-    return _checked(header, columns, place, system, ("data", list(table)))
+    return _checked(header, columns, place, system, "data")
 
 
-def _read_file(path: Path, system: System) -> Measurements:
+def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurements:
     with readable(path, MeasurementError), path.open(encoding="utf-8-sig", newline="") as file:
-        return _read_text(file, path, system)
+        return _read_text(file, path, system, ignore)
 
 
-def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
+def _read_text(file: Iterable[str], path: Path, system: System, ignore: Sequence[str]) -> Measurements:
     rows, delimiter = _lines(file, path)
     line, cells = next(rows)
     try:
-        header = read_header(cells, system)
+        header = read_header(cells, system, ignore)
     except HeaderError as error:
-        at = "the header" if error.index is None else f"column {error.index + 1}:"
+        at = "the header" if error.index is None else f"column {error.index + 1} ({cells[error.index].strip()}):"
         raise MeasurementError(f"{path}, line {line}, {at} {error}.") from error
-    used = [i for i, column in enumerate(header) if column is not None]
+    used = [i for i, column in enumerate(header.columns) if column is not None]
     numbers, lines = _numbers(rows, cells, used, delimiter, path)
     if not lines:
         raise MeasurementError(f"{path}: has a header, but no rows of data.")
@@ -201,7 +205,7 @@ def _read_text(file: Iterable[str], path: Path, system: System) -> Measurements:
     def place(row: int, column: int) -> str:
         return _place(path, lines[row], column, cells)
 
-    return _checked(header, [np.frombuffer(column) for column in numbers], place, system, (path.name, cells))
+    return _checked(header, [np.frombuffer(column) for column in numbers], place, system, path.name)
 
 
 def _lines(file: Iterable[str], path: Path) -> tuple[Iterator[tuple[int, list[str]]], str]:
@@ -264,15 +268,15 @@ def _place(path: Path, line: int, column: int, header: Sequence[str]) -> str:
 
 
 def _checked(
-    header: Sequence[Column | None],
+    header: Header,
     numbers_of: Sequence[np.ndarray],
     place: Callable[[int, int], str],
     system: System,
-    origin: tuple[str, Sequence[str]],
+    source: str,
 ) -> Measurements:
-    """The used columns in consistent units, every number in its range; `origin` is the source and its headings."""
+    """The used columns in consistent units, every number in its range."""
     arrays: dict[str, np.ndarray] = {}
-    used = [(index, column) for index, column in enumerate(header) if column is not None]
+    used = [(index, column) for index, column in enumerate(header.columns) if column is not None]
     removal = next(column for _, column in used if column.name in REMOVALS)
     for (index, column), numbers in zip(used, numbers_of, strict=True):
         values = numbers * column.factor
@@ -280,6 +284,9 @@ def _checked(
         must = "must be a finite number"
         if column.name == "angle":
             good, must = are_angles(values), "must be above 0° and at most 90°"
+        elif column.name == "mass":
+            greatest = _HEAVIEST * conversion_factor("mass", "si", system)
+            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one erodent, at most 20 g"
         elif column is not removal:
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):
@@ -294,6 +301,6 @@ def _checked(
         speed=arrays.get("speed"),
         mass=arrays.get("mass"),
         units=system,
-        source=origin[0],
-        unused=tuple(name.strip() for name, column in zip(origin[1], header, strict=True) if column is None),
+        source=source,
+        unused=header.unused,
     )

@@ -10,13 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
-from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, blocks, require_columns
+from erosion.cfd.rows import POSITION, VELOCITY, WEIGHTS, blocks, require_columns, weigh
 from erosion.cfd.text import batches, head, header_names
 
 SUFFIXES = (".dpm",)
 _COLUMNS = {
     **dict(zip("xyz", POSITION, strict=True)), **dict(zip("uvw", VELOCITY, strict=True)), "diameter": "diameter",
-    "mass": "mass", "n-in-parcel": "count", "parcel-mass": "parcel_mass", "flow-time": "time",
+    "mass": "mass", "n-in-parcel": "count", "parcel-mass": "parcel_mass", "mass-flow": "mass_flow",
+    "frequency": "frequency", "flow-time": "time",
 }  # fmt: skip
 
 
@@ -33,7 +34,6 @@ class FluentImpacts(Impacts):
     columns: dict[str, str]
     title: str
     duration: float | None
-    is_steady: bool
     rows: int | None = None
     mesh_faces: bool = False
     notes: tuple[str, ...] = ()
@@ -47,9 +47,7 @@ class FluentImpacts(Impacts):
         first = 0
         for batch in batches(self.path, self.skipped, self.names, list(self.columns.values())):
             columns = {ours: batch[name] for ours, name in self.columns.items()}
-            if self.is_steady:
-                columns["parcel_mass"] = columns["parcel_mass"] * (self.duration or 1.0)
-            yield from blocks(str(self.path), first, columns, rows)
+            yield from blocks(str(self.path), first, columns, rows, duration=self.duration)
             first += len(columns["diameter"])
 
 
@@ -67,16 +65,9 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Fl
         raise ImpactsError(f"{path}: has no header of Fluent, a line such as (x y z u v w diameter t … name).")
     names = header_names(path, lines[numbers[0]])
     columns = {ours: name for name, ours in _COLUMNS.items() if name in names}
-    is_steady = "mass-flow" in names and not {"count", "parcel_mass"} & columns.keys()
-    notes = []
-    if is_steady:
-        columns["parcel_mass"] = "mass-flow"
-        if duration is None:
-            duration = 1.0
-            notes.append(
-                f"{path.name} is of a steady run, so its rows are what hits in 1 s; `duration` sets another time."
-            )
-    elif not {"count", "parcel_mass"} & columns.keys():
-        notes.append(f"{path.name} {NO_WEIGHT}.")
+    # Fluent gives the weight in several ways, which agree.
+    for weight in [weight for weight in WEIGHTS if weight in columns][1:]:
+        del columns[weight]
+    duration, notes = weigh(str(path), columns.keys() - {"time"}, duration)
     require_columns(str(path), columns)
-    return FluentImpacts(path, names, numbers[0] + 1, columns, str(path), duration, is_steady, notes=tuple(notes))
+    return FluentImpacts(path, names, numbers[0] + 1, columns, str(path), duration, notes=notes)

@@ -10,33 +10,68 @@ from typing import Any
 import numpy as np
 
 from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
-from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, blocks, require_columns
+from erosion.cfd.rows import POSITION, VELOCITY, blocks, require_columns, weigh
 from erosion.cfd.text import beginning, open_table
 from erosion.extras import library
-from erosion.parameters.units import Dimension, about, header_parts, read_quantity
+from erosion.parameters.headings import (
+    ANGLE_WORDS,
+    ANGLES,
+    MASS_WORDS,
+    MASSES,
+    NO_UNIT,
+    SIZE_WORDS,
+    SPEED_WORDS,
+    SPEEDS,
+    HeaderError,
+    Known,
+    factor,
+    matching,
+    read_heads,
+    unused_note,
+)
+from erosion.parameters.units import about
 
 SUFFIXES = (".csv", ".parquet")
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
-_DIMENSIONS: Mapping[str, Dimension] = {
-    "count": "1", "parcel_mass": "mass", "mass": "mass", "density": "density", "diameter": "length",
-    **dict.fromkeys(VELOCITY, "speed"), "speed": "speed", "angle": "angle", "spin": "angular speed",
-    **dict.fromkeys(POSITION, "length"), "face": "1", "mesh_face": "1", "time": "time",
-}  # fmt: skip
 _EXAMPLES: Mapping[str, str] = {
-    "mass": "kg", "density": "kg/m^3", "length": "m", "speed": "m/s", "angle": "deg", "angular speed": "rad/s",
-    "time": "s",
+    "mass": "kg", "mass flow": "kg/s", "rate": "1/s", "density": "kg/m^3", "length": "m", "speed": "m/s",
+    "angle": "deg", "angular speed": "rad/s", "time": "s",
 }  # fmt: skip
+_WEIGHT_WORDS = (
+    r"n|np\w*|num|nr|numbers?|counts?|particles?|parcels?|weigh\w*|wt|factor|scale|multiplicity|hits|impacts|"
+    r"gewicht\w*|anzahl"
+)
+_RATE_WORDS = r"rates?|flow\w*|flux|mflow\w*|freq\w*|mdot|strength|massenstrom"
+_COMPONENTS = [
+    ("uvw"[axis], f"velocity {'uvw'[axis]}", f"velocity[{'ijk'[axis]}]", f"v:{axis}",
+     *(f"{word}{colon}{letter}" for word in ("u", "v", "vel", "velocity") for colon in ("", ":")),
+     *(f"{word}{colon}{axis}" for word in ("u", "velocity") for colon in ("", ":")))
+    for axis, letter in enumerate("xyz")
+]  # fmt: skip
 # Other names that codes and their post-processors give to the same columns.
-_ALIASES: Mapping[str, str] = {
-    "nparticle": "count", "number": "count", "weight": "count", "n_in_parcel": "count", "d": "diameter",
-    "rho": "density", "alpha": "angle", "v0": "speed", "x": POSITION[0], "y": POSITION[1], "z": POSITION[2],
-    "u": VELOCITY[0], "v": VELOCITY[1], "w": VELOCITY[2],
-    "facei": "mesh_face",
-    **{f"u{separator}{axis}": name for separator in ("", "_", ":") for number, name in enumerate(VELOCITY)
-       for axis in ("xyz"[number], str(number))},
-    **{f"{word}{axis}": VELOCITY[number] for word in ("v", "v_", "vel_") for number, axis in enumerate("xyz")},
-    **{f"velocity{separator}{number}": name for separator in ":_" for number, name in enumerate(VELOCITY)},
-    **{f"points:{number}": name for number, name in enumerate(POSITION)},
+_KNOWN: Mapping[str, Known] = {
+    "count": Known(
+        ("1",),
+        ("nparticle", "nparticles", "n particles", "number", "number of particles", "num particles", "particle count",
+         "particles per parcel", "particles in parcel", "number in parcel", "n in parcel", "weight"),
+        _WEIGHT_WORDS,
+    ),
+    "parcel_mass": Known(("mass",), ("mass of parcel", "mass per parcel", "mass in parcel"), MASS_WORDS),
+    "mass_flow": Known(
+        ("mass flow",), ("mass flow rate", "particle mass flow rate", "parcel mass flow rate", "mdot"), _RATE_WORDS
+    ),
+    "frequency": Known(("rate",), ("particle frequency", "particle rate", "number flow rate"), _RATE_WORDS),
+    "mass": Known(("mass",), MASSES, MASS_WORDS),
+    "density": Known(("density",), ("rho", "particle density", "rho p"), r"dens\w*|rho\w?|dichte"),
+    "diameter": Known(("length",), ("d", "d p", "particle diameter", "diameter of particle"), SIZE_WORDS),
+    "speed": Known(("speed",), SPEEDS, SPEED_WORDS),
+    **{name: Known(("speed",), _COMPONENTS[axis]) for axis, name in enumerate(VELOCITY)},
+    "angle": Known(("angle",), ANGLES, ANGLE_WORDS),
+    "spin": Known(("angular speed",), (), r"spin\w*|omega|rotation\w*"),
+    **{name: Known(("length",), (letter, f"points:{axis}", f"position[{letter}]"))
+       for axis, (letter, name) in enumerate(zip("xyz", POSITION, strict=True))},
+    "face": Known(("1",)), "mesh_face": Known(("1",), ("facei",)),
+    "time": Known(("time",), ("flow time", "time of impact")),
 }  # fmt: skip
 
 
@@ -65,14 +100,14 @@ class NamedImpacts(Impacts):
 
     def identity(self) -> str:
         """See `Impacts`."""
-        return digest_of([self.path], f"{self.density} {self.duration}")
+        return digest_of([self.path], f"{self.density} {self.duration} {self.columns}")
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`."""
         first = 0
         for batch in self._batches():
             columns = {name: self._numbers(batch, name, first) for name in self.columns}
-            yield from blocks(self.title, first, columns, rows, self.density)
+            yield from blocks(self.title, first, columns, rows, self.density, self.duration)
             first += batch.num_rows
         if not first:
             raise ImpactsError(f"{self.path}: has no rows.")
@@ -93,8 +128,8 @@ class NamedImpacts(Impacts):
             yield from _csv_batches(self.path, wanted)
 
 
-def open_named(path: Path, density: float | None, duration: float | None) -> NamedImpacts:
-    """A CSV or Parquet file.
+def open_named(path: Path, density: float | None, duration: float | None, ignore: Sequence[str] = ()) -> NamedImpacts:
+    """A CSV or Parquet file, without the columns that `ignore` names.
 
     Raises:
         ImpactsError: for a file that cannot be read, and columns or units that cannot be used.
@@ -103,12 +138,12 @@ def open_named(path: Path, density: float | None, duration: float | None) -> Nam
         heads, units, rows = _parquet_head(path)
     else:
         heads, units, rows = _csv_head(path), {}, None
-    columns = _columns(path, heads, units)
+    columns, unused = _columns(path, heads, units, ignore)
     require_columns(str(path), columns, has_density=density is not None)
     if rows == 0:
         raise ImpactsError(f"{path}: has no rows.")
-    weighted = "count" in columns or "parcel_mass" in columns
-    notes = () if weighted else (f"{path.name} {NO_WEIGHT}.",)
+    duration, notes = weigh(str(path), columns, duration)
+    notes += (f"{path.name}: {unused_note(unused)}.",) if unused else ()
     return NamedImpacts(path, columns, str(path), rows, density, duration, notes)
 
 
@@ -117,25 +152,43 @@ def is_named(path: Path) -> bool:
     return path.suffix in SUFFIXES or path.name.endswith(".csv.gz")
 
 
-def _columns(path: Path, heads: Sequence[str], units: Mapping[str, str]) -> dict[str, Column]:
-    columns: dict[str, Column] = {}
-    for head in heads:
-        name, unit = header_parts(head)
-        name, unit = _ALIASES.get(name, name), unit or units.get(head, "")
-        if name not in _DIMENSIONS:
-            continue
-        if name in columns:
-            raise ImpactsError(f"{path}: the columns {columns[name].name!r} and {head!r} both give the {name}.")
-        columns[name] = Column(head, _factor(path, head, name, unit))
+def _columns(
+    path: Path, heads: Sequence[str], units: Mapping[str, str], ignore: Sequence[str]
+) -> tuple[dict[str, Column], tuple[str, ...]]:
+    """The columns that are used, by name, and the heads of those that are left out."""
+    try:
+        table = read_heads(heads, _known(heads), ignore=ignore, units=units, also=("mass flux",))
+    except HeaderError as error:
+        at = "" if error.index is None else f" column {heads[error.index]!r}"
+        raise ImpactsError(f"{path}:{at} {error}.") from error
+    columns = {
+        column.name: Column(head, _factor(path, head, column.name, column.unit))
+        for head, column in zip(heads, table.columns, strict=True)
+        if column is not None
+    }
     if {"face", "mesh_face"} <= columns.keys():
         raise ImpactsError(f"{path}: has both columns `face` and `mesh_face`; keep one.")
-    return columns
+    # The velocity and the surface give both better.
+    doubled = [columns.pop(name).name for name in ("speed", "angle") if {name, VELOCITY[0]} <= columns.keys()]
+    return columns, (*table.unused, *doubled)
+
+
+def _known(heads: Sequence[str]) -> Mapping[str, Known]:
+    """What is known, where "v" is the speed unless it stands beside u or w."""
+    if any(matching(heads, {"u": Known(("speed",)), "w": Known(("speed",))})):
+        return _KNOWN
+    second = _KNOWN[VELOCITY[1]]
+    return {
+        **_KNOWN,
+        VELOCITY[1]: second._replace(names=[name for name in second.names if name != "v"]),
+        "speed": _KNOWN["speed"]._replace(names=(*SPEEDS, "v")),
+    }
 
 
 def _factor(path: Path, head: str, name: str, unit: str) -> float:
-    dimension = _DIMENSIONS[name]
+    (dimension,) = _KNOWN[name].dimensions
     if dimension == "1":
-        if unit in ("", "-", "–", "1"):
+        if unit in NO_UNIT:
             return 1.0
         raise ImpactsError(f"{path}: column {head!r} must be a pure number, but has the unit {unit!r}.")
     if not unit:
@@ -143,7 +196,7 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
             f"{path}: column {head!r} must carry its unit in brackets, as `{head.strip()} [{_EXAMPLES[dimension]}]`."
         )
     with about(f"{path}: the unit of column {head!r}", ImpactsError):
-        return read_quantity(unit if unit[0].isdigit() else f"1 {unit}", dimension, "si")
+        return factor(unit, dimension, "si")
 
 
 def _csv_head(path: Path) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from erosion.cfd.impacts import ImpactBlock, Impacts, ImpactsError, digest_of
 from erosion.cfd.openfoam_mesh import Mesh, case_of, dictionary, open_case
-from erosion.cfd.rows import NO_WEIGHT, POSITION, VELOCITY, blocks, require_columns
+from erosion.cfd.rows import POSITION, VELOCITY, blocks, require_columns, weigh
 from erosion.cfd.text import batches, head, header_names
 
 SUFFIXES = (".post", ".dat")
@@ -186,7 +186,7 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         if table.names != first.names:
             raise ImpactsError(f"{table.path}: has other columns than {first.path}; read them one by one.")
     _require_usable(first, density)
-    notes = () if "count" in first.columns else (f"{first.path.name} {NO_WEIGHT}.",)
+    _, notes = weigh(str(first.path), first.columns, duration)
     if duration is None and mesh is not None and (start := _start(mesh.case)) is not None:
         windows = [float(table.window) for table in tables if table.window]
         duration = max(windows) - start if windows and max(windows) > start else None

@@ -23,6 +23,7 @@ def read_impacts(
     *,
     density: float | int | str | None = None,
     duration: float | int | None = None,
+    ignore: Sequence[str] = (),
 ) -> Impacts:
     """Open a table of impacts of a CFD run.
 
@@ -39,9 +40,10 @@ def read_impacts(
       folder of a function object with all its windows of time, or a case that has one. Columns are found by the header.
     - `.dpm`: a sample of Fluent. Of a steady run the rows are what hits within `duration`.
     - `.csv`, `.parquet`: columns `diameter [um]`; `mass [ug]` or `density [kg/m^3]`; `velocity_x [m/s]`, `velocity_y`,
-      `velocity_z`, or `speed [m/s]` and `angle [deg]`; at will `count` or `parcel_mass [kg]`, `position_x [m]`, …,
-      `face` (of the surface) or `mesh_face` (of the mesh), from 0, `spin [rad/s]`, `time [s]`. A Parquet file may hold
-      units in its columns' metadata (`units`).
+      `velocity_z`, or `speed [m/s]` and `angle [deg]`; at will one of `count`, `parcel_mass [kg]`, and of a steady run
+      `mass_flow [kg/s]`, `frequency [1/s]`; `position_x [m]`, …, `face` (of the surface) or `mesh_face` (of the mesh),
+      from 0, `spin [rad/s]`, `time [s]`. A Parquet file may hold units in its columns' metadata (`units`). A column
+      that may be one of these, but is not understood, is refused; `notes` of the result names those that are left out.
 
     A table without weights counts each row as one particle; `notes` of the result says so.
 
@@ -50,6 +52,7 @@ def read_impacts(
         case: the OpenFOAM case whose mesh the faces belong to; by default the one in which `source` lies.
         density: of the particles, where no column gives it: a number [kg/m³], or "2.65 g/cm^3".
         duration: time that the table covers [s], where it does not say it or says it wrongly.
+        ignore: columns of a CSV or Parquet file that are left out, by their names: ("frequency",).
 
     Returns:
         The table; `blocks` of it reads the rows.
@@ -63,10 +66,12 @@ def read_impacts(
     if duration is not None and not (np.isfinite(duration) and duration > 0):
         raise ImpactsError(f"Argument `duration` must be positive and finite, but is {duration!r}.")
     seconds = None if duration is None else float(duration)
+    if ignore and not named_columns.is_named(path):
+        raise ImpactsError(f"{path}: is no table with named columns (.csv, .parquet), so `ignore` must be left out.")
     if path.is_dir() or openfoam_impacts.is_table(path):
         return openfoam_impacts.open_openfoam(path, case, kilograms, seconds)
     if named_columns.is_named(path):
-        return named_columns.open_named(path, kilograms, seconds)
+        return named_columns.open_named(path, kilograms, seconds, ignore)
     if path.name.removesuffix(".gz").endswith(fluent.SUFFIXES):
         return fluent.open_fluent(path, kilograms, seconds)
     raise ImpactsError(f"{path}: is no table of impacts; its name must end in {_IMPACTS}.")

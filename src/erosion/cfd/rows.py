@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -13,10 +14,13 @@ Columns = Mapping[str, np.ndarray]
 VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
 POSITION = ("position_x", "position_y", "position_z")
 NAMES = (
-    "count", "parcel_mass", "mass", "density", "diameter", *VELOCITY, "speed", "angle", "spin", *POSITION,
-    "face", "mesh_face", "processor", "time",
+    *(WEIGHTS := ("count", "parcel_mass", "mass_flow", "frequency")), "mass", "density", "diameter", *VELOCITY, "speed",
+    "angle", "spin", *POSITION, "face", "mesh_face", "processor", "time",
 )  # fmt: skip
 """Columns that a table may have. `parcel_mass` is of all particles of a row, `mass` of one of them."""
+
+_RATES = {"mass_flow": "parcel_mass", "frequency": "count"}
+"""Weights of a steady run, whose rows are streams: the mass and the number of particles that hit in 1 s."""
 
 GREATEST = 1e20
 """Of a number in SI units, so that no product of a map overflows."""
@@ -51,7 +55,45 @@ def require_columns(source: str, names: Collection[str], *, has_density: bool = 
         )
 
 
-def blocks(source: str, first: int, columns: Columns, rows: int, density: float | None = None) -> Iterator[ImpactBlock]:
+def weigh(source: str, names: Collection[str], duration: float | None) -> tuple[float | None, tuple[str, ...]]:
+    """The duration of a table, and sentences on what it does not say of the weights of its rows.
+
+    Args:
+        source: the file, for messages.
+        names: its columns, of `NAMES`.
+        duration: the time that it covers [s], where it is known.
+
+    Raises:
+        ImpactsError: for two weights, and for rates beside the times of impacts.
+    """
+    weights, name = [weight for weight in WEIGHTS if weight in names], Path(source).name
+    if not weights:
+        return duration, (f"{name} {NO_WEIGHT}.",)
+    if len(weights) > 1:
+        raise ImpactsError(
+            f"{source}: the columns {' and '.join(weights)} all give the weight of a row; keep one, and name others in "
+            "`ignore`."
+        )
+    if weights[0] not in _RATES:
+        return duration, ()
+    if "time" in names:
+        raise ImpactsError(
+            f"{source}: has the column {weights[0]}, of a steady run, but also the `time` of each impact; if this is "
+            "the age of a particle, name it in `ignore`."
+        )
+    if duration is not None:
+        return duration, ()
+    return 1.0, (f"{name} is of a steady run, so its rows are what hits in 1 s; `duration` sets another time.",)
+
+
+def blocks(
+    source: str,
+    first: int,
+    columns: Columns,
+    rows: int,
+    density: float | None = None,
+    duration: float | None = None,
+) -> Iterator[ImpactBlock]:
     """The rows of a table whose columns `require_columns` accepts.
 
     Args:
@@ -60,11 +102,16 @@ def blocks(source: str, first: int, columns: Columns, rows: int, density: float 
         columns: see `NAMES`; one of `face` and `mesh_face` at most.
         rows: of a block, at most.
         density: of particles [kg/m³], where no column gives it.
+        duration: for which streams of particles hit [s]; see `weigh`.
 
     Raises:
         ImpactsError: naming file, row and column of a number that is not finite or too great, or of a face that is no
             number of one.
     """
+    for rate, weight in _RATES.items():
+        if rate in columns:
+            assert duration is not None
+            columns = {**columns, weight: columns[rate] * duration}
     for start in range(0, len(next(iter(columns.values()))), rows):
         part = {name: values[start : start + rows] for name, values in columns.items()}
         yield _block(source, first + start, part, density)

@@ -63,6 +63,7 @@ def advise(
     per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
     start_engine()
     from erosion.advice.advise import advise_case
+    from erosion.joint_laws import unused_columns
 
     with progress_bar("advise") as progress, user_errors():
         advice = advise_case(p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress)
@@ -73,6 +74,7 @@ def advise(
     for message in advice.warnings:
         if message not in printed.warnings:
             printed.warn(message)
+    printed.warn_all([] if uncertain is None else [unused_columns(uncertain.laws)])
     for part in draws:
         printed.warn_all([part.doubts(model, advice.p, advice.per_mass.cutting_fraction) for model in models.values()])
     if json:

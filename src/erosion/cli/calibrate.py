@@ -12,7 +12,7 @@ from erosion.cli.errors import InputError, user_errors
 from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
 from erosion.cli.kept_programs import start_engine
-from erosion.cli.lists import ModelsOption, chosen_models
+from erosion.cli.lists import IgnoreOption, ModelsOption, chosen_models
 from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
@@ -36,6 +36,7 @@ def calibrate(
     case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
+    ignore: IgnoreOption = None,
     fit: FitOptions | None = None,
     level: Annotated[float, Parameter(help="Of the confidence intervals.")] = 0.95,
     profile: Annotated[str | None, Parameter(help="Also the likelihood's profile along this parameter.")] = None,
@@ -48,7 +49,7 @@ def calibrate(
     Without --model, the model is linearized. Without a case file and --units, bare
     numbers and what is printed are in the unit system of the data.
     """
-    options = _in_units_of(data, with_file(case, file))
+    options = _in_units_of(data, with_file(case, file), ignore or ())
     fit, files, draw = fit or FitOptions(), files or FitFiles(), draw or DrawOptions()
     options.refuse_angle("the angles are those of the data")
     p, fit = options.parameters(), fit.on(options)
@@ -58,14 +59,15 @@ def calibrate(
     start_engine()
     from erosion.arguments import check_level
     from erosion.calibration import rank_models, read_measurements
+    from erosion.parameters.headings import unused_note
 
     chosen = [load_set(names[0], given, p.units)] if len(names) == 1 else names
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
         check_level(level)
-        measured = read_measurements(data, p.units)
+        measured = read_measurements(data, p.units, ignore=ignore or ())
         if measured.unused:
-            output.warn(f"{data}: columns that are not used: {', '.join(map(repr, measured.unused))}.")
+            output.warn(f"{data}: {unused_note(measured.unused)}.")
         bounds, along = fit.bounds_of(names, p.units, measured), fit.names(measured)
         laws = draw.laws(measured, chosen, fit)
         _require_known(profile, along)
@@ -89,7 +91,7 @@ def calibrate(
         raise refused
 
 
-def _in_units_of(data: Path, options: CaseOptions) -> CaseOptions:
+def _in_units_of(data: Path, options: CaseOptions, ignore: Sequence[str]) -> CaseOptions:
     """Without a case file and --units, Table 1 in the unit system of the data."""
     if options.case is not None or options.units is not None:
         return options
@@ -97,7 +99,7 @@ def _in_units_of(data: Path, options: CaseOptions) -> CaseOptions:
 
     if data.is_fifo():
         raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
-    return dataclasses.replace(options, units=unit_system(data))
+    return dataclasses.replace(options, units=unit_system(data, ignore))
 
 
 def _require_known(profile: str | None, names: Sequence[str]) -> None:

@@ -128,6 +128,7 @@ class GivenLaws:
 
     def _uncertain(self, model: "CuttingModel", units: "System") -> "tuple[dict[str, Any], list[Draws]]":
         """The laws of what is uncertain, and the posteriors' files among them."""
+        from erosion.calibration.forward import FACTORS
         from erosion.joint_laws import read_rows
         from erosion.models.own_parameters import quantities
         from erosion.posteriors.files import read_draws
@@ -141,7 +142,7 @@ class GivenLaws:
                     draws.append(read_draws(text.strip(), known, units))
                     more = dict(draws[-1].rows)
                 elif _is_file(text):
-                    more = dict(read_rows(text.strip(), known, units))
+                    more = dict(read_rows(text.strip(), {**known, _FRACTION: FACTORS[_FRACTION]}, units))
                 else:
                     more = _law(text, known, units)
             except ValueError as error:

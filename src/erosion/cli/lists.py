@@ -23,6 +23,9 @@ def read_models(text: str) -> list[str]:
 LISTED = Parameter(
     negative="", converter=lambda kind, tokens: [item for token in tokens for item in read_list(token.value)]
 )
+IgnoreOption = Annotated[
+    list[str] | None, LISTED, Parameter(help='Columns of the table to leave out: "frequency", or several.')
+]
 ModelOption = Annotated[
     str, Parameter(name="--model", help="A model's name (see `erosion models`), or the path of a Python file.")
 ]

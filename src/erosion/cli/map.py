@@ -10,7 +10,7 @@ from erosion.cli.clusters import dask_cluster
 from erosion.cli.errors import InputError, as_options, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
-from erosion.cli.lists import LISTED, ModelOption
+from erosion.cli.lists import LISTED, IgnoreOption, ModelOption
 from erosion.cli.options import EachRow, JsonOption, WholeOption, read_option
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
@@ -78,6 +78,7 @@ class _Rows:
         Parameter(help='Leave out rows that lie farther from their face, "1 mm"; a default follows the faces.'),
     ] = None
     duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
+    ignore: IgnoreOption = None
     density: Annotated[
         str | None, Parameter(help='Of the particles, where no column gives it, nor --particle: "2650 kg/m^3".')
     ] = None
@@ -257,6 +258,8 @@ def map_(
             require_map_path(output, has_surface=target.surface is not None)
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
     start_engine()
+    from erosion.joint_laws import unused_columns
+
     varied, uncertain, draws = sand.read_laws()
     share = weighing(sand.model, PerMassOptions(cutting_fraction=rows.cutting_fraction), options).cutting_fraction
     made = rows.options(sand.p, varied, uncertain, share)
@@ -271,6 +274,7 @@ def map_(
             write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
     printed = Output("map", sand.p, options.case, json=json, seed=made.bodies.seed_used)
+    printed.warn_all([unused_columns({**varied, **uncertain})])
     printed.warn_all(part.doubts(sand.model, sand.p, share) for part in draws)
     _show(dataset, job, printed, sand.name)
     if not json:
@@ -310,7 +314,8 @@ def _job(
         )
         case = name if name is not None and name.is_dir() else None
         duration = rows.number("duration", "time", p)
-        table = read_impacts(impacts, case=case, density=rows.density, duration=duration)
+        ignore = rows.ignore or ()
+        table = read_impacts(impacts, case=case, density=rows.density, duration=duration, ignore=ignore)
         return prepare_map(model[0], table, surface, options, model[1])
 
 

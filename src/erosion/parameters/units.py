@@ -23,7 +23,7 @@ System = Literal["inch-pound", "si"]
 Dimension = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
     "rate", "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
-    "mass flux",
+    "mass flux", "mass flow",
 ]  # fmt: skip
 
 SYSTEMS: tuple[System, ...] = get_args(System)
@@ -38,7 +38,7 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "angular speed": "rad/s", "rate": "1/s", "volume per angle": "inch**3/rad",
             "volume per angle²": "inch**3/rad**2", "density": "slinch/inch**3",
             "volume per mass": "inch**3/slinch", "mass per mass": "slinch/slinch",
-            "mass flux": "slinch/inch**2/s",
+            "mass flux": "slinch/inch**2/s", "mass flow": "slinch/s",
         },
         "si": {
             "1": "", "length": "m", "area": "m**2", "volume": "m**3", "mass": "kg",
@@ -46,7 +46,7 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "angular speed": "rad/s", "rate": "1/s", "volume per angle": "m**3/rad",
             "volume per angle²": "m**3/rad**2", "density": "kg/m**3",
             "volume per mass": "m**3/kg", "mass per mass": "kg/kg",
-            "mass flux": "kg/m**2/s",
+            "mass flux": "kg/m**2/s", "mass flow": "kg/s",
         },
     }
 )  # fmt: skip
@@ -59,7 +59,7 @@ _INCH_POUND_IN_SI: Mapping[Dimension, float] = types.MappingProxyType(
         "length": _INCH, "area": _INCH**2, "volume": _INCH**3, "mass": _SLINCH, "speed": _INCH,
         "stress": _POUND_FORCE / _INCH**2, "volume per angle": _INCH**3, "volume per angle²": _INCH**3,
         "density": _SLINCH / _INCH**3, "volume per mass": _INCH**3 / _SLINCH,
-        "mass flux": _SLINCH / _INCH**2,
+        "mass flux": _SLINCH / _INCH**2, "mass flow": _SLINCH,
     }
 )  # fmt: skip
 
@@ -175,14 +175,6 @@ def _unreadable(text: str) -> str:
     return f"{shown(text)} cannot be read{hint}"
 
 
-def header_parts(text: str) -> tuple[str, str]:
-    """Name and unit of a column: "Mass loss [mg/g]" is ("mass_loss", "mg/g"); empty where there is none."""
-    parts = _HEADER.fullmatch(text) if len(text) <= _LONGEST_HEAD else None
-    if parts is None:
-        return "", ""
-    return re.sub(r"[\s-]+", "_", parts["name"]).lower(), (parts["unit"] or "").strip()
-
-
 def shown(value: Any) -> str:
     """A value as a message shows it; of a long one the beginning."""
     text = repr(value)
@@ -211,8 +203,6 @@ def _check_powers(units: str) -> None:
 
 _LONGEST = 200  # characters of a quantity, of which any that a person types has far fewer
 _GREATEST_POWER = 100
-_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
-_LONGEST_HEAD = 300  # characters of a column's header; the pattern's time grows with their cube
 # "m3" for m³, which pint takes for a name. It knows no unit of letters and one digit, 2 or 3.
 _POWERLESS = re.compile(r"(?<![\w])([^\W\d_]+)([23])(?!\w)")
 # One or two digits before the point, or in brackets also a ratio of two such; no other power follows.
@@ -246,14 +236,14 @@ _EXAMPLES: Mapping[System, Mapping[str, str]] = {
         "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
         "volume": '"1e-4 in^3"',
         "density": '"0.098 lb/in^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
-        "mass flux": '"1 g/m^2/s"',
+        "mass flux": '"1 g/m^2/s"', "mass flow": '"1 g/s"',
     },
     "si": {
         "length": '"1 mm"', "mass": '"50 ug"', "speed": '"110 m/s"', "stress": '"1.4 GPa"',
         "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
         "volume": '"3 mm^3"',
         "density": '"2.7 g/cm^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
-        "mass flux": '"1 g/m^2/s"',
+        "mass flux": '"1 g/m^2/s"', "mass flow": '"1 g/s"',
     },
 }  # fmt: skip
 

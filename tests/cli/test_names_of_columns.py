@@ -1,0 +1,104 @@
+"""Names of columns at the command line: of impacts in `map`, of weighings in `calibrate`, of rows in `stream`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.cli import _status
+
+CASE = ["--units", "si", "--particle", "quartz 0.1 mm"]
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def said_by(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    status = _status([*arguments])
+    said = capsys.readouterr()
+    return status, said.out, said.err
+
+
+IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg],{},note\n100,2650,50,30,13,a\n100,2650,60,20,13,b\n"
+
+
+def test_a_map_has_the_weights_of_its_rows_or_says_why_not(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyarrow")
+    volumes = {}
+    for name in ("count", "frequency [1/s]", "hits", "note 2"):
+        Path("a.csv").write_text(IMPACTS.format(name))
+        status, out, err = said_by(capsys, "map", "a.csv", *CASE, "--json")
+        if status == 0:
+            volumes[name] = json.loads(out)["result"]["total_volume"]["value"]
+        if name == "hits":
+            assert status == 2
+            assert "a.csv: column 'hits' is not understood" in err
+            continue
+        assert "columns that are not used: " in err
+        assert ("each row counts as one particle" in err) == (name == "note 2")
+    assert volumes["frequency [1/s]"] == volumes["count"]
+    np.testing.assert_allclose(volumes["count"], 13 * volumes["note 2"], rtol=1e-12)
+    Path("a.csv").write_text(IMPACTS.format("hits"))
+    status, out, err = said_by(capsys, "map", "a.csv", *CASE, "--json", "--ignore", "hits,note")
+    assert (status, json.loads(out)["result"]["total_volume"]["value"]) == (0, volumes["note 2"])
+    assert "not used" not in err
+    status, _, err = said_by(capsys, "map", "a.csv", *CASE, "--ignore", "hit")
+    assert status == 2
+    assert "a.csv: has no column 'hit'" in err
+
+
+def test_a_fit_has_the_speeds_of_its_rows_or_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    p = erosion.TABLE_1.to("si").replace(psi=0.04)
+    degrees, speeds = np.tile(np.linspace(10, 60, 9), 2), np.repeat([60.0, 120.0], 9)
+    volumes = np.asarray(erosion.impact("linearized", p.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume)
+    rows = "".join(f"{a:g},{v * 1e9:.9g},{s:g}\n" for a, v, s in zip(degrees, volumes, speeds, strict=True))
+    free = ["--free", "psi", "--units", "si", "--json", "--starts", "2"]
+    for name in ("speed [m/s]", "v [m/s]", "velocity [m/s]", "speed (m/s)"):
+        Path("a.csv").write_text(f"angle [deg],volume [mm^3],{name}\n{rows}")
+        status, out, _ = said_by(capsys, "calibrate", "a.csv", *free)
+        assert status == 0
+        assert json.loads(out)["result"]["estimates"]["psi"]["value"] == pytest.approx(0.04, rel=1e-3)
+    Path("a.csv").write_text(f"angle [deg],volume [mm^3],jet velocity [m/s]\n{rows}")
+    status, _, err = said_by(capsys, "calibrate", "a.csv", *free)
+    assert status == 2
+    assert "column 3 (jet velocity [m/s])" in err
+    assert "`speed`" in err
+    assert "`ignore`" in err
+    status, _, err = said_by(capsys, "calibrate", "a.csv", *free, "--ignore", "jet velocity")
+    assert status == 0
+    assert "not used" not in err
+
+
+def test_rows_of_a_stream_have_their_speeds_or_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    means = {}
+    for name in ("v0 [m/s]", "Impact Velocity (m/s)"):
+        Path("a.csv").write_text(f"alpha [deg],{name},cell\n20,200,1\n30,300,2\n")
+        status, out, err = said_by(capsys, "stream", "--units", "si", "--rows", "a.csv", "--n", "64", "--json")
+        assert status == 0
+        assert "a.csv: columns that are not used: 'cell'." in err
+        means[name] = json.loads(out)["result"]["mean_volume"]["value"]
+    assert len({*means.values()}) == 1
+    Path("a.csv").write_text("alpha [deg],v_rel [m/s]\n20,200\n30,300\n")
+    status, _, err = said_by(capsys, "stream", "--units", "si", "--rows", "a.csv", "--n", "64")
+    assert status == 2
+    assert "in a.csv 'v_rel [m/s]' has the unit of a speed" in err
+
+
+def test_draws_of_a_table_may_have_the_share_of_particles_that_cut(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyarrow")
+    Path("a.csv").write_text(IMPACTS.format("count"))
+    volumes = []
+    for share in (1.0, 0.25):
+        Path("draws.csv").write_text(f"psi,cutting_fraction,chain\n0.04,{share},1\n0.05,{share},2\n")
+        given = [*CASE, "--uncertain", "draws.csv", "--draws", "4"]
+        status, out, err = said_by(capsys, "map", "a.csv", *given, "--json")
+        assert status == 0
+        assert "draws.csv: columns that are not used: 'chain'." in err
+        volumes.append(json.loads(out)["result"]["total_volume"]["value"])
+    assert volumes[1] == pytest.approx(0.25 * volumes[0])
+    # A stream takes a number alone for this share, whatever gives it.
+    assert said_by(capsys, "stream", "--v0", "normal(110, 5)", "--units", "si", "--uncertain", "draws.csv")[0] == 2
