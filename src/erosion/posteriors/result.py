@@ -15,21 +15,21 @@ from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
 from erosion.engine.impact import impact
-from erosion.files import require_writable, write_whole
+from erosion.files import require_writable, seen_from, write_whole
 from erosion.joint_laws import Rows
-from erosion.models import model_name
+from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import with_values
 from erosion.models.registry import impact_to_dict
 from erosion.optimum.alpha_max import alpha_max
-from erosion.parameters.case_files import dump_case
+from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.scales import Scale, table_scale
 from erosion.posteriors import doubts
 from erosion.posteriors.best_angles import BestAngles
 from erosion.posteriors.convergence import EFFECTIVE, RHAT, effective, rhats
-from erosion.posteriors.files import own_in_si
+from erosion.posteriors.files import SOURCE, own_in_si
 from erosion.posteriors.likelihood import Likelihood
 from erosion.posteriors.priors import NOISE, Priors, sampled_quantities
 from erosion.posteriors.tempering import Run
@@ -316,6 +316,7 @@ class Posterior(Result):
             "inference_library": "erosion",
             "inference_library_version": __version__,
             "model": model_name(self.model),
+            SOURCE: model_source(self.model) or "",
             "case": dump_case(self.p),
             "unit_system": self.p.units,
             "own_parameters": own_in_si(self.model, self.p, self.names),
@@ -346,6 +347,8 @@ class Posterior(Result):
             raise ValueError(f"Argument `path` must end in .nc, but is {path}.")
         require_writable(path)
         tree = self.to_datatree()
+        draws = tree["posterior"].attrs
+        draws[SOURCE] = with_paths(draws[SOURCE], functools.partial(seen_from, path))
         # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
         checked = {
             group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}
