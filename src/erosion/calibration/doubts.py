@@ -86,6 +86,11 @@ def is_poor(fit: "Calibration") -> bool:
     return fit.data.uncertainty is not None and freedom > 0 and bool(stats.chi2.sf(fit.chi2, freedom) < POOR)
 
 
+def is_beyond_scatter(fit: "Calibration") -> bool:
+    """Whether the residuals are greater than the rows' scatter, where no uncertainties are given."""
+    return any(pattern.over == "scatter" and pattern.seen for pattern in fit.patterns)
+
+
 def sentences(fit: "Calibration") -> tuple[str, ...]:
     """All of them; none for a good fit."""
     poor = [
