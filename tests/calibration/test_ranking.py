@@ -54,6 +54,21 @@ def test_a_single_model_that_misses_the_data_says_so():
     assert good.statements == ()
 
 
+def test_an_interval_that_is_lopsided_is_shown_without_a_standard_error():
+    fit = calibrate("tan-alpha", P, WEIGHED, ["psi"], density=DENSITY, starts=2)
+    (low, high), psi = fit.intervals()["psi"], fit.estimates["psi"]
+    assert (high - psi) > 3 * (psi - low)
+    row = next(row for row in fit.rows() if row.name == "psi")
+    ends = [float(end) for end in row.meaning.partition(";")[0].removeprefix("95%: ").split(" … ")]
+    assert ends[0] < float(row.value) < ends[1]
+    assert "±" not in row.value
+
+
+def test_errors_say_what_they_hold():
+    fit = calibrate("linearized", P, WEIGHED, ["psi"], density=DENSITY, starts=2)
+    assert "± and intervals are by their scatter alone" in str(fit)
+
+
 def test_all_models_stay_where_all_miss_the_data():
     ranking = rank_models(P, WEIGHED, ["psi"], models=["tan-alpha", "rotating-tan-alpha"], density=DENSITY, starts=2)
     assert len(ranking.ranked) == 2

@@ -295,6 +295,12 @@ class Calibration(Result):
             raise CalibrationError(f"The profile of {name} cannot be made: the model fails near {where}.")
         return Profile(name, values, 2 * rise / self.variance, unit_name(self.quantities[name].dimension, self.p.units))
 
+    @property
+    def error_meaning(self) -> str:
+        """What the errors and intervals of the estimates hold, in words."""
+        source = "their scatter" if self.data.uncertainty is None else "the rows' uncertainties"
+        return f"± and intervals are by {source} alone"
+
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Estimates with standard errors and intervals of `level`."""
         rows = []
@@ -308,7 +314,11 @@ class Calibration(Result):
             if name not in self.names
         ]
         scale = table_scale(self.data.dimension, self.p.units, self.rms)
-        rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
+        rows.append(
+            Row(
+                "rms", "", format_number(self.rms, 4, scale.size), scale.unit, f"of the residuals; {self.error_meaning}"
+            )
+        )
         left_out, meaning = format_number(self.leave_one_out, 4, scale.size), "rms at rows left out"
         if not np.isfinite(self.leave_one_out):
             left_out, meaning = "–", f"{meaning}: there is a row without which a parameter is open"

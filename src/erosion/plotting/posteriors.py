@@ -120,7 +120,8 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
     unit = f"  [{scale.unit}]" if scale.unit else ""
     upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}{unit}")
     what = groups[0].label if is_alone else data.source
-    upper.set_title(f"{model_name(posterior.model)}  {what}", fontsize=8.5, loc="left")
+    title = f"{model_name(posterior.model)}  {what}; bands: the curve by the draws, without the errors of rows"
+    upper.set_title(title, fontsize=8.5, loc="left")
     upper.set_ylim(bottom=0)
     fig.align_ylabels()
     # Panels that show the same kind of end share an entry.

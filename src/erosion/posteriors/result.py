@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy import stats
 
 from erosion.arguments import check_level, check_path, check_whole
 from erosion.calibration.doubts import LEVEL
@@ -36,6 +37,7 @@ from erosion.posteriors.tempering import Run
 from erosion.tables import Result, Row, format_number, to_plain
 from erosion.version import __version__
 
+_FACTOR = 1.5  # by which a deviation and an interval may differ to be shown together
 _SOME = 400  # draws that show a curve's quantiles, and take a second for the best angles
 
 
@@ -237,7 +239,7 @@ class Posterior(Result):
         return np.full(len(next(iter(draws.values()))), float(np.median(self.data.uncertainty)))
 
     def rows(self, level: float = LEVEL) -> list[Row]:
-        """Means with deviations, intervals of `level` and priors; the evidence; the quality of the draws."""
+        """Means with deviations, or medians, intervals of `level` and priors; the evidence; the draws' quality."""
         evidence = f"{self.log_evidence:.2f} ± {self.log_evidence_error:.2f}"
         chains, count = self.run.points.shape[:2]
         fewest = f"of {chains * count:,} draws, the fewest; good from {EFFECTIVE * chains}"
@@ -255,13 +257,20 @@ class Posterior(Result):
         scale = table_scale(quantity.dimension, self.p.units, abs(self.means[name]))
         mean, deviation = self.means[name] / scale.size, self.deviations[name] / scale.size
         low, high = (end / scale.size for end in self.intervals(level)[name])
-        ends = f"{rounded(low, high - low, 2)} … {rounded(high, high - low, 2)}"
-        meaning = f"{level:.0%}: {ends}; prior: {self.prior_in_words(name)}"
-        value = f"{rounded(mean, deviation)} ± {rounded(deviation, deviation)}"
-        return Row(name, quantity.symbol, value, scale.unit, meaning)
+        prior = f"prior: {self.prior_in_words(name)}"
+        width = float(stats.norm.ppf((1 + level) / 2)) * deviation
+        if all(width < _FACTOR * distance < _FACTOR**2 * width for distance in (mean - low, high - mean)):
+            ends = f"{rounded(low, high - low, 2)} … {rounded(high, high - low, 2)}"
+            value = f"{rounded(mean, deviation)} ± {rounded(deviation, deviation)}"
+            return Row(name, quantity.symbol, value, scale.unit, f"{level:.0%}: {ends}; {prior}")
+        # A mean and a deviation would say that other values are likely than the interval does.
+        middle = float(self.samples[name].median()) / scale.size
+        ends = f"{rounded(low, middle - low, 2)} … {rounded(high, high - middle, 2)}"
+        value = rounded(middle, min(middle - low, high - middle))
+        return Row(name, quantity.symbol, value, scale.unit, f"the median; {level:.0%}: {ends}; {prior}")
 
     def mean_in_words(self, name: str) -> str:
-        """A parameter's mean and standard deviation: "threshold = 7.3 ± 1.0 m/s"."""
+        """A parameter's mean and deviation, or its median: "threshold = 7.3 ± 1.0 m/s"."""
         row = self._row(name, LEVEL)
         return f"{name} = {Scale(1.0, row.unit).beside(row.value)}"
 
