@@ -120,14 +120,14 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
     unit = f"  [{scale.unit}]" if scale.unit else ""
     upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}{unit}")
     what = groups[0].label if is_alone else data.source
-    title = f"{model_name(posterior.model)}  {what}; bands: the curve by the draws, without the errors of rows"
-    upper.set_title(title, fontsize=8.5, loc="left")
+    upper.set_title(f"{model_name(posterior.model)}  {what}", fontsize=8.5, loc="left")
     upper.set_ylim(bottom=0)
     fig.align_ylabels()
     # Panels that show the same kind of end share an entry.
     legends = [ax.get_legend_handles_labels() for ax in (upper, *lower)]
     entries = {label: handle for handles, labels in legends for handle, label in zip(handles, labels, strict=True)}
-    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=4)
+    bands = "bands: of the curve, by the draws alone, without a row's error"
+    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=4, title=bands)
     return fig
 
 
