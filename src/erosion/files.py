@@ -134,6 +134,28 @@ def trace(path: Path) -> Trace:
     return status.st_ino, status.st_mtime_ns, status.st_size
 
 
+def is_file(path: str) -> bool:
+    """Whether a text is the path of a file; a text that is too long for a path is none."""
+    try:
+        return Path(path).is_file()
+    except OSError:
+        return False
+
+
+def beside(file: Path, path: str) -> str:
+    """A path that a file gives, which begins at the file's folder, as this process finds it."""
+    return str(file.parent / path)
+
+
+def seen_from(file: Path, path: str) -> str:
+    """A path of this process as a file gives it: the inverse of `beside`."""
+    there = Path(path).absolute()
+    try:
+        return Path(os.path.relpath(there.parent.resolve(), file.parent.resolve()), there.name).as_posix()
+    except ValueError:  # another drive
+        return str(there)
+
+
 def free_path(path: Path) -> Path:
     """The first of out-2.nc, out-3.nc, … that is not there."""
     number = 2

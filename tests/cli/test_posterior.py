@@ -1,8 +1,10 @@
 """`erosion calibrate --posterior` as a user types it."""
 
+import json
 import re
 import shlex
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ import xarray as xr
 
 from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
+from erosion.parameters.case_files import load_model_of_case
 from erosion.parameters.parameters import TABLE_1
+from erosion.posteriors.files import model_of_draws
 from tests.documents import result_of
 
 pytestmark = pytest.mark.slow
@@ -125,3 +129,24 @@ def test_means_of_several_models_have_their_units(table, capsys, monkeypatch):
     prior = ["--prior", "threshold=uniform(0, 500)", "--starts", "1"]
     assert _status(["calibrate", str(table), "--posterior", "--draws", "125", *models, *prior]) == 0
     assert re.search(r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ ± [\d.]+ in/s$", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_all_files_of_a_ranking_are_of_one_model(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("rows.csv").write_text("angle [deg], mass_loss [mg/kg]\n15,190\n30,240\n45,205\n60,150\n75,110\n90,95\n")
+    # AICc prefers `rotating-deformation`, whose energy ratio is 10.9; this prior allows that of the other one alone.
+    words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--starts", "8"]
+    models = ["--model", "linearized-deformation,rotating-deformation,tan-alpha", "--free", "k,psi,energy_ratio"]
+    draws = ["--posterior", "--draws", "125", "--prior", "energy_ratio=uniform(2, 5)", "-o", "post.nc"]
+    assert _status(["calibrate", "rows.csv", *words, *models, *draws, "--write-case", "fitted.toml", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    ranked = [fit["model"] for fit in printed["result"]["ranking"] if fit["not_ranked"] is None]
+    assert ranked == ["rotating-deformation", "linearized-deformation"]
+    # What misses the data is drawn no posterior of.
+    assert [part["model"] for part in printed["result"]["posteriors"]] == ranked[::-1]
+    assert any("AICc prefers rotating-deformation, the evidence linearized-d" in said for said in printed["warnings"])
+    assert load_model_of_case("fitted.toml")[0] == model_of_draws("post.nc") == "linearized-deformation"
+    assert (
+        _status(["stream", "fitted.toml", "--uncertain", "post.nc", "--n", "128", "--alpha", "normal(30deg, 3deg)"])
+        == 0
+    )

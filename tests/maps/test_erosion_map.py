@@ -200,6 +200,10 @@ class TestRows:
         with pytest.raises(ImpactsError, match="look like velocities before the rebound"):
             erosion_map("rotating", P, table, SURFACE, restitution=(e, friction))
 
+    def test_errors_say_that_they_are_by_sampling_alone(self) -> None:
+        wear = erosion_map("rotating", P, sand(SURFACE, 100), SURFACE)
+        assert "by sampling the impacts alone" in MapSummary(wear).rows()[0].meaning
+
     def test_what_is_stuck_or_recedes_is_counted_apart(self) -> None:
         table = sand(SURFACE, 100)
         velocity = table.columns["velocity"].copy()

@@ -15,6 +15,7 @@ from erosion.cli import _status
 from erosion.distributions import Normal
 from erosion.explorer.answers import Answers
 from erosion.explorer.state import Case
+from erosion.models import load_model, model_source
 from erosion.models.equations import model_digest
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import compute_block, prepare_sweep
@@ -267,3 +268,17 @@ def test_a_text_of_another_encoding_is_read_as_python_does(tmp_path: Path) -> No
     assert volume(path) > 0
     path.write_bytes(b"\xef\xbb\xbf" + text().encode())
     assert volume(path) > 0
+
+
+def test_the_source_of_a_model_is_found_among_files_of_the_same_parts(tmp_path):
+    files = []
+    for name, ratio in (("first", 1.0), ("second", 2.0)):
+        files.append(tmp_path / f"{name}.py")
+        files[-1].write_text(
+            "from erosion.models import Rotating, TanAlpha\nfrom erosion.models import ProportionalDeformationWear\n"
+            f"model = Rotating(force=TanAlpha(), deformation=ProportionalDeformationWear({ratio}))\n"
+        )
+    models = [load_model(file) for file in files]
+    assert model_source(models[1]) == str(files[1])
+    assert model_source(load_model("rotating").replace()) == "rotating"
+    assert model_source(load_model("dnv:duplex")) == "dnv:duplex"

@@ -197,6 +197,17 @@ def test_a_ridge_is_said_in_one_sentence():
     )
 
 
+def test_a_lopsided_parameter_has_its_median_and_no_deviation():
+    # Along the ridge psi·sigma the draws of each are as lopsided as the prior, log-uniform over two decades.
+    drawn = posterior("linearized", TABLE_1, measured(5), ["psi", "sigma"], draws=150)
+    (low, high), row = drawn.intervals()["psi"], drawn.rows()[0]
+    assert "±" not in row.value
+    assert row.meaning.startswith("the median; 95%: ")
+    assert low < float(row.value) < high
+    assert float(row.value) == pytest.approx(float(drawn.samples["psi"].median()), rel=0.02)
+    assert "±" not in drawn.mean_in_words("psi")
+
+
 def test_a_prior_that_decides_is_said():
     drawn = posterior("linearized", TABLE_1, measured(8), ["psi"], priors={"psi": Uniform(0.05, 0.2)}, draws=200)
     assert any("lowest hundredth of its prior, uniform(0.05, 0.2)" in sentence for sentence in drawn.statements)

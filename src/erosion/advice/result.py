@@ -19,6 +19,17 @@ NOZZLE_ANGLES = np.deg2rad(np.arange(1.0, 90.5, 0.5))
 """The angles of the nozzle that are compared [rad]."""
 
 
+FIT = (
+    "erosion calibrate rows.csv --model linearized-deformation,rotating-deformation --free k,psi,energy_ratio "
+    "--write-case fitted.toml"
+)
+"""The command that fits weighings for an advice, but for the case.
+
+Metals wear at 90°, too, and how much decides the place of the maximum: so the models are those with wear by
+deformation, and its energy ratio is free. The models without it have no such curve.
+"""
+
+
 @dataclasses.dataclass(frozen=True)
 class Curve:
     """Erosion by a jet over the angle of the nozzle, by one model or correlation.
@@ -305,11 +316,12 @@ class Advice(Result):
             spans[words] = max(widths, default=0.0)
         widest = max(spans, key=lambda name: spans[name])
         return self.language.say(
-            "What would narrow it: {what} moves the best angle of the models most, by up to {width}. Weigh the loss at "
-            "six angles, 15° to 90° in steps of 15°, with your own abrasive and metal; “erosion calibrate --model all” "
-            "then compares the models and fits k and ψ.",
+            "What would narrow it: {what} moves the best angle of the models most, by up to {width}. Weigh the loss "
+            "at six angles, 15° to 90° in steps of 15°, with your own abrasive and metal, and write the rows into "
+            "rows.csv. Then “{fit}” with this particle, target and speed, and “erosion advise fitted.toml”.",
             what=widest,
             width=degrees(spans[widest]),
+            fit=FIT,
         )
 
     def to_dict(self) -> Record:

@@ -65,9 +65,14 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
         return rounded(estimate, np.inf), "not determined by these data"
     low, high = (end / size for end in fit.intervals(level)[name])
     touched = bounds_touched(fit, level).get(name, ())
+    distances = estimate - low, high - estimate
+    alike = _is_alike(np.sqrt(fit.rise(level)) * error, distances)
+    # Each end to the digits of its own distance, so that the estimate is seen to lie between them.
+    sizes = (high - low, high - low) if alike else distances
     ends = [
-        rounded(end, high - low, 2) + (f" ({side} bound)" if f"interval at {side}" in touched else "")
-        for side, end in (("lower", low), ("upper", high))
+        ("not known" if np.isnan(end) else rounded(end, size_of_end, 2))
+        + (f" ({side} bound)" if f"interval at {side}" in touched else "")
+        for side, end, size_of_end in zip(("lower", "upper"), (low, high), sizes, strict=True)
     ]
     # Where the model does not fit, its errors come from uncertainties that do not explain the residuals.
     condition = ", if the model were right" if is_poor(fit) else ""
@@ -77,13 +82,26 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
     for side in ("lower", "upper"):
         if f"estimate at {side}" in touched:
             return rounded(estimate, np.inf), f"at its {side} bound; {interval}"
+    if not alike:
+        nearest = min((distance for distance in distances if distance > 0), default=np.inf)
+        return rounded(estimate, nearest), f"{interval}; a ± of the slopes at the fit would mislead"
     return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
+
+
+def _is_alike(width: float, distances: tuple[float, float]) -> bool:
+    """Whether the width of the standard error says the same as the interval, on either side of the estimate."""
+    return all(width <= _FACTOR * distance <= _FACTOR**2 * width for distance in distances)
 
 
 def is_poor(fit: "Calibration") -> bool:
     """Whether the given uncertainties cannot explain the misfit."""
     freedom = fit.degrees_of_freedom
     return fit.data.uncertainty is not None and freedom > 0 and bool(stats.chi2.sf(fit.chi2, freedom) < POOR)
+
+
+def is_beyond_scatter(fit: "Calibration") -> bool:
+    """Whether the residuals are greater than the rows' scatter, where no uncertainties are given."""
+    return any(pattern.over == "scatter" and pattern.seen for pattern in fit.patterns)
 
 
 def sentences(fit: "Calibration") -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """A fit, or a model and its case, in the forms of CFD codes; a fit also as a case file."""
 
 import dataclasses
+import functools
 import itertools
 import string
 from collections.abc import Sequence
@@ -18,10 +19,11 @@ from erosion.exports.fluent import AngleTable, angle_table
 from erosion.exports.openfoam import ParticleErosion, coefficients
 from erosion.exports.particle import Particle, commented, particle_of, share_in_words
 from erosion.exports.reach import ANGLES, Reach
-from erosion.models import model_name
+from erosion.files import seen_from
+from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
-from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string
+from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity
@@ -136,10 +138,13 @@ def to_case(
 
     Args:
         calibration: the fit.
-        path: the file's, for the command in its comment.
+        path: the file's, for the command in its comment, and where the paths in it begin.
         particle: its name and size, where the case has it by name.
         target: its name, where the case has it by name.
         doubts: sentences for whoever uses the file; those of the fit without them.
+
+    Raises:
+        ValueError: for a model without a name or a file, which no verb could load again.
     """
     lines = _origin(calibration)
     lines += calibration.statements
@@ -147,16 +152,27 @@ def to_case(
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
     case = dump_case(exported_case(calibration), calibration.title)
     names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
-    named = "".join(f"{name} = {toml_string(value)}\n" for name, value in names.items())
+    named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n" for name, value in names.items())
     weighed = dump_per_mass(_per_mass(calibration))
     said = calibration.statements if doubts is None else doubts
-    return commented(text, "#") + case + named + weighed + _model(calibration) + _for_advice(calibration, said)
+    return commented(text, "#") + case + named + weighed + _model(calibration, path) + _for_advice(calibration, said)
 
 
-def _model(calibration: Calibration) -> str:
+def _in_file(text: str, path: str) -> str:
+    """A text with its path, if it has one, as the file at `path` gives it."""
+    return with_paths(text, functools.partial(seen_from, Path(path)))
+
+
+def _model(calibration: Calibration, path: str) -> str:
     """The lines of a case file that name the model and its own parameters."""
+    source = model_source(calibration.model)
+    if source is None:
+        raise ValueError(
+            f"Argument `calibration` must have a model that a file can name, but {model_name(calibration.model)} was "
+            "made in a program: put it into a file (…/model.py), and fit that file's model."
+        )
     own = {name: float(parameter.value) for name, parameter in own_parameters(calibration.model).items()}
-    named = f"model = {toml_string(model_name(calibration.model))}\n"
+    named = f"model = {toml_string(_in_file(source, path))}\n"
     return named + (f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}\n" if own else "")
 
 

@@ -2,6 +2,8 @@
 
 Over the angle, noise changes its sign about every second row; fewer runs of one sign are a pattern
 (Wald and Wolfowitz). Over speed and mass, the ranks of noise have no correlation with theirs (Spearman).
+Without uncertainties the rows' own scatter about a smooth curve says how large noise is: residuals of a greater
+variance are a pattern too (Fisher), which few rows show where their signs say nothing.
 """
 
 import dataclasses
@@ -12,11 +14,14 @@ from scipy import stats
 
 from erosion.calibration.conditions import Condition
 from erosion.calibration.measurements import Measurements
+from erosion.parameters.scales import table_scale
+from erosion.tables import format_number
 
-_RARE = 0.01  # probability of such a pattern in noise; below it the pattern is said
+RARE = 0.01  # probability of such a pattern in noise; below it the pattern is said
 _FEWEST = 10  # rows for which the probability of a correlation of ranks is known well enough
 _EXACT = 1e-6  # residuals over the erosion that are rounding errors of fits, not noise
 _WORDS = {"v0": "speed", "m": "mass"}
+_SMOOTH = 3  # degree of the polynomial in the angle that a curve of erosion with one maximum is near to
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,9 +29,9 @@ class Pattern:
     """How one test of the residuals came out.
 
     Args:
-        over: "angle", "speed" or "mass".
+        over: "angle", "speed" or "mass"; "scatter" for the size of the residuals.
         statistic: runs of one sign less those expected of noise, over their standard deviation;
-            over speed and mass the correlation of ranks.
+            over speed and mass the correlation of ranks; of the size the ratio of the variances.
         probability: that noise has such a pattern or a clearer one.
         sentence: on what is seen.
     """
@@ -39,7 +44,7 @@ class Pattern:
     @property
     def seen(self) -> bool:
         """Whether noise alone would seldom look so."""
-        return self.probability < _RARE
+        return self.probability < RARE
 
 
 def find_patterns(data: Measurements, residuals: np.ndarray, groups: Sequence[Condition]) -> tuple[Pattern, ...]:
@@ -53,6 +58,57 @@ def find_patterns(data: Measurements, residuals: np.ndarray, groups: Sequence[Co
     tests = [_over_angle(data, residuals, groups)]
     tests += [_over(name, values, residuals) for name, values in data.conditions.items() if name != "alpha"]
     return tuple(test for test in tests if test is not None)
+
+
+def beyond_scatter(data: Measurements, fitted: np.ndarray, freedom: int, groups: Sequence[Condition]) -> Pattern | None:
+    """Fisher's test of the residuals' variance against that of the rows about smooth curves; None for too few rows.
+
+    Args:
+        data: the measurements.
+        fitted: the erosion of the fit, shape (rows,).
+        freedom: rows less the determined combinations of parameters.
+        groups: rows of one speed and mass.
+    """
+    squares, scatter_freedom = 0.0, 0
+    for group in groups:
+        angle, erosion = data.angle[group.rows], data.erosion[group.rows]
+        degree = min(_SMOOTH, len(np.unique(angle)) - 1)
+        if len(erosion) > degree + 1:
+            smooth = np.polynomial.Polynomial.fit(angle, erosion, degree)
+            squares += float(np.sum((erosion - smooth(angle)) ** 2))
+            scatter_freedom += len(erosion) - degree - 1
+    if scatter_freedom == 0:
+        return None
+    residuals = data.erosion - fitted
+    variance, of_scatter = float(np.sum(residuals**2)) / freedom, squares / scatter_freedom
+    ratio, probability = variances_differ((variance, freedom), (of_scatter, scatter_freedom), data.erosion)
+    scale = table_scale(data.dimension, data.units, float(np.sqrt(variance)))
+    sizes = [format_number(np.sqrt(square), 3, scale.size) for square in (variance, of_scatter)]
+    return Pattern("scatter", ratio, probability, (
+        f"The residuals are {scale.beside(sizes[0])}, the rows scatter about a smooth curve by "
+        f"{scale.beside(sizes[1])} (probability {probability:.1g}): {worst_row(data, fitted, groups)}."
+    ))  # fmt: skip
+
+
+def variances_differ(first: tuple[float, int], second: tuple[float, int], erosion: np.ndarray) -> tuple[float, float]:
+    """The ratio of two variances, each with its degrees of freedom, and the probability that noise makes it as great.
+
+    Variances that are rounding errors of the `erosion` are alike.
+    """
+    least = float(np.mean((_EXACT * erosion) ** 2))
+    ratio = max(first[0], least) / max(second[0], least)
+    return ratio, float(stats.f.sf(ratio, first[1], second[1]))
+
+
+def worst_row(data: Measurements, fitted: np.ndarray, groups: Sequence[Condition]) -> str:
+    """The row that is furthest from the fit: "at 90° the fit has 0 mg/kg, the data have 95 mg/kg"."""
+    deviation = 1.0 if data.uncertainty is None else data.uncertainty
+    row = int(np.argmax(np.abs((data.erosion - fitted) / deviation)))
+    scale = table_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
+    of_fit, of_data = (scale.beside(format_number(value, 3, scale.size)) for value in (fitted[row], data.erosion[row]))
+    label = next((group.label for group in groups if row in group.rows), "")
+    where = f"{np.rad2deg(data.angle[row]):.3g}°{f' and {label}' if label else ''}"
+    return f"at {where} the fit has {of_fit}, the data have {of_data}"
 
 
 def are_noise(residuals: np.ndarray, erosion: np.ndarray) -> bool:

@@ -1,4 +1,9 @@
-"""Several models: fitted to the same data, ranked by Akaike's criterion."""
+"""Several models: fitted to the same data, ranked by Akaike's criterion.
+
+The criterion counts parameters so dearly where rows are few that it may put a model first which misses the data by far.
+So a model whose misfit is no noise, by the uncertainties, by the rows' own scatter or by the misfit of another model,
+is not ranked. Nor is one with too many parameters for the criterion.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,18 +13,20 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import Progress, no_progress
-from erosion.calibration.doubts import LEVEL, is_poor
+from erosion.calibration.conditions import conditions
+from erosion.calibration.doubts import LEVEL, is_beyond_scatter, is_poor
 from erosion.calibration.fitting import calibrate
 from erosion.calibration.forward import FRACTION
 from erosion.calibration.least_squares import CalibrationError
 from erosion.calibration.measurements import read_measurements
+from erosion.calibration.patterns import RARE, variances_differ, worst_row
 from erosion.calibration.result import Calibration
 from erosion.models import load_model, model_name, usable_models
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words, quantities
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.scales import Scale, table_scale
-from erosion.tables import Result, format_number, to_plain
+from erosion.tables import Record, Result, format_number, to_plain
 
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
@@ -30,20 +37,38 @@ class Ranking(Result):
     """Fits of several models to the same data, the best first.
 
     Args:
-        fits: by ascending AICc.
+        fits: those that are ranked by ascending AICc, then those that are not.
         ties: groups of models, by name, whose fits are the same curve: no data of this kind
             distinguishes them.
         failures: a sentence for each model that could not be fitted.
+        reasons: why the last of `fits` are not ranked, a clause for each of them.
+        preferred: the place in `fits` of the model that something else than AICc chose, the evidence for example.
     """
 
     fits: tuple[Calibration, ...]
     ties: tuple[tuple[str, ...], ...]
     failures: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
+    preferred: int = 0
 
     @property
     def best(self) -> Calibration:
-        """The fit of least AICc."""
-        return self.fits[0]
+        """The fit of least AICc, or the preferred one."""
+        return self.fits[self.preferred]
+
+    @property
+    def ranked(self) -> tuple[Calibration, ...]:
+        """The fits that are ranked."""
+        return self.fits[: len(self.fits) - len(self.reasons)]
+
+    @property
+    def best_first(self) -> tuple[Calibration, ...]:
+        """The ranked fits with the best one first."""
+        return (self.best, *(fit for fit in self.ranked if fit is not self.best))
+
+    def preferring(self, name: str) -> "Ranking":
+        """The same with another model as the best one, of which everything that is written then is."""
+        return dataclasses.replace(self, preferred=self.names.index(name))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -52,9 +77,25 @@ class Ranking(Result):
 
     @property
     def weights(self) -> np.ndarray:
-        """Akaike weights, the probability of each model if one of them is right; shape (fits,)."""
-        likely = np.exp([(self.best.aicc - fit.aicc) / 2 for fit in self.fits])
-        return likely / likely.sum()
+        """Akaike weights, the probability of each model if one of them is right; shape (fits,).
+
+        0 for models that are not ranked; NaN for all where AICc says nothing, see `has_aicc`.
+        """
+        if not self.has_aicc:
+            return np.full(len(self.fits), np.nan)
+        likely = np.exp([-difference / 2 for difference in self._differences])
+        return np.append(likely / likely.sum(), np.zeros(len(self.reasons)))
+
+    @property
+    def has_aicc(self) -> bool:
+        """Whether there are rows enough for AICc; without it the models are ordered by their residuals' variance."""
+        return self.fits[0].aicc < np.inf
+
+    @property
+    def _differences(self) -> list[float]:
+        """AICc less the least, of the ranked fits; that of exact fits is -∞."""
+        least = self.fits[0].aicc
+        return [0.0 if fit.aicc == least else fit.aicc - least for fit in self.ranked]
 
     def tied_with(self, name: str) -> tuple[str, ...]:
         """The other models that give the same curve as this one."""
@@ -64,13 +105,39 @@ class Ranking(Result):
     def statements(self) -> tuple[str, ...]:
         """Sentences on models that cannot be distinguished, on what is held, on failures, and on the best fit."""
         return (
-            *self._poor(), *self._tied(), *self._equals(), *self._held(), *self.failures, *self.best.statements
+            *self._poor(), *self._tied(), *self._not_ranked(), *self._too_few(), *self._equals(), *self._preference(),
+            *self._held(), *self.failures, *self.best.statements,
         )  # fmt: skip
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Those sentences that concern whoever uses the best fit."""
-        return (*self._poor(), *self._equals(), *self.best.statements)
+        return (*self._poor(), *self._too_few(), *self._equals(), *self.best.statements)
+
+    def _not_ranked(self) -> tuple[str, ...]:
+        """A sentence on the models that are not ranked, with the reason of each."""
+        groups: dict[str, list[str]] = {}
+        for name, reason in zip(self.names[len(self.ranked) :], self.reasons, strict=True):
+            groups.setdefault(reason, []).append(name)
+        parts = [f"{', '.join(names)} ({reason})" for reason, names in groups.items()]
+        return (f"Not ranked: {'; '.join(parts)}.",) if parts else ()
+
+    def _too_few(self) -> tuple[str, ...]:
+        """A sentence where AICc says nothing of any model."""
+        if self.has_aicc or len(self.ranked) < 2:
+            return ()
+        needed = min(fit.rows_for_aicc for fit in self.ranked)
+        return (
+            f"AICc needs at least {needed} rows for so many parameters, but there are {len(self.best.data)}: the "
+            "models are in the order of their residuals' variance. Measure more, or free fewer parameters.",
+        )
+
+    def _preference(self) -> tuple[str, ...]:
+        """A sentence where another model than that of least AICc is the best one."""
+        if self.preferred == 0:
+            return ()
+        name = self.names[self.preferred]
+        return (f"AICc prefers {self.names[0]}, the evidence {name}: all that is written is of {name}.",)
 
     def _tied(self) -> tuple[str, ...]:
         """A sentence on the models of the same curve."""
@@ -82,23 +149,30 @@ class Ranking(Result):
     def _held(self) -> tuple[str, ...]:
         """A sentence on the own parameters of the models that were not fitted."""
         models: dict[str, list[str]] = {}
-        for name, fit in zip(self.names, self.fits, strict=True):
+        for name, fit in zip(self.names, self.ranked, strict=False):
             models.setdefault(own_in_words(fit.model, but=fit.names, units=fit.p.units), []).append(name)
         held = [f"{own} ({', '.join(names)})" for own, names in models.items() if own]
-        if not held or len(self.fits) < 2:
+        if not held or len(self.ranked) < 2:
             return ()
         return (f"Own parameters that are not free are held: {'; '.join(held)}.",)
 
     def _poor(self) -> tuple[str, ...]:
         """A sentence where no one of several models fits."""
-        if len(self.fits) < 2 or not all(is_poor(fit) for fit in self.fits):
+        if len(self.fits) < 2:
+            return ()
+        if all(is_beyond_scatter(fit) for fit in self.fits):
+            return ("None of the models fits: the residuals of each are greater than the scatter of the rows.",)
+        if not all(is_poor(fit) for fit in self.fits):
             return ()
         least = min(fit.chi2 / fit.degrees_of_freedom for fit in self.fits)
         return (f"None of the models fits within the uncertainties: χ²/dof is {least:.3g} or more.",)
 
     def _equals(self) -> tuple[str, ...]:
         """A sentence on the models that fit as well as the best one, with other curves."""
-        near = [name for name, fit in zip(self.names, self.fits, strict=True) if fit.aicc - self.best.aicc < _EQUAL]
+        if not self.has_aicc:
+            return ()
+        differences = self._differences
+        near = [name for name, difference in zip(self.names, differences, strict=False) if difference < _EQUAL]
         if {*near} <= {self.names[0], *self.tied_with(self.names[0])}:
             return ()
         weights = " : ".join(f"{100 * weight:.0f}" for weight in self.weights[: len(near)])
@@ -107,13 +181,15 @@ class Ranking(Result):
     def rows(self) -> list[tuple[str, ...]]:
         """A row for each model."""
         rows = []
-        for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True):
+        numbers = [(f"{difference:.2f}", f"{weight:.1%}") if self.has_aicc else ("–", "–")
+                   for difference, weight in zip(self._differences, self.weights, strict=False)]  # fmt: skip
+        numbers += [("not ranked", "–")] * len(self.reasons)
+        for name, fit, (difference, weight) in zip(self.names, self.fits, numbers, strict=True):
             size = self._scale().size
             reduced = fit.data.uncertainty is not None
             misfit = format_number(fit.chi2 / fit.degrees_of_freedom, 3) if reduced else format_number(fit.rms, 4, size)
-            left_out = format_number(fit.leave_one_out, 4, size)
-            difference = f"{abs(fit.aicc - self.best.aicc):.2f}"
-            rows.append((name, difference, f"{weight:.1%}", misfit, left_out, self._estimates(fit)))
+            left_out = format_number(fit.leave_one_out, 4, size) if np.isfinite(fit.leave_one_out) else "–"
+            rows.append((name, difference, weight, misfit, left_out, self._estimates(fit)))
         return rows
 
     def _estimates(self, fit: Calibration) -> str:
@@ -139,11 +215,14 @@ class Ranking(Result):
 
     def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""
-        fits = [
-            {**fit.to_dict(level), "weight": weight, "tied_with": self.tied_with(name)}
-            for name, fit, weight in zip(self.names, self.fits, self.weights, strict=True)
-        ]
+        fits = [{**fit.to_dict(level), **self.standing(at)} for at, fit in enumerate(self.fits)]
         return to_plain({"fits": fits, "failures": self.failures, "warnings": self.statements})
+
+    def standing(self, at: int) -> Record:
+        """The weight of a fit, the models of the same curve, and why it is not ranked where it is not."""
+        place = at - len(self.ranked)
+        reason = self.reasons[place] if place >= 0 else None
+        return {"weight": self.weights[at], "tied_with": self.tied_with(self.names[at]), "not_ranked": reason}
 
     @property
     def title(self) -> str:
@@ -161,7 +240,7 @@ def rank_models(
     bounds: Mapping[str, Sequence[float]] | None = None,
     **options: Any,
 ) -> Ranking:
-    """Fit several models to the same data and order them by AICc.
+    """Fit several models to the same data and order them by AICc; those whose misfit is no noise are not ranked.
 
     Args:
         p: the case: the first guess of the free parameters, and the values of all others.
@@ -190,9 +269,37 @@ def rank_models(
             failures.append(f"{model_name(model)}: {error}")
     if not fits:
         raise CalibrationError(" ".join(failures))
+    reasons = _reasons(fits)
     # Models of the same curve differ by rounding: they keep their order.
-    fits.sort(key=lambda fit: round(fit.aicc, 3))
-    return Ranking(tuple(fits), _ties(fits), tuple(failures))
+    order = sorted(range(len(fits)), key=lambda at: (reasons[at] != "", round(fits[at].aicc, 3), fits[at].variance))
+    fits = [fits[at] for at in order]
+    return Ranking(tuple(fits), _ties(fits), tuple(failures), tuple(reasons[at] for at in order if reasons[at]))
+
+
+def _reasons(fits: Sequence[Calibration]) -> list[str]:
+    """Why fits are not ranked, a clause for each; "" for those that are."""
+    groups, reasons = conditions(fits[0].data), [""] * len(fits)
+    for at, misses in enumerate(_misses(fits)):
+        if misses:
+            reasons[at] = f"misses the data: {worst_row(fits[at].data, fits[at].fitted, groups)}"
+    if any(fit.aicc < np.inf and not reason for fit, reason in zip(fits, reasons, strict=True)):
+        for at, fit in enumerate(fits):
+            if not reasons[at] and fit.aicc == np.inf:
+                reasons[at] = f"AICc needs at least {fit.rows_for_aicc} rows for its parameters"
+    return reasons
+
+
+def _misses(fits: Sequence[Calibration]) -> list[bool]:
+    """Whether a fit's misfit is no noise while another's is."""
+    misses = [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
+    if all(misses):
+        misses = [False] * len(fits)
+    if fits[0].data.uncertainty is not None:
+        return misses
+    erosion = fits[0].data.erosion / fits[0].problem.deviation
+    sizes = [(fit.variance, fit.degrees_of_freedom) for fit in fits]
+    by_others = [min(variances_differ(size, other, erosion)[1] for other in sizes) < RARE for size in sizes]
+    return [one or other for one, other in zip(misses, by_others, strict=True)]
 
 
 def models_with_free(

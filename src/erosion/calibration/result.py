@@ -16,7 +16,7 @@ from erosion.calibration.forward import FACTORS, FRACTION
 from erosion.calibration.identifiability import Identifiability, identify
 from erosion.calibration.least_squares import CalibrationError, Problem, Solution
 from erosion.calibration.measurements import Measurements
-from erosion.calibration.patterns import Pattern, are_noise, find_patterns
+from erosion.calibration.patterns import Pattern, are_noise, beyond_scatter, find_patterns
 from erosion.calibration.profiles import Profile, Ridge
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
@@ -150,13 +150,13 @@ class Calibration(Result):
     @property
     def noise(self) -> float:
         """The typical standard deviation of a row over the greatest fitted erosion."""
-        deviation = float(np.median(self.problem.deviation)) * np.sqrt(self._variance)
+        deviation = float(np.median(self.problem.deviation)) * np.sqrt(self.variance)
         return deviation / float(np.abs(self.fitted).max())
 
     @property
     def chi2(self) -> float:
         """Sum of squares of residuals over their standard deviation (of the robust loss, if one is chosen)."""
-        return 2 * self.solution.cost / self._variance
+        return 2 * self.solution.cost / self.variance
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -167,17 +167,31 @@ class Calibration(Result):
     def aicc(self) -> float:
         """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
 
-        A parameter counts if it has influence here or at the first guess: the fit may have moved it
-        to a place without influence.
+        Infinite for fewer rows than `rows_for_aicc`.
         """
-        rows, free = len(self.data), max(self.identifiability.rank, self._rank_at_first)
+        rows, free = len(self.data), self._counted
         if self.data.uncertainty is None:
-            free += 1  # the variance was estimated too
             with np.errstate(divide="ignore"):
                 misfit = rows * float(np.log(2 * self.solution.cost / rows))
         else:
             misfit = 2 * self.solution.cost
-        return misfit + 2 * free + (2 * free * (free + 1) / (rows - free - 1) if rows > free + 1 else np.inf)
+        if rows < self.rows_for_aicc:
+            return np.inf
+        return misfit + 2 * free + 2 * free * (free + 1) / (rows - free - 1)
+
+    @property
+    def rows_for_aicc(self) -> int:
+        """The fewest rows for which AICc is known."""
+        return self._counted + 2
+
+    @property
+    def _counted(self) -> int:
+        """How many parameters AICc counts.
+
+        A parameter counts if it has influence here or at the first guess: the fit may have moved it
+        to a place without influence. Without uncertainties the variance was estimated, too.
+        """
+        return max(self.identifiability.rank, self._rank_at_first) + (self.data.uncertainty is None)
 
     @functools.cached_property
     def leave_one_out(self) -> float:
@@ -214,10 +228,15 @@ class Calibration(Result):
 
     @functools.cached_property
     def patterns(self) -> tuple[Pattern, ...]:
-        """Tests of the residuals for patterns over angle, speed and mass; none where they are rounding errors."""
+        """Tests of the residuals for patterns; none where they are rounding errors."""
         if not are_noise(self.residuals, self.data.erosion):
             return ()
-        return find_patterns(self.data, self.residuals / self.problem.deviation, conditions(self.data))
+        groups = conditions(self.data)
+        tests = find_patterns(self.data, self.residuals / self.problem.deviation, groups)
+        scatter = None
+        if self.data.uncertainty is None:
+            scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
+        return tests if scatter is None else (scatter, *tests)
 
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:
@@ -248,7 +267,7 @@ class Calibration(Result):
         erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles, **others})
         # Directions without influence on any row have no influence on the curve either.
         spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
-        errors = np.sqrt(spread * self._variance)
+        errors = np.sqrt(spread * self.variance)
         return erosion.reshape(np.shape(alpha)), errors.reshape(np.shape(alpha))
 
     def profile(self, name: str, points: int = 21) -> Profile:
@@ -269,14 +288,18 @@ class Calibration(Result):
         reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self.ends(LEVEL)[at]]
         offsets = np.outer(reach, np.linspace(0.0, 1.0, points // 2 + 1))
         offsets = np.unique(np.clip(offsets, low - best, high - best))
-        rise = self._ridge(at).rises(offsets, self._variance / 2)
+        rise = self._ridge(at).rises(offsets, self.variance / 2)
         values = forward.from_theta(name, best + offsets)
         if np.isnan(rise + offsets).any():
             where = self.in_words(name, self.estimates[name])
             raise CalibrationError(f"The profile of {name} cannot be made: the model fails near {where}.")
-        return Profile(
-            name, values, 2 * rise / self._variance, unit_name(self.quantities[name].dimension, self.p.units)
-        )
+        return Profile(name, values, 2 * rise / self.variance, unit_name(self.quantities[name].dimension, self.p.units))
+
+    @property
+    def error_meaning(self) -> str:
+        """What the errors and intervals of the estimates hold, in words."""
+        source = "their scatter" if self.data.uncertainty is None else "the rows' uncertainties"
+        return f"± and intervals are by {source} alone"
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Estimates with standard errors and intervals of `level`."""
@@ -291,15 +314,23 @@ class Calibration(Result):
             if name not in self.names
         ]
         scale = table_scale(self.data.dimension, self.p.units, self.rms)
-        rows.append(Row("rms", "", format_number(self.rms, 4, scale.size), scale.unit, "of the residuals"))
-        left_out = format_number(self.leave_one_out, 4, scale.size)
-        alone = "" if np.isfinite(self.leave_one_out) else ": there is a row without which a parameter is open"
-        rows.append(Row("leave_one_out", "", left_out, scale.unit, f"rms at rows left out{alone}"))
+        rows.append(
+            Row(
+                "rms", "", format_number(self.rms, 4, scale.size), scale.unit, f"of the residuals; {self.error_meaning}"
+            )
+        )
+        left_out, meaning = format_number(self.leave_one_out, 4, scale.size), "rms at rows left out"
+        if not np.isfinite(self.leave_one_out):
+            left_out, meaning = "–", f"{meaning}: there is a row without which a parameter is open"
+        rows.append(Row("leave_one_out", "", left_out, scale.unit, meaning))
         if self.data.uncertainty is not None:
             rows.append(
                 Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
             )
-        rows.append(Row("aicc", "", format_number(self.aicc, 5), "", "Akaike's criterion, for few data"))
+        criterion, meaning = format_number(self.aicc, 5), "Akaike's criterion, for few data"
+        if self.aicc == np.inf:
+            criterion, meaning = "–", f"{meaning}: needs at least {self.rows_for_aicc} rows for these parameters"
+        rows.append(Row("aicc", "", criterion, "", meaning))
         return rows
 
     @property
@@ -339,10 +370,10 @@ class Calibration(Result):
     @property
     def covariance_of_theta(self) -> np.ndarray:
         """Covariance of θ, shape (names, names)."""
-        return self.identifiability.covariance * self._variance
+        return self.identifiability.covariance * self.variance
 
     @functools.cached_property
-    def _variance(self) -> float:
+    def variance(self) -> float:
         """Variance of the weighted residuals: 1 with uncertainties, else estimated from the residuals."""
         if self.data.uncertainty is not None:
             return 1.0
@@ -371,7 +402,7 @@ class Calibration(Result):
 
     def allowed(self, at: int) -> np.ndarray:
         """The best fits with one parameter at either end of its interval, as θ; shape (2, names)."""
-        ends = [self._ridge(at).refit(end, self.solution.theta, self.rise() * self._variance / 2)
+        ends = [self._ridge(at).refit(end, self.solution.theta, self.rise() * self.variance / 2)
                 for end in self.ends(LEVEL)[at]]  # fmt: skip
         return np.array([self.solution.theta if refit is None else refit.theta for refit in ends])
 
@@ -382,7 +413,7 @@ class Calibration(Result):
 
     def _crossings(self, at: int, rise: float) -> tuple[float, float]:
         """The offsets of one parameter, below and above, at which χ² has risen by `rise`."""
-        width, height = float(np.sqrt(rise * self.covariance_of_theta[at, at])), rise * self._variance / 2
+        width, height = float(np.sqrt(rise * self.covariance_of_theta[at, at])), rise * self.variance / 2
         if width in (0.0, np.inf):
             return -width, width
         ridge = self._ridge(at)

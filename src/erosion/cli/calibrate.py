@@ -72,8 +72,10 @@ def calibrate(
         laws = draw.laws(measured, chosen, fit)
         _require_known(profile, along)
         ranking = rank_models(p, measured, fit.free, models=chosen, progress=progress, bounds=bounds, **fit.arguments())
+        drawn = draw.drawn(p, ranking, fit, laws, progress)
+        if drawn is not None:
+            ranking = ranking.preferring(drawn.posteriors.names[0])
         along_profile = None if profile is None else ranking.best.profile(profile)
-        drawn = draw.drawn(p, measured, chosen, fit, laws, progress)
     try:
         written, warnings, refused = *files.write(ranking, level, options), None
         written += [] if drawn is None else draw.write(drawn)
@@ -188,8 +190,8 @@ def _document(
     content = _fit_as_json(ranking.best, level)
     if _ranks_several(ranking):
         content["ranking"] = [
-            {"model": name, **_fit_as_json(fit, level), "weight": weight, "tied_with": ranking.tied_with(name)}
-            for name, fit, weight in zip(ranking.names, ranking.fits, ranking.weights, strict=True)
+            {"model": name, **_fit_as_json(fit, level), **ranking.standing(at)}
+            for at, (name, fit) in enumerate(zip(ranking.names, ranking.fits, strict=True))
         ]
     if profile is not None:
         content["profile"] = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}

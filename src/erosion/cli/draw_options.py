@@ -16,7 +16,7 @@ from erosion.cli.output import require_outputs
 
 if TYPE_CHECKING:
     from erosion.arguments import Progress
-    from erosion.calibration import Measurements
+    from erosion.calibration import Measurements, Ranking
     from erosion.parameters.parameters import Parameters
     from erosion.posteriors import NextExperiment, PosteriorRanking
 
@@ -106,15 +106,15 @@ class DrawOptions:
     def drawn(
         self,
         p: "Parameters",
-        measured: "Measurements",
-        models: Sequence[Any],
+        ranking: "Ranking",
         fit: FitOptions,
         laws: Mapping[str, Any],
         progress: "Progress",
     ) -> "Drawn | None":
-        """The posteriors of all models, and the next experiment; None where they are not asked for."""
+        """The posteriors of the models that are ranked, and the next experiment; None where they are not asked for."""
         if not self.posterior:
             return None
+        free = [name for name in fit.free if any(name in ranked.names for ranked in ranking.ranked)]
         from erosion.posteriors import ConvergenceWarning, rank_posteriors
 
         with warnings.catch_warnings():
@@ -122,10 +122,10 @@ class DrawOptions:
             warnings.simplefilter("ignore", ConvergenceWarning)
             posteriors = rank_posteriors(
                 p,
-                measured,
-                fit.free,
-                models=models,
-                priors=laws,
+                ranking.best.data,
+                free,
+                models=[ranked.problem.forward.model for ranked in ranking.ranked],
+                priors={name: law for name, law in laws.items() if name in free or name not in fit.free},
                 progress=progress,
                 **{name: fit.arguments()[name] for name in ("density", "cutting_fraction")},
                 draws=500 if self.draws is None else self.draws,

@@ -56,7 +56,7 @@ class FitFiles:
                 from erosion.plotting.calibrations import plot_calibration
                 from erosion.plotting.style import save_plot
 
-                written.append(save_plot(plot_calibration(ranking.fits, level), self.plot))
+                written.append(save_plot(plot_calibration(ranking.best_first, level), self.plot))
             for path, text in texts:
                 write_whole(path, text.encode())
                 written.append(path)

@@ -1,10 +1,11 @@
 """Lists as options take them: with commas between the items, or the option repeated."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
+
+from erosion.files import is_file
 
 
 def read_list(text: str) -> list[str]:
@@ -17,7 +18,7 @@ def read_list(text: str) -> list[str]:
 
 def read_models(text: str) -> list[str]:
     """The models that a text names; the path of a file may have a comma."""
-    return [text] if Path(text).is_file() else read_list(text)
+    return [text] if is_file(text) else read_list(text)
 
 
 LISTED = Parameter(

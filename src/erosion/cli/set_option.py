@@ -1,6 +1,7 @@
 """`--set friction=0.3`: a model's own parameters at the command line and in case files."""
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -54,10 +55,17 @@ def with_model_of_case(section: Mapping[str, Any], case: CaseOptions, given: Seq
         given: the models of the option --model; another one than the file's leaves out its parameters, too.
     """
     model, own = case.model()
-    if model is None or section.get("model", model) != model or (given is not None and [*given] != [model]):
+    if model is None or section.get("model", model) != model:
+        return section
+    if given is not None and (len(given) != 1 or _source(given[0]) != _source(model)):
         return section
     of_verb = section.get("set", {})
     return {**section, "model": model, "set": {**own, **of_verb} if isinstance(of_verb, Mapping) else of_verb}
+
+
+def _source(model: str) -> str | Path:
+    """A model's name, or the one path that all paths of its file have."""
+    return Path(model).resolve() if model.endswith(".py") else model
 
 
 def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = None, where: str = "") -> Settings:

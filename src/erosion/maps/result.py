@@ -224,6 +224,13 @@ def _provenance(source: MapSource) -> dict[str, str]:
     )
 
 
+def error_meaning(wear: xr.Dataset) -> str:
+    """What the relative errors of a map hold, in words."""
+    if "total_parameter_error" in wear:
+        return "the standard error by sampling the impacts and by uncertain parameters"
+    return "the standard error by sampling the impacts alone, all parameters taken as exact"
+
+
 @dataclasses.dataclass(frozen=True)
 class MapSummary(Result):
     """The totals of a map, for people and as JSON.
@@ -250,6 +257,7 @@ class MapSummary(Result):
     def rows(self) -> list[Row]:
         """The totals, the deepest face, each patch, and how impacts end."""
         data, rows = self.dataset, [Row("impacts", "", f"{int(self.dataset['total_impacts']):,}", "", "rows that hit")]
+        rows[0] = rows[0]._replace(meaning=f"rows that hit; ± of totals is {error_meaning(data)}")
         if "face" in data.dims:
             hit = int((data["impacts"] > 0).sum())
             rows.append(Row("faces hit", "", f"{hit:,} of {data.sizes['face']:,}", "", "of the surface"))

@@ -19,6 +19,7 @@ from erosion.models.registry import ModelInfo as ModelInfo
 from erosion.models.registry import available_models as available_models
 from erosion.models.registry import load_model as load_model
 from erosion.models.registry import model_name as model_name
+from erosion.models.registry import model_source as model_source
 from erosion.models.registry import usable_models as usable_models
 from erosion.models.rigid import RigidErodent as RigidErodent
 from erosion.models.rotating import Rotating as Rotating

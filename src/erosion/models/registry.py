@@ -42,6 +42,10 @@ PLUG_IN = "erosion_plugin_"
 """How the name of a plug-in file's module begins."""
 
 
+_LOADED: list[tuple[str, CuttingModel]] = []
+"""The models of files and entry points that were loaded, each with its path or name; see `model_source`."""
+
+
 class ModelError(ValueError):
     """A model that cannot be found or loaded; the message says which and why."""
 
@@ -186,10 +190,10 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     if str(name).partition(":")[0] in CORRELATIONS:
         return _correlated(str(name))
     if str(name).endswith(".py"):
-        return _file(Path(name))[0]
+        return _remembered(str(name), _file(Path(name))[0])
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name == str(name):
-            return _from_entry_point(entry)
+            return _remembered(entry.name, _from_entry_point(entry))
     known = ", ".join((*available_models(), *CORRELATIONS))
     raise ModelError(f"There is no model {shown(str(name))}; known are {known}, and Python files by path (…/model.py).")
 
@@ -204,6 +208,31 @@ def model_name(model: CuttingModel) -> str:
     parts = [type(part).__name__ for part in vars(model).values() if isinstance(part, eqx.Module)
              and not type(part).__module__.startswith("erosion.")]  # fmt: skip
     return type(model).__name__ + (f"({', '.join(parts)})" if parts else "")
+
+
+def model_source(model: CuttingModel) -> str | None:
+    """What `load_model` takes for a model, but for its own parameters: its name, or the path of its file.
+
+    Returns:
+        None for a model that was made in a program, and has no name.
+    """
+    if isinstance(model, Correlated):
+        return model.label
+    for name, info in BUILT_IN.items():
+        if _same_parts(info.make(), model):
+            return name
+    for source, loaded in reversed(_LOADED):
+        if _same_parts(loaded, model):
+            own = {name: parameter.value for name, parameter in own_parameters(loaded).items()}
+            if eqx.tree_equal(model.replace(**own), loaded):
+                return source
+    return None
+
+
+def _remembered(source: str, model: CuttingModel) -> CuttingModel:
+    """The model, of which `model_source` now knows the name or the path, which stays when the folder changes."""
+    _LOADED.append((str(Path(source).absolute()) if source.endswith(".py") else source, model))
+    return model
 
 
 def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> Record:

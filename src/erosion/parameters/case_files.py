@@ -10,16 +10,20 @@ may name the particle and the target:
 
     particle = "garnet 0.3 mm"
     target = "aluminium 6061"
+
+A path in a file, of a model, a table or draws, begins at the folder of this file (`erosion.files.beside`).
 """
 
 import contextlib
+import functools
+import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from erosion.arguments import check_path
-from erosion.files import readable
+from erosion.files import beside, is_file, readable
 from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
@@ -32,6 +36,13 @@ MODEL_KEYS = ("model", "set")
 """The case's usual model and that model's own parameters; see `load_model_of_case`."""
 SECTIONS = ("sweep", "stream", "map", "advise")
 """Tables that a case file may have for the verbs of these names; see `load_section`."""
+_WORDS = ("title", "units", "warning")
+"""Fields whose text is never a path."""
+_WITH_A_PATH = (
+    re.compile(r"(\s*+samples\s*+\(\s*+)(.+)(\)\s*)", re.DOTALL),  # a law
+    re.compile(r"(\s*+)(.+\.toml)(\s*:.+)", re.DOTALL | re.IGNORECASE),  # a material of a table of one's own
+    re.compile(r"(\s*+)(.+\.(?:py|nc|csv))(\s*)", re.DOTALL),  # a model, draws, rows of particles
+)
 
 
 class CaseError(ValueError):
@@ -174,11 +185,36 @@ def _read(path: Path) -> dict[str, Any]:
     with readable(path, CaseError):
         text = path.read_text(encoding="utf-8-sig")
     try:
-        return tomllib.loads(text)
+        return with_paths(tomllib.loads(text), functools.partial(beside, path))
     except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
         raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
     except RecursionError as error:
         raise CaseError(f"{path}: is nested too deeply to be a case file.") from error
+
+
+def with_paths(value: Any, move: Callable[[str], str], field: str = "") -> Any:
+    """A value of a case file with another path in place of each that it has.
+
+    Args:
+        value: a text, or a table or list of texts.
+        move: takes a path and gives the other one.
+        field: the value's.
+    """
+    if isinstance(value, dict):
+        return {name: item if name in _WORDS else with_paths(item, move, name) for name, item in value.items()}
+    if isinstance(value, list):
+        return [with_paths(item, move, field) for item in value]
+    if not isinstance(value, str) or not value.strip():
+        return value
+    if field == "rows":  # a table, whatever its suffix
+        return move(value)
+    if field == "model" and "," in value and not is_file(move(value)):
+        return ",".join(with_paths(name, move, field) for name in value.split(",") if name.strip())
+    for pattern in _WITH_A_PATH:
+        if match := pattern.fullmatch(value):
+            before, path, after = match.groups()
+            return f"{before}{move(path)}{after}"
+    return value
 
 
 def dump_case(p: Parameters, title: str = "") -> str:

@@ -27,6 +27,8 @@ _DASHES: Sequence[Any] = (
 )
 _RIGHT = 92  # degrees, so that a mark at 90° is whole
 
+_BY = {True: "by the rows' scatter alone", False: "by the rows' uncertainties alone"}
+
 
 @house_style()
 def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure:
@@ -58,7 +60,13 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     angle_axis(lower)
     lower.set_xlim(0, _RIGHT)
     handles, labels = upper.get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 3), title=f"bands: {level:.0%}")
+    fig.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=min(len(labels), 3),
+        title=f"bands: {level:.0%} of the curve, {_BY[best.data.uncertainty is None]}",
+    )
     if best.statements:
         whose = f"{model_name(best.model)}: " if len(fits) > 1 else ""
         count = len(best.statements)

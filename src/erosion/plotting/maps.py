@@ -252,4 +252,5 @@ def _title(wear: xr.Dataset) -> str:
     """The model, and the total with its standard error."""
     total, error = float(wear["total_volume"]), float(wear["total_relative_error"])
     scale = table_scale("volume", wear.attrs["unit_system"], total)
-    return f"{wear.attrs['model']}: {scale.beside(with_error(total, total * error, scale.size))} in all"
+    by = "sampling and uncertain parameters" if "total_parameter_error" in wear else "sampling alone"
+    return f"{wear.attrs['model']}: {scale.beside(with_error(total, total * error, scale.size))} in all (± by {by})"

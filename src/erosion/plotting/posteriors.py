@@ -126,7 +126,8 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
     # Panels that show the same kind of end share an entry.
     legends = [ax.get_legend_handles_labels() for ax in (upper, *lower)]
     entries = {label: handle for handles, labels in legends for handle, label in zip(handles, labels, strict=True)}
-    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=4)
+    bands = "bands: of the curve, by the draws alone, without a row's error"
+    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=4, title=bands)
     return fig
 
 

@@ -61,17 +61,20 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
 
 @house_style()
 def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
-    """Mean volume over the nozzle's angle with its 95 % band, and the volume that one typical particle removes."""
+    """Mean volume over the nozzle's angle with its 95 % by sampling, and the volume that a typical particle removes."""
     scale = readable_scale("volume", units, float(max(nozzle.curve.max(), nozzle.single_curve.max())))
     degrees, mean = np.rad2deg(nozzle.angles), nozzle.curve / scale.size
     half = 1.96 * nozzle.curve_error / scale.size
     alone = f"one typical particle, greatest at {np.rad2deg(nozzle.single_alpha):.2f}°"
     ax.plot(np.rad2deg(nozzle.single_angles), nozzle.single_curve / scale.size, color=DIM, linestyle="--", label=alone)
-    ax.fill_between(degrees, mean - half, mean + half, color=PALETTE["sky"], alpha=0.6, linewidth=0, label="95 % band")
+    ax.fill_between(degrees, mean - half, mean + half, color=PALETTE["sky"], alpha=0.6, linewidth=0,
+                    label="its 95 % by sampling alone")  # fmt: skip
     ax.plot(degrees, mean, color=PALETTE["blue"], label="mean of the stream")
     best = nozzle.alpha
     ax.axvspan(*np.rad2deg([best.low, best.high]), color=PALETTE["orange"], alpha=0.35, linewidth=0)
-    label = f"greatest at {np.rad2deg(best.value):.2f}° ± {np.rad2deg(best.high - best.value):.2f}°"
+    label = (
+        f"greatest at {np.rad2deg(best.value):.2f}° ± {np.rad2deg(best.high - best.value):.2f}° (95 %, sampling alone)"
+    )
     ax.plot([np.rad2deg(best.value)], [nozzle.volume.value / scale.size], "*", color=PALETTE["orange"],
             markersize=13, markeredgecolor=INK, markeredgewidth=0.7, zorder=5, label=label)  # fmt: skip
     ax.set_xlim(0, 90)

@@ -45,7 +45,7 @@ class BestAngles(Result):
             quantity = RESULTS[name]
             low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
             scale = table_scale(quantity.dimension, self.optimum.p.units, float(middle))
-            ends = f"{LEVEL:.0%}: {low / scale.size:.4g} … {high / scale.size:.4g}"
+            ends = f"{LEVEL:.0%} of the draws: {low / scale.size:.4g} … {high / scale.size:.4g}"
             rows.append(Row(name, quantity.symbol, f"{middle / scale.size:.4g}", scale.unit, f"the median; {ends}"))
         rows += [Row(kind, "", f"{share:.1%}", "", "of the draws") for kind, share in self.kinds.items()]
         return rows

@@ -80,7 +80,7 @@ class PosteriorRanking(Result):
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        return ("model", "Δ ln Z", "probability", "means")
+        return ("model", "Δ ln Z", "probability", "estimates")
 
     def rows(self) -> list[tuple[str, ...]]:
         """A row for each model."""

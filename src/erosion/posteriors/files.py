@@ -1,6 +1,7 @@
 """Files of draws: what `Posterior.save` writes, read as a joint law for streams and maps of the same model."""
 
 import dataclasses
+import functools
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
@@ -9,15 +10,18 @@ import xarray as xr
 
 from erosion.arguments import check_path
 from erosion.calibration.forward import FRACTION, SCALE
+from erosion.files import beside
 from erosion.joint_laws import Rows
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import converted, own_in_words
-from erosion.parameters.case_files import parse_case
+from erosion.parameters.case_files import parse_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity
 from erosion.parameters.units import System, check_system, conversion_factor
 from erosion.posteriors.priors import FACTORS, NOISE
 
+SOURCE = "model_source"
+"""The attribute with what loads the model again: its name, or its file, whose path begins at the draws."""
 _OF_METAL = ("k", "psi", "sigma")  # those that a case must share with the data
 
 
@@ -124,8 +128,10 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
 
 
 def model_of_draws(path: str | Path) -> str:
-    """The name of the model whose draws a file has; errors as of `read_draws`."""
-    return str(_opened(check_path("path", path)).attrs["model"])
+    """The name of the model whose draws a file has, or the path of its file; errors as of `read_draws`."""
+    path = check_path("path", path)
+    attrs = _opened(path).attrs
+    return with_paths(str(attrs.get(SOURCE) or attrs["model"]), functools.partial(beside, path))
 
 
 def _opened(path: Path) -> xr.Dataset:

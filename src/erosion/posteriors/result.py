@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy import stats
 
 from erosion.arguments import check_level, check_path, check_whole
 from erosion.calibration.doubts import LEVEL
@@ -15,27 +16,28 @@ from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
 from erosion.engine.impact import impact
-from erosion.files import require_writable, write_whole
+from erosion.files import require_writable, seen_from, write_whole
 from erosion.joint_laws import Rows
-from erosion.models import model_name
+from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import with_values
 from erosion.models.registry import impact_to_dict
 from erosion.optimum.alpha_max import alpha_max
-from erosion.parameters.case_files import dump_case
+from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.scales import Scale, table_scale
 from erosion.posteriors import doubts
 from erosion.posteriors.best_angles import BestAngles
 from erosion.posteriors.convergence import EFFECTIVE, RHAT, effective, rhats
-from erosion.posteriors.files import own_in_si
+from erosion.posteriors.files import SOURCE, own_in_si
 from erosion.posteriors.likelihood import Likelihood
 from erosion.posteriors.priors import NOISE, Priors, sampled_quantities
 from erosion.posteriors.tempering import Run
 from erosion.tables import Result, Row, format_number, to_plain
 from erosion.version import __version__
 
+_FACTOR = 1.5  # by which a deviation and an interval may differ to be shown together
 _SOME = 400  # draws that show a curve's quantiles, and take a second for the best angles
 
 
@@ -237,7 +239,7 @@ class Posterior(Result):
         return np.full(len(next(iter(draws.values()))), float(np.median(self.data.uncertainty)))
 
     def rows(self, level: float = LEVEL) -> list[Row]:
-        """Means with deviations, intervals of `level` and priors; the evidence; the quality of the draws."""
+        """Means with deviations, or medians, intervals of `level` and priors; the evidence; the draws' quality."""
         evidence = f"{self.log_evidence:.2f} ± {self.log_evidence_error:.2f}"
         chains, count = self.run.points.shape[:2]
         fewest = f"of {chains * count:,} draws, the fewest; good from {EFFECTIVE * chains}"
@@ -255,13 +257,20 @@ class Posterior(Result):
         scale = table_scale(quantity.dimension, self.p.units, abs(self.means[name]))
         mean, deviation = self.means[name] / scale.size, self.deviations[name] / scale.size
         low, high = (end / scale.size for end in self.intervals(level)[name])
-        ends = f"{rounded(low, high - low, 2)} … {rounded(high, high - low, 2)}"
-        meaning = f"{level:.0%}: {ends}; prior: {self.prior_in_words(name)}"
-        value = f"{rounded(mean, deviation)} ± {rounded(deviation, deviation)}"
-        return Row(name, quantity.symbol, value, scale.unit, meaning)
+        prior = f"prior: {self.prior_in_words(name)}"
+        width = float(stats.norm.ppf((1 + level) / 2)) * deviation
+        if all(width < _FACTOR * distance < _FACTOR**2 * width for distance in (mean - low, high - mean)):
+            ends = f"{rounded(low, high - low, 2)} … {rounded(high, high - low, 2)}"
+            value = f"{rounded(mean, deviation)} ± {rounded(deviation, deviation)}"
+            return Row(name, quantity.symbol, value, scale.unit, f"{level:.0%}: {ends}; {prior}")
+        # A mean and a deviation would say that other values are likely than the interval does.
+        middle = float(self.samples[name].median()) / scale.size
+        ends = f"{rounded(low, middle - low, 2)} … {rounded(high, high - middle, 2)}"
+        value = rounded(middle, min(middle - low, high - middle))
+        return Row(name, quantity.symbol, value, scale.unit, f"the median; {level:.0%}: {ends}; {prior}")
 
     def mean_in_words(self, name: str) -> str:
-        """A parameter's mean and standard deviation: "threshold = 7.3 ± 1.0 m/s"."""
+        """A parameter's mean and deviation, or its median: "threshold = 7.3 ± 1.0 m/s"."""
         row = self._row(name, LEVEL)
         return f"{name} = {Scale(1.0, row.unit).beside(row.value)}"
 
@@ -316,6 +325,7 @@ class Posterior(Result):
             "inference_library": "erosion",
             "inference_library_version": __version__,
             "model": model_name(self.model),
+            SOURCE: model_source(self.model) or "",
             "case": dump_case(self.p),
             "unit_system": self.p.units,
             "own_parameters": own_in_si(self.model, self.p, self.names),
@@ -346,6 +356,8 @@ class Posterior(Result):
             raise ValueError(f"Argument `path` must end in .nc, but is {path}.")
         require_writable(path)
         tree = self.to_datatree()
+        draws = tree["posterior"].attrs
+        draws[SOURCE] = with_paths(draws[SOURCE], functools.partial(seen_from, path))
         # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
         checked = {
             group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}

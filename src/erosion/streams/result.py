@@ -127,6 +127,12 @@ class Stream(Result):
         return errors
 
     @property
+    def error_meaning(self) -> str:
+        """What the errors and intervals of the estimates hold, in words."""
+        others = "uncertain parameters apart" if self.uncertainty is not None else "all other parameters taken as exact"
+        return f"the error by sampling these particles alone, {others}"
+
+    @property
     def shares(self) -> dict[str, Estimate]:
         """Share of the particles by outcome, for the outcomes that occur."""
         shares = self.tally.ends / self.tally.drawn
@@ -153,7 +159,7 @@ class Stream(Result):
         """The results as rows of a table; errors are standard errors."""
         units = self.particles.p.units
         rows = [
-            Row("n", "", f"{self.n:,}", "", "particles"),
+            Row("n", "", f"{self.n:,}", "", f"particles; ± is {self.error_meaning}"),
             self._estimate_row("mean_volume"),
             *self._per_mass_rows(),
             *self._uncertainty_rows(),
@@ -175,10 +181,10 @@ class Stream(Result):
         if self.nozzle is not None:
             at_edge = " (the edge of what was looked at)" if self.nozzle.at_edge else ""
             best, degree = self.nozzle.alpha, 180 / math.pi
-            row = Row("alpha_max", "α_max", "", "°", f"of the nozzle, for the stream{at_edge}; ± by sampling")
+            row = Row("alpha_max", "α_max", "", "°", f"of the nozzle, for the stream{at_edge}; ± by sampling alone")
             rows.append(_with_error(row, best, degree))
             ends = (with_error(end, best.error, 1 / degree).partition(" ")[0] for end in (best.low, best.high))
-            rows.append(Row("", "", " … ".join(ends), "°", "its 95 % interval"))
+            rows.append(Row("", "", " … ".join(ends), "°", "its 95 % interval, by sampling alone"))
             alone = f"of a single, typical particle ({self.nozzle.single_kind})"
             rows.append(Row("", "", f"{self.nozzle.single_alpha * degree:.5g}", "°", alone))
         return rows
@@ -261,7 +267,11 @@ class Stream(Result):
                 continue
             attributes = RESULTS[name].attributes(units)
             dataset[name] = ((), estimate.value, attributes)
-            dataset[f"{name}_error"] = ((), estimate.error, {**attributes, "long_name": f"standard error of {name}"})
+            dataset[f"{name}_error"] = (
+                (),
+                estimate.error,
+                {**attributes, "long_name": f"standard error of {name} by sampling"},
+            )
         for name, error in self.parameter_errors.items():
             attributes = RESULTS[name].attributes(units)
             words = {"long_name": f"standard deviation of {name} by uncertain parameters"}

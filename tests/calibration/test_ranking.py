@@ -1,0 +1,131 @@
+"""Models that cannot have the data's pattern are not ranked, and nothing is ranked by a number that is not known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from erosion import TABLE_1
+from erosion.advice.result import FIT
+from erosion.calibration import calibrate, rank_models
+from erosion.calibration.conditions import conditions
+from erosion.calibration.measurements import read_measurements
+from erosion.calibration.patterns import beyond_scatter, variances_differ
+
+P = TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
+# Six weighings with the maximum at 30° and wear at 90°, as a shop has them.
+WEIGHED = {"angle [deg]": [15.0, 30, 45, 60, 75, 90], "mass_loss [mg/kg]": [190.0, 240, 205, 150, 110, 95]}
+MODELS = ["tan-alpha", "linearized", "linearized-deformation"]
+DENSITY = 2700.0
+
+
+@pytest.fixture(scope="module")
+def ranking():
+    return rank_models(P, WEIGHED, ["k", "psi", "energy_ratio"], models=MODELS, density=DENSITY, starts=8)
+
+
+def test_models_that_miss_the_data_are_not_ranked_and_named(ranking):
+    # AICc alone puts tan-alpha first, with a rms of 75 mg/kg, for it has the fewest parameters.
+    assert min(ranking.fits, key=lambda fit: fit.aicc) is not ranking.best
+    assert ranking.names[0] == "linearized-deformation"
+    assert len(ranking.ranked) == 1
+    assert ranking.weights.tolist() == [1.0, 0.0, 0.0]
+    (said,) = [sentence for sentence in ranking.statements if sentence.startswith("Not ranked: ")]
+    assert all(name in said for name in ("tan-alpha", "linearized", "at 90°", "0 mg/kg", "95 mg/kg"))
+    shown = {row[0]: row[1:4] for row in ranking.rows()}
+    assert shown["tan-alpha"] == ("not ranked", "–", "75.09")
+    fits = {fit["model"]: fit for fit in ranking.to_dict()["fits"]}
+    assert "at 90°" in fits["tan-alpha"]["not_ranked"]
+    assert fits["linearized-deformation"]["not_ranked"] is None
+
+
+def test_the_best_fit_has_its_maximum_where_the_data_have_it(ranking):
+    degrees = np.linspace(10, 80, 141)
+    curve, _ = ranking.best.curve(np.deg2rad(degrees))
+    assert degrees[np.argmax(curve)] == pytest.approx(30, abs=2)
+
+
+def test_a_single_model_that_misses_the_data_says_so():
+    fit = calibrate("tan-alpha", P, WEIGHED, ["psi"], density=DENSITY, starts=2)
+    (said,) = fit.statements
+    assert "scatter about a smooth curve" in said
+    assert "at 90° the fit has 0 mg/kg, the data have 95 mg/kg" in said
+    good = calibrate("linearized-deformation", P, WEIGHED, ["k", "psi", "energy_ratio"], density=DENSITY, starts=8)
+    assert good.statements == ()
+
+
+def test_an_interval_that_is_lopsided_is_shown_without_a_standard_error():
+    fit = calibrate("tan-alpha", P, WEIGHED, ["psi"], density=DENSITY, starts=2)
+    (low, high), psi = fit.intervals()["psi"], fit.estimates["psi"]
+    assert (high - psi) > 3 * (psi - low)
+    row = next(row for row in fit.rows() if row.name == "psi")
+    ends = [float(end) for end in row.meaning.partition(";")[0].removeprefix("95%: ").split(" … ")]
+    assert ends[0] < float(row.value) < ends[1]
+    assert "±" not in row.value
+
+
+def test_errors_say_what_they_hold():
+    fit = calibrate("linearized", P, WEIGHED, ["psi"], density=DENSITY, starts=2)
+    assert "± and intervals are by their scatter alone" in str(fit)
+
+
+def test_all_models_stay_where_all_miss_the_data():
+    ranking = rank_models(P, WEIGHED, ["psi"], models=["tan-alpha", "rotating-tan-alpha"], density=DENSITY, starts=2)
+    assert len(ranking.ranked) == 2
+    assert ranking.doubts[0].startswith("None of the models fits")
+
+
+def test_with_uncertainties_the_misfit_decides():
+    columns = WEIGHED | {"uncertainty [mg/kg]": [10.0] * 6}
+    ranking = rank_models(P, columns, ["psi", "energy_ratio"], models=MODELS[::2], density=DENSITY, starts=4)
+    assert ranking.names == ("linearized-deformation", "tan-alpha")
+    assert len(ranking.ranked) == 1
+
+
+@pytest.mark.parametrize("rows", [range(5), [0, 1, 2, 5]])
+def test_too_few_rows_for_the_criterion_print_no_nan(rows):
+    few = {name: [column[row] for row in rows] for name, column in WEIGHED.items()}
+    models = ["linearized-deformation", "rotating-deformation"]
+    ranking = rank_models(P, few, ["k", "psi", "energy_ratio"], models=models, density=DENSITY, starts=4)
+    text = f"{ranking} {ranking.best} {ranking.statements}"
+    assert not any(word in text.lower().split() for word in ("nan", "nan%", "inf", "-inf"))
+    assert ranking.best.rows_for_aicc == 6
+    assert any("AICc needs at least 6 rows" in said for said in ranking.doubts)
+    assert [fit["weight"] for fit in ranking.to_dict()["fits"]] == [pytest.approx(np.nan, nan_ok=True)] * 2
+    assert ranking.fits[0].variance <= ranking.fits[1].variance
+
+
+def test_a_model_with_too_many_parameters_for_the_criterion_is_named():
+    few = {name: [column[row] for row in (0, 1, 2, 3, 4)] for name, column in WEIGHED.items()}
+    models = ["linearized", "linearized-deformation"]
+    ranking = rank_models(P, few, ["k", "psi", "energy_ratio"], models=models, density=DENSITY, starts=4)
+    (said,) = [sentence for sentence in ranking.statements if sentence.startswith("Not ranked: ")]
+    assert "linearized-deformation (AICc needs at least 6 rows for its parameters)" in said
+    assert "nan" not in str(ranking)
+
+
+@pytest.mark.slow
+def test_noise_about_a_right_curve_is_rarely_beyond_the_scatter():
+    angles = np.deg2rad(np.arange(15.0, 91, 15))
+    curve = np.sin(angles) * np.cos(angles) + 0.2 * np.sin(angles) ** 2
+    random, seen = np.random.default_rng(1), 0
+    for _ in range(1000):
+        columns = {"angle [rad]": angles, "volume [mm^3]": curve + 0.02 * random.standard_normal(6)}
+        data = read_measurements(columns, "si")
+        basis = np.stack([np.sin(angles) * np.cos(angles), np.sin(angles) ** 2], axis=1)
+        fitted = basis @ np.linalg.lstsq(basis, data.erosion, rcond=None)[0]
+        pattern = beyond_scatter(data, fitted, 4, conditions(data))
+        assert pattern is not None
+        seen += pattern.seen
+    assert seen <= 15  # 1 of 100 is promised
+
+
+def test_rounding_errors_are_no_misfit():
+    erosion = np.ones(6)
+    assert variances_differ((1e-20, 4), (1e-28, 4), erosion) == (1.0, pytest.approx(0.5))
+
+
+def test_one_route_leads_from_weighings_to_an_advice():
+    root = Path(__file__).parents[2]
+    for page in ("README.md", "docs/advice.md"):
+        assert FIT in (root / page).read_text(), page
