@@ -65,7 +65,7 @@ def test_the_target_follows_the_colon():
 
 def test_oka_takes_the_size_of_a_sphere_of_the_cases_mass():
     model = erosion.load_model("oka")
-    light = erosion.impact(model.replace(erodent_density=2650 / 8), SI).volume
+    light = erosion.impact(model.replace(particle_density=2650 / 8), SI).volume
     assert light == pytest.approx(erosion.impact(model, SI).volume * 2**0.19, rel=1e-12)
 
 

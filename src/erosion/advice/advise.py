@@ -152,9 +152,9 @@ def advise_case(
 
 def _of_particle(model: CuttingModel, grit: Particle | None) -> CuttingModel:
     """A correlation that depends on the size of the particle takes the size from its mass: give it the density."""
-    if grit is None or "erodent_density" not in own_parameters(model):
+    if grit is None or "particle_density" not in own_parameters(model):
         return model
-    return model.replace(erodent_density=grit.density)
+    return model.replace(particle_density=grit.density)
 
 
 def _correlations(metal: Target | None) -> dict[str, bool]:

@@ -85,7 +85,7 @@ def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: fl
         tally: the sums of all rows.
         source: what they are sums of.
         ends: the outcomes, columns of `tally.ends`.
-        density: of the target [density], where it is known.
+        density: of the target [kg/m³], where it is known.
     """
     units, surface, duration = source.bodies.p.units, source.surface, source.impacts.duration
     sums = {**tally.sums, "impacts": tally.impacts.astype(float)}
@@ -93,6 +93,8 @@ def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: fl
     if draws is not None:
         sums["common"] = draws.var(axis=0, ddof=1)
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
+    sums["speed"] = sums["speed"] * conversion_factor("speed", "si", units)
+    density = None if density is None else density * conversion_factor("density", "si", units)
     patches = ("all",) if surface is None else surface.patches
     patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
     variables: Variables = {}

@@ -77,10 +77,10 @@ class CorrelatedBySize(Correlated):
     """The same for a correlation that depends on the size of the erodent, a sphere of the mass of the case.
 
     Args:
-        erodent_density: of the erodent [kg/m³], whatever the units of the case; 2650 is quartz.
+        particle_density: of the erodent [kg/m³], whatever the units of the case; 2650 is quartz.
     """
 
-    erodent_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
+    particle_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
 
     def _factors(self, p: Parameters) -> dict[str, object]:
         return {**super()._factors(p), "diameter": self._diameter(p)}
@@ -89,7 +89,7 @@ class CorrelatedBySize(Correlated):
         return {**super()._checked(p), "diameter": self._diameter(p)}
 
     def _diameter(self, p: Parameters) -> Broadcast:
-        volume = p.m * conversion_factor("mass", p.units, "si") / self.erodent_density
+        volume = p.m * conversion_factor("mass", p.units, "si") / self.particle_density
         return (6 * volume / math.pi) ** (1 / 3)
 
 
@@ -110,7 +110,7 @@ def correlated(name: str, material: str | None = None) -> Correlated:
         material: a target in the table of the correlation; its default without one.
 
     Returns:
-        A model with the own parameter `density`, and `erodent_density` where the size counts.
+        A model with the own parameter `density`, and `particle_density` where the size counts.
 
     Raises:
         ValueError: for an unknown correlation or material.

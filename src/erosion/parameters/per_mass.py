@@ -236,7 +236,7 @@ PER_MASS_UNITS = {name: RESULTS[name].unit("si") for name in ("specific_volume",
 
 
 def read_density(text: Any) -> float:
-    """A density of a target as text, with its unit [kg/m³].
+    """A density as text, with its unit [kg/m³].
 
     Raises:
         ValueError: with a clause that starts with "must", to follow the field's name.
