@@ -147,8 +147,8 @@ def test_map_takes_densities_and_the_share_from_names_and_case_files(capsys: pyt
     assert whole["total_mass"]["value"] == pytest.approx(2700 * float(np.sum(hits.volume)), rel=1e-9)
     assert whole["total_erodent"]["value"] == pytest.approx(2 * float(p.m), rel=1e-9)
     # A correlation is made for a metal of its own, and for all particles.
-    dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv:duplex"], capsys)["result"]
-    alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:duplex"], capsys)["result"]
+    dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv"], capsys)["result"]
+    alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:aluminium"], capsys)["result"]
     assert dnv["total_mass"] == alone["total_mass"]
 
 

@@ -110,7 +110,7 @@ def test_a_correlation_has_all_particles_and_its_own_density_in_it():
 
     model = erosion.load_model("dnv:aluminium")
     p = P.replace(alpha=0.6)
-    ratio = per_mass_of(model, erosion.PerMass(8000.0, 0.1)).erosion_ratio(erosion.impact(model, p).volume, p)
+    ratio = per_mass_of(model, erosion.PerMass(2710.0, 0.1)).erosion_ratio(erosion.impact(model, p).volume, p)
     assert ratio == pytest.approx(float(erosion.correlations.dnv(0.6, 100.0, "aluminium")), rel=1e-9)
     cutting = erosion.PerMass(8000.0, 0.1)
     assert per_mass_of(erosion.load_model("rotating"), cutting) is cutting

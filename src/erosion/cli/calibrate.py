@@ -15,6 +15,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, load_set, model_and_settings
 
@@ -59,7 +60,9 @@ def calibrate(
     from erosion.arguments import check_level
     from erosion.calibration import rank_models, read_measurements
 
-    chosen = [load_set(names[0], given, p.units)] if len(names) == 1 else names
+    chosen = [load_set(names[0], given, options, p.units)] if len(names) == 1 else list(map(options.load, names))
+    for each in chosen:
+        weighing(each, fit, options)  # refuses the density of another metal than a correlation's
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
         check_level(level)

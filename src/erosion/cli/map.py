@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from erosion.cfd.surface import Surface
     from erosion.maps.job import MapJob
     from erosion.maps.options import MapOptions
+    from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
     from erosion.parameters.units import Dimension
@@ -254,7 +255,7 @@ def map_(
     made = rows.options(sand.p, varied, uncertain, share, per_mass)
     grains = rows.density_of_particles(options, impacts)
     with dask_cluster(workers, scheduler):
-        job = _job(impacts, target, rows, grains, made, (sand.name, sand.numbers))
+        job = _job(impacts, target, rows, grains, made, (sand.reference, sand.numbers))
         picture.check_surface(job.surface)
         dataset = _computed(job)
     if output is not None:
@@ -293,7 +294,7 @@ def _job(
     rows: _Rows,
     particle_density: float | None,
     options: "MapOptions",
-    model: tuple[str, dict[str, float]],
+    model: "tuple[str | CuttingModel, dict[str, float]]",
 ) -> "MapJob":
     """Open the table and the surface, and check the map."""
     from erosion.cfd.read import read_impacts, read_surface

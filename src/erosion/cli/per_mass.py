@@ -58,7 +58,13 @@ def density_option(name: str, text: str | None) -> float | None:
 
 
 def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "PerMass":
-    """How a model's volume becomes erosion per mass of abrasive."""
+    """How a model's volume becomes erosion per mass of abrasive.
+
+    Raises:
+        InputError: also for the density of another metal than a correlation's.
+    """
     from erosion.models.correlated import per_mass_of
 
-    return per_mass_of(model, (given or PerMassOptions()).per_mass(options))
+    per_mass = (given or PerMassOptions()).per_mass(options)
+    with user_errors():
+        return per_mass_of(model, per_mass)

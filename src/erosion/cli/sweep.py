@@ -11,7 +11,7 @@ from erosion.cli.clusters import dask_cluster
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, load, with_file
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, with_file
 from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
@@ -69,7 +69,7 @@ def sweep(
     chosen = _chosen(model, options, section)
     table = output if output.suffix == ".csv" else None
     require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
-    values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
+    values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
     from erosion.sweeps.grid import make_grid
     from erosion.sweeps.sweep import prepare_sweep
@@ -79,7 +79,7 @@ def sweep(
     with user_errors(TypeError):
         outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
-        grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
+        grid = make_grid(_references(chosen, options), p, axes, outputs, paired=together, own=single)
     with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
@@ -157,14 +157,19 @@ def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[P
     return p, {name: value for name, value in values.items() if value.ndim}
 
 
-def _own_values(model: Any, given: Settings, p: "Parameters") -> dict[str, Any]:
+def _references(model: str | list[str], options: CaseOptions) -> Any:
+    """The same models, of correlations those that are made for the target."""
+    return [*map(options.reference, model)] if isinstance(model, list) else options.reference(model)
+
+
+def _own_values(model: Any, options: CaseOptions, given: Settings, p: "Parameters") -> dict[str, Any]:
     """The models' own parameters that are set: each a single value, shape (), or the values of an axis."""
     from erosion.parameters.ranges import read_axis
 
     values: dict[str, Any] = {}
     if given:
         for name in model if isinstance(model, list) else [model]:
-            values = read_settings(name, load(name), given, p.units, lambda _, *of: read_axis(*of))
+            values = read_settings(name, options.load(name), given, p.units, lambda _, *of: read_axis(*of))
     return values
 
 
