@@ -83,7 +83,7 @@ def compare(
     if json:
         said.document({"models": lines, "statements": statements}, models, _units(p))
         return
-    _print(lines, p, statements)
+    _print(lines, p, weights, statements)
     print_paths(figure=plot, curves=output)
 
 
@@ -176,7 +176,10 @@ def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None) -> None:
             save_plot(plot_against_correlations(curves, overlay) if overlay else plot_comparison(curves), plot)
 
 
-def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) -> None:
+def _print(
+    lines: list[dict[str, Any]], p: "Parameters", weights: "Mapping[str, PerMass]", statements: list[str]
+) -> None:
+    from erosion.parameters.per_mass import BEYOND_TESTS
     from erosion.parameters.scales import table_scale
     from erosion.tables import largest_of
 
@@ -187,15 +190,20 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
         return f"{value / scale.size:.5g}"
 
     key, (size, unit) = _weighed(lines)
+
+    def weighed(line: dict[str, Any], end: str) -> str:
+        mark = " *" if weights[line["model"]].is_beyond_tests(line["volume" + end], p) else ""
+        return f"{line[key + end] / size:.5g}{mark}"
+
     rows = [
         (
             line["model"],
             volume(line["volume"]),
-            f"{line[key] / size:.5g}",
+            weighed(line, ""),
             line["ended_by"],
             _angle(line["alpha_max"]),
             volume(line["volume_max"]),
-            f"{line[key + '_max'] / size:.5g}",
+            weighed(line, "_max"),
             line["kind"],
             line["alpha_max_ended_by"],
         )
@@ -205,7 +213,8 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
     at = f"{math.degrees(float(p.alpha)):.6g}°"
     title = f"{models}: impacts at α = {at} and best angles; volumes in {scale.unit}, E in {unit}"
     headings = ("model", "V", "E", "ends by", "α_max", "V_max", "E_max", "kind", "ends by")
-    print_table(title, rows, headings, (1, 2, 4, 5, 6), statements)
+    marked = any(cell.endswith("*") for row in rows for cell in row)
+    print_table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {BEYOND_TESTS}."] * marked])
 
 
 def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, Scale]":

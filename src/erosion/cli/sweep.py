@@ -1,7 +1,7 @@
 """`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -196,10 +196,13 @@ def _chunks(items: list[str] | None) -> dict[str, int] | None:
 
 def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Mapping[str, PerMass]") -> None:
     """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
+    from erosion.parameters.per_mass import models_far_from_tests
+
     summary = _summary(dataset)
     of_mass = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
-    for message in (*grid.outside_of_range, *_far_from_tests(dataset, grid.p, weights)):
+    volumes, at = _greatest(dataset, grid.p, weights)
+    for message in (*grid.outside_of_range, *models_far_from_tests(weights, volumes, at)):
         output.warn(message)
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
@@ -213,7 +216,8 @@ def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Ma
         result = {"output": str(store), "dimensions": dimensions, **summary, **of_mass}
         output.document(result, dict(grid.loaded()), units, axes)
     else:
-        print_table(f"{store}: a sweep", [*_rows(dataset, summary), *_per_mass_rows(of_mass)])
+        is_beyond = any(weight.is_beyond_tests(volumes[name], at) for name, weight in weights.items())
+        print_table(f"{store}: a sweep", [*_rows(dataset, summary), *_per_mass_rows(of_mass, is_beyond=is_beyond)])
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
 
@@ -249,21 +253,19 @@ def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -
             for end, of in (("least", min), ("greatest", max))}  # fmt: skip
 
 
-def _far_from_tests(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -> list[str]:
-    """Sentences on the models whose greatest erosion is far from tests."""
-    from erosion.parameters.per_mass import models_far_from_tests
-
+def _greatest(dataset: Any, p: "Parameters", names: Iterable[str]) -> "tuple[dict[str, Any], Parameters]":
+    """By model, the greatest volumes at each speed, of a particle of mass 1; and the case that they belong to."""
     speeds = dataset.get("v0")
     per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
     kept = {"model"} | set(() if speeds is None else speeds.dims)
     greatest = per_particle_mass.max([dim for dim in per_particle_mass.dims if dim not in kept])
     at = dataclasses.replace(p, m=1.0, v0=p.v0 if speeds is None else speeds.values)
-    volumes = {name: (greatest.sel(model=name) if name else greatest).values for name in weights}
-    return models_far_from_tests(weights, volumes, at)
+    return {name: (greatest.sel(model=name) if name else greatest).values for name in names}, at
 
 
-def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":
-    from erosion.parameters.per_mass import PER_MASS_SCALES
+def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[Row]":
+    """The rows of `_per_mass`, the greatest marked where it is beyond all tests."""
+    from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES
     from erosion.parameters.quantities import RESULTS
     from erosion.tables import Row
 
@@ -271,7 +273,8 @@ def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":
     for name, value in of_mass.items():
         quantity, _, end = name.rpartition("_")
         (size, unit), known = PER_MASS_SCALES[quantity], RESULTS[quantity]
-        rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}"))
+        mark = f"; {BEYOND_TESTS}" if is_beyond and end == "greatest" else ""
+        rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}{mark}"))
     return rows
 
 
