@@ -133,6 +133,8 @@ def _models(model: list[str] | None, own: list[str] | None, options: CaseOptions
     """The names of the models, and what is set of the only one."""
     usual, given = model_and_settings(None if model is None else model[0], own, options)
     names = [usual] if model is None else chosen_models(model)
+    if len(set(names)) != len(names):
+        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
     return names, given
