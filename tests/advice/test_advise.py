@@ -1,3 +1,4 @@
+import dataclasses
 import math
 import types
 
@@ -142,6 +143,31 @@ def test_without_a_density_amounts_are_volumes():
     volume = erosion.impact("finnie", NAMED.replace(alpha=advice.alpha)).volume
     assert advice.curves[0].at(advice.alpha) == pytest.approx(0.5 * volume / float(NAMED.m), rel=0.02)
     assert "specific_volume" in advice.to_dict()["curves"][0]
+
+
+def amount(advice: erosion.Advice) -> str:
+    (sentence,) = [sentence for sentence in advice.statements if "amount" in sentence or "g/kg" in sentence]
+    return sentence
+
+
+@pytest.mark.slow
+def test_an_amount_beyond_all_tests_is_no_headline():
+    # ψ of Table 1: a thousand g of steel for a kg of garnet.
+    soft = P.with_particle("garnet 0.3 mm").replace(sigma=255e6)
+    steel = erosion.target("mild steel")
+    named = dataclasses.replace(steel, psi=0.04)
+    advice = erosion.advise(soft, target=named, models=["linearized"])
+    assert amount(advice).startswith("The correlations for this metal remove 0.")
+    assert "more than ten times what tests find" in amount(advice)
+    assert [row[-1] for row in advice.rows()][:3] == ["beyond tests"] * 3
+    # The numbers are there for programs, with the sentence.
+    assert max(curve["erosion_ratio"] for curve in advice.to_dict()["curves"]) > 0.1
+    assert any("is far from what tests" in sentence for sentence in advice.warnings)
+    without = erosion.advise(soft, target=dataclasses.replace(named, correlations=()), models=["linearized"])
+    assert amount(without).startswith("The models' amount is left out")
+    # The metal as the table has it is within ten times of tests.
+    table = erosion.advise(soft, target=steel, models=["linearized"])
+    assert amount(table).startswith("The models remove ")
 
 
 @pytest.mark.parametrize(

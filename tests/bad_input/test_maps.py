@@ -75,7 +75,7 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "e = 0": ({"restitution": (0.0, 0.1)}, "Argument `restitution` must be (e, μ) with e in (0, 1]"),
     "μ = 1": ({"restitution": (0.8, 1.0)}, "Argument `restitution` must be (e, μ) with e in (0, 1]"),
     "before": ({"restitution": (0.8, 0.1)}, "look like velocities before the rebound"),
-    "density": ({"target_density": float("nan")}, "Argument `target_density` must be positive and finite, but is nan."),
+    "density": ({"density": float("nan")}, "Argument `density` must be positive and finite, but is nan."),
     "limit": ({"limit": -1.0}, "Argument `limit` must be positive and finite, but is -1.0."),
     "rtol": ({"rtol": 2.0}, "Argument `rtol` must be in (0, 1), but is 2.0."),
 }

@@ -75,5 +75,5 @@ def test_a_sample_that_cannot_be_used_is_refused(tmp_path, text, message):
 
 
 def test_a_density_beside_masses_is_refused(tmp_path):
-    with pytest.raises(ImpactsError, match="gives the mass of each particle; Argument `density` must be left out"):
-        read_impacts(written(tmp_path / "wall.dpm", UNSTEADY), density=math.pi)
+    with pytest.raises(ImpactsError, match="the mass of each particle; Argument `particle_density` must be left out"):
+        read_impacts(written(tmp_path / "wall.dpm", UNSTEADY), particle_density=math.pi)

@@ -49,7 +49,7 @@ def test_speeds_and_angles_and_faces_of_the_mesh(tmp_path):
 
 def test_the_diameter_follows_from_mass_and_density(tmp_path):
     text = "mass [kg],speed [m/s],angle [rad],parcel_mass [kg]\n1e-9,100,0.5,3e-9\n"
-    (block,) = read_impacts(written(tmp_path / "a.csv", text), density=2650).blocks(10)
+    (block,) = read_impacts(written(tmp_path / "a.csv", text), particle_density=2650).blocks(10)
     np.testing.assert_allclose(block.diameter**3 * 2650 * math.pi / 6, [1e-9], rtol=1e-14)
     np.testing.assert_allclose(block.count, [3], rtol=1e-15)
 

@@ -379,7 +379,7 @@ HEADER = "# Time currentProc (U0 U1 U2) facei d rho nParticle"
     [
         (HEADER.replace(" facei", ""), "names neither the face"),
         (HEADER.replace(" d ", " "), "has no column `diameter`"),
-        (HEADER.replace(" rho", ""), "has no column `mass` or `density`.*give the density"),
+        (HEADER.replace(" rho", ""), "has no column `mass` or `density`.*`particle_density` must give it"),
         (HEADER.replace("U0 U1 U2", ""), "has no columns of the velocity"),
         (HEADER.replace("rho", "d"), "the header repeats d"),
     ],
@@ -412,7 +412,7 @@ def test_a_table_without_rows_has_none(tmp_path):
 def test_the_density_may_be_given(tmp_path):
     table = tmp_path / "wall.post"
     table.write_text(HEADER.replace(" rho", "") + "\n0.1 0 (1 2 3) 7 1e-4 5\n")
-    (block,) = read_impacts(table, density="2.65 g/cm^3").blocks(10)
+    (block,) = read_impacts(table, particle_density="2.65 g/cm^3").blocks(10)
     np.testing.assert_allclose(block.mass, [2650 * math.pi / 6 * 1e-12], rtol=1e-14)
 
 

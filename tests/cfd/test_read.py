@@ -138,8 +138,8 @@ def test_an_empty_folder_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"density": "heavy"}, "Argument `density` must be a density"),
-        ({"density": -1.0}, "Argument `density` must be positive and finite, but is -1.0"),
+        ({"particle_density": "heavy"}, "Argument `particle_density` must be a density"),
+        ({"particle_density": -1.0}, "Argument `particle_density` must be positive and finite, but is -1.0"),
         ({"duration": 0.0}, "Argument `duration` must be positive and finite, but is 0.0"),
         ({"case": "/nowhere"}, "/nowhere: is not there"),
     ],

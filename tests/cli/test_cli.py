@@ -65,11 +65,13 @@ def test_models_lists_them_all(capsys):
     assert "saturating_lip" in capsys.readouterr().out
 
 
-def test_a_material_replaces_the_flow_stress(capsys):
+def test_a_material_replaces_the_flow_stress_and_the_contact_ratio(capsys):
     assert _status(["run", "--units", "si", "--target", "copper", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["case"]["parameters"]["sigma"]["value"] == pytest.approx(10e3 * 6894.757293168, rel=1e-12)
-    assert printed["result"]["volume"]["value"] == pytest.approx(20 * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
+    # V is proportional to 1/(σψ), and ψ is that of the hardness: σψ = 2 · 52 kgf/mm².
+    softer = 0.04 * 200e3 * 6894.757293168 / (2 * 52 * 9.80665e6)
+    assert printed["result"]["volume"]["value"] == pytest.approx(softer * 1.816436352531e-04 * 0.0254**3, rel=1e-9)
 
 
 def test_models_lists_a_bad_file_with_its_reason_and_goes_on(capsys, monkeypatch, tmp_path):

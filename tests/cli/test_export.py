@@ -53,7 +53,7 @@ def test_the_document_has_the_coefficients(tmp_path, capsys):
 
 
 def test_the_density_sets_the_diameter(tmp_path, capsys):
-    options = ["--table", str(tmp_path / "v.csv"), "--erodent-density", "2650 kg/m^3", "--diameters", "1 mm"]
+    options = ["--table", str(tmp_path / "v.csv"), "--particle-density", "2650 kg/m^3", "--diameters", "1 mm"]
     assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
     (row,) = rows_of(tmp_path / "v.csv")
     # A sphere of quartz; finnie removes by mass.
@@ -103,9 +103,9 @@ def test_nothing_is_written_where_one_form_is_refused(tmp_path, capsys):
         ("export --table x --speeds 0", "Option `--speeds` must be positive and finite, but has 0."),
         ("export --table x --speeds 20kg", "Option `--speeds` must be a speed such as"),
         ("export --table x --diameters 1:2", 'Option `--diameters` must be "first : last : count"'),
-        ("export --table x --erodent-density 2650", ""),
-        ("export --table x --erodent-density 1s", "Option `--erodent-density` must be a density such as"),
-        ("export --table x --erodent-density -1", "Option `--erodent-density` must"),
+        ("export --table x --particle-density 2650", "Option `--particle-density` must be a density with its unit"),
+        ("export --table x --particle-density 1s", "Option `--particle-density` must be a density such as"),
+        ("export --table x --particle-density -1", "Option `--particle-density` must"),
         ("export --restitution x --model dnv", "dnv has no motion of a rigid body"),
         ("export --openfoam x --model rotating --speeds 200m/s", "at 200 m/s and 2032 µm it is off by up to"),
     ],

@@ -64,10 +64,10 @@ def test_the_command_is_the_function(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_options_are_those_of_the_function() -> None:
-    given = ["--target-density", "7.8 g/cm^3", "--diameter", "0.2 mm", "--spin", "normal(0, 1e5)", "--seed", "4"]
+    given = ["--density", "7.8 g/cm^3", "--diameter", "0.2 mm", "--spin", "normal(0, 1e5)", "--seed", "4"]
     assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *given, "-o", "map.nc"]) == 0
     law = erosion.distributions.Normal(0.0, 1e5)
-    expected = wear(target_density=7800.0, diameter=2e-4, spin=law, seed=4)
+    expected = wear(density=7800.0, diameter=2e-4, spin=law, seed=4)
     with xr.open_dataset("map.nc", engine="h5netcdf") as stored:
         np.testing.assert_allclose(stored["mass"], expected["mass"], rtol=1e-12)
         assert "impacts" not in stored.attrs
@@ -93,7 +93,7 @@ def test_a_table_of_angles_has_totals_and_sentences(capsys: pytest.CaptureFixtur
     rows += [(200, 2650, 10, 0 if i == 0 else 30, 5 + i) for i in range(20)]
     with Path("rows.csv").open("w") as file:
         csv.writer(file).writerows(rows)
-    given = ["--case", "sand.toml", "--duration", "60 s", "--target-density", "7800 kg/m^3", "-o", "totals.csv"]
+    given = ["--case", "sand.toml", "--duration", "60 s", "--density", "7800 kg/m^3", "-o", "totals.csv"]
     assert _status(["map", "rows.csv", *given]) == 0
     first, second = capsys.readouterr().err.splitlines()
     assert first == "warning: 1 of 20 rows have no velocity, as parcels that stick to a wall, and are not counted."
@@ -144,6 +144,23 @@ def test_a_larger_plate_and_rows_off_it_are_said(capsys: pytest.CaptureFixture[s
     assert "rows lie farther from their face than the limit, and are not counted: " in capsys.readouterr().err
 
 
+def test_density_is_that_of_the_target_as_in_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("grains.csv").write_text("diameter [um],speed [m/s],angle [deg]\n200,30,20\n200,30,40\n")
+    assert _status(["map", "grains.csv", "--density", "7.8 g/cm^3"]) == 2
+    assert "Option `--particle-density` must give it." in capsys.readouterr().err
+
+    def totals(*words: str) -> dict[str, float]:
+        assert _status(["map", "grains.csv", *words, "--json"]) == 0
+        result = json.loads(capsys.readouterr().out)["result"]
+        return {name: result[f"total_{name}"]["value"] for name in ("volume", "mass", "erodent")}
+
+    sand = ["--particle-density", "2650 kg/m^3"]
+    steel, aluminium = (totals(*sand, "--density", density) for density in ("7.8 g/cm^3", "2.7 g/cm^3"))
+    assert steel["volume"] == aluminium["volume"]
+    assert steel["mass"] / aluminium["mass"] == pytest.approx(7.8 / 2.7)
+    assert steel["erodent"] == pytest.approx(2 * 2650 * np.pi / 6 * 2e-4**3)
+
+
 BAD = [
     ("map", "Option `IMPACTS` must have a value, but has none."),
     ("map nowhere", "nowhere: is not there."),
@@ -163,7 +180,8 @@ BAD = [
     ("map {run}", "gives velocities, so the angle of attack needs the normals of a surface"),
     ("map {run} --surface {run} --alpha 20deg", "Option `--alpha` has no meaning here"),
     ("map {run} --surface {run} --v0 20", "Option `--v0` has no meaning here"),
-    ("map {run} --surface {run} --target-density '3 kg'", "Option `--target-density` must be a density such as"),
+    ("map {run} --surface {run} --density '3 kg'", "Option `--density` must be a density such as"),
+    ("map {run} --particle-density 2650", "Option `--particle-density` must be a density with its unit"),
     ("map {run} --surface {run} --limit 0", "Option `--limit` must be positive and finite, but is 0.0."),
     ("map {run} --surface {run} --diameter '1 kg'", "Option `--diameter` must be a length such as"),
     ("map {run} --surface {run} --duration soon", "Option `--duration` must be a time such as"),

@@ -52,6 +52,7 @@ def test_a_name_says_which_fields_of_the_case_it_replaces(capsys: pytest.Capture
     assert "takes the place" not in capsys.readouterr().err
 
 
+IMPACTS = "diameter [um],speed [m/s],angle [deg]\n300,100,20\n300,100,40\n"
 JET = ["--n", "256", "--no-best-angle", "--phidot0", "normal(0, 1)"]
 VERBS = {
     "run": (["run"], ANGLE),
@@ -87,6 +88,26 @@ def test_every_verb_that_weighs_says_where_erosion_is_far_from_tests(
     assert "mm³/kg is far" in message
     # Nobody asks for amounts of the scenario's case, but advice is about them.
     assert bool(document([*words, *angle], capsys)["warnings"]) == (verb == "advise")
+
+
+@pytest.mark.parametrize("verb", ["run", "optimum", "compare", "sweep", "stream", "map"])
+def test_an_amount_of_more_than_ten_times_all_tests_is_marked_in_every_table(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("hits.csv").write_text(IMPACTS)
+    words, angle = {**VERBS, "map": (["map", "hits.csv"], [])}[verb]
+    words = [*words, *NAMES[:2], "--sigma", "255 MPa", "--psi", "0.04", "--density", "7850 kg/m^3", "--units", "si"]
+    speed = [] if verb == "map" else ["--v0", "100 m/s"]
+    assert _status([*words, *angle, *speed]) == 0
+    out, err = capsys.readouterr()
+    assert "more than ten times what tests find" in " ".join(out.split())
+    assert "g/kg is far from what tests" in err
+    Path("table.csv").unlink(missing_ok=True)
+    # A hard metal with ψ = 2 has none.
+    hard = ["--psi", "2", "--sigma", "2 GPa"]
+    words = [word for word in words if word not in ("--sigma", "255 MPa", "--psi", "0.04")]
+    assert _status([*words, *hard, *angle, *speed]) == 0
+    assert "more than ten times" not in capsys.readouterr().out
 
 
 def test_compare_says_once_of_all_models_that_are_far_from_tests(capsys: pytest.CaptureFixture[str]) -> None:
@@ -132,9 +153,6 @@ def test_calibrate_takes_the_density_of_the_target(capsys: pytest.CaptureFixture
     assert weighed["erosion_ratio"]["value"] == pytest.approx(float(np.interp(20, np.rad2deg(alpha), loss)) * 1e-6)
 
 
-IMPACTS = "diameter [um],speed [m/s],angle [deg]\n300,100,20\n300,100,40\n"
-
-
 def test_map_takes_densities_and_the_share_from_names_and_case_files(capsys: pytest.CaptureFixture[str]) -> None:
     Path("hits.csv").write_text(IMPACTS)
     by_options = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2", *SHARE], capsys)["result"]
@@ -147,8 +165,8 @@ def test_map_takes_densities_and_the_share_from_names_and_case_files(capsys: pyt
     assert whole["total_mass"]["value"] == pytest.approx(2700 * float(np.sum(hits.volume)), rel=1e-9)
     assert whole["total_erodent"]["value"] == pytest.approx(2 * float(p.m), rel=1e-9)
     # A correlation is made for a metal of its own, and for all particles.
-    dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv:duplex"], capsys)["result"]
-    alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:duplex"], capsys)["result"]
+    dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv"], capsys)["result"]
+    alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:aluminium"], capsys)["result"]
     assert dnv["total_mass"] == alone["total_mass"]
 
 

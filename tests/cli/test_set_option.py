@@ -10,6 +10,7 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.cli.errors import InputError
+from erosion.cli.options import CaseOptions
 from erosion.cli.set_option import in_full, load_set, read_settings, settings
 from erosion.parameters.units import read_quantity
 
@@ -65,7 +66,9 @@ def test_quantities_are_read_in_the_units_of_the_case(harder):
 
     assert read("si") == {"speed": 10.0, "factor": 2.0}
     assert read("inch-pound")["speed"] == pytest.approx(10 / 0.0254)
-    assert in_full(harder, load_set(harder, said, "si"), "si") == "harder.py (factor = 2, speed = 10 m/s)"
+    assert (
+        in_full(harder, load_set(harder, said, CaseOptions(), "si"), "si") == "harder.py (factor = 2, speed = 10 m/s)"
+    )
     assert in_full("finnie", erosion.load_model("finnie"), "si") == "finnie"
 
 

@@ -267,7 +267,12 @@ def test_a_volume_has_its_amount_per_mass_below_it() -> None:
     )
     # 1.81644e-4 in³ of 2.855e-7 slinch.
     assert "1.8164·10⁻⁴ in³<br><small>59,530 mm³/kg</small></td>" in numbers(computed, ["linearized"])[0]
-    # Of half of the particles, and of aluminium.
-    weighed = dataclasses.replace(computed.state, per_mass=PerMass(2700, 0.5))
-    computed = dataclasses.replace(computed, state=weighed)
-    assert "<small>29,770 mm³/kg</small><br><small>80.37 g/kg</small></td>" in numbers(computed, ["linearized"])[0]
+    # Of a twentieth of the particles, and of aluminium.
+    weighed = dataclasses.replace(computed.state, per_mass=PerMass(2700, 0.05))
+    few = dataclasses.replace(computed, state=weighed)
+    assert "<small>2,977 mm³/kg</small><br><small>8.037 g/kg</small></td>" in numbers(few, ["linearized"])[0]
+    # An amount that is asked for and more than ten times what tests find is not shown.
+    many = dataclasses.replace(computed, state=dataclasses.replace(weighed, per_mass=PerMass(2700, 0.5)))
+    text = numbers(many, ["linearized"])[0]
+    assert "<small>more than ten times what tests find</small></td>" in text
+    assert "g/kg" not in text

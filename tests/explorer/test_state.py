@@ -139,7 +139,7 @@ def test_sliders_of_own_parameters_reach_a_factor_or_a_size_about_the_first() ->
 def test_presets_leave_own_parameters() -> None:
     case = PLUGGED.case.replace(**{"tip.friction": 0.7})
     metal = case.with_parameters(case.parameters().with_target("copper"))
-    assert metal == case.replace(sigma=10e3)
+    assert metal == case.replace(sigma=10e3, psi=target("copper").psi)
     assert with_spin(0.1, case).own == case.own
     assert case.of_model("lip").own == (REACH, SHIFT)
     assert case.own_values("tip") == {"friction": 0.7}

@@ -117,13 +117,13 @@ def test_what_fluent_loses_at_other_speeds_is_said_and_refused_if_asked_for():
         erosion.to_fluent("rotating", P, v0=np.linspace(2200, 8800, 5))
 
 
-def test_the_diameter_is_2_r_or_that_of_the_erodents_density():
+def test_the_diameter_is_2_r_or_that_of_the_particles_density():
     assert particle_of("finnie", P).diameter == pytest.approx(2 * 0.04 * 0.0254)
     quartz = particle_of("finnie", SI, 2650.0)
     assert quartz.density == pytest.approx(2650.0)
     assert 2650.0 * math.pi / 6 * quartz.diameter**3 == pytest.approx(float(SI.m))
-    # The same density in the units of the case: slinch/in³.
-    other = particle_of("finnie", P, 2650.0 / 175.126835246 * 0.0254**3)
+    # A density is in kg/m³, whatever the units of the case.
+    other = particle_of("finnie", P, 2650.0)
     assert other.diameter == pytest.approx(quartz.diameter, rel=1e-9)
 
 
@@ -151,7 +151,7 @@ def test_where_nothing_is_cut_at_half_the_speed_all_is_lost():
         ({"v0": -1.0}, "Argument `v0` must be positive and finite, but has -1."),
         ({"v0": []}, r"Argument `v0` must be a number or a list of them, but has shape \(0,\)."),
         ({"d": "a"}, "Argument `d` must be numbers, but is 'a'."),
-        ({"erodent_density": 0.0}, "Argument `erodent_density` must be positive and finite, but has 0."),
+        ({"particle_density": 0.0}, "Argument `particle_density` must be positive and finite, but has 0."),
     ],
 )
 def test_bad_arguments_are_named(arguments, message):

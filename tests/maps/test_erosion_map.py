@@ -43,7 +43,7 @@ def rows_of(table: Table, **changes: Any) -> np.ndarray:
 
 def test_faces_patches_and_totals_are_the_sums_of_the_rows() -> None:
     table = sand(SURFACE, 3000)
-    wear = erosion_map("rotating", P, table, SURFACE, target_density=2700.0)
+    wear = erosion_map("rotating", P, table, SURFACE, density=2700.0)
     rows = rows_of(table)
     np.testing.assert_allclose(wear["volume"], by_face(rows, table), rtol=1e-12)
     assert float(wear["total_volume"]) == pytest.approx(math.fsum(rows), rel=1e-12, abs=0)
@@ -289,7 +289,7 @@ def test_progress_tells_the_rows() -> None:
 
 
 def test_the_summary_reads_well() -> None:
-    text = str(MapSummary(erosion_map("rotating", P, sand(SURFACE, 500), SURFACE, target_density=2700.0)))
+    text = str(MapSummary(erosion_map("rotating", P, sand(SURFACE, 500), SURFACE, density=2700.0)))
     assert text.startswith("rotating: table on hump")
     for words in ("48 of 48", "volume front", "greatest depth_per_year", "mm/year", "share rebound", " ± "):
         assert words in text

@@ -17,7 +17,7 @@ pyvista = pytest.importorskip("pyvista")
 
 P = erosion.TABLE_1.to("inch-pound")
 SURFACE = hump(mesh=True)
-WEAR = erosion_map("rotating", P, sand(SURFACE, 400), SURFACE, target_density=2.6e-4)
+WEAR = erosion_map("rotating", P, sand(SURFACE, 400), SURFACE, density=2780.0)
 MM = 25.4
 
 

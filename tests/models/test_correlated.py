@@ -9,9 +9,11 @@ import pytest
 
 import erosion
 from erosion.cli import _status
-from erosion.models import correlated, model_name
-from erosion.models.correlated import CorrelatedBySize
+from erosion.correlations import FinnieMaterial
+from erosion.models import Correlated, correlated, made_for, model_name
+from erosion.models.correlated import CorrelatedByFlowStress, CorrelatedBySize, per_mass_of
 from erosion.models.equations import flaw
+from erosion.parameters.materials import known_targets
 
 P = erosion.TABLE_1
 SI = P.to("si")
@@ -65,7 +67,7 @@ def test_the_target_follows_the_colon():
 
 def test_oka_takes_the_size_of_a_sphere_of_the_cases_mass():
     model = erosion.load_model("oka")
-    light = erosion.impact(model.replace(erodent_density=2650 / 8), SI).volume
+    light = erosion.impact(model.replace(particle_density=2650 / 8), SI).volume
     assert light == pytest.approx(erosion.impact(model, SI).volume * 2**0.19, rel=1e-12)
 
 
@@ -152,6 +154,84 @@ def test_a_size_counts_where_it_is_known():
     assert (
         said == "50 % of the impacts are outside of the range that dnv is made for: diameters from 2e-05 m to 0.005 m."
     )
+
+
+def decided(model: str, target: str) -> Correlated | str:
+    """The correlation that is made for the target, or why there is none."""
+    try:
+        made = made_for(erosion.load_model(model), target)
+    except ValueError as error:
+        return str(error)
+    assert isinstance(made, Correlated)
+    return made
+
+
+@pytest.mark.parametrize("target", known_targets())
+@pytest.mark.parametrize("family", erosion.CORRELATIONS)
+def test_every_family_has_a_member_for_a_target_or_takes_its_constants_or_refuses_it(family, target):
+    metal, made = erosion.target(target), decided(family, target)
+    standard = "dnv" if family == "dnv-polynomial" else family
+    listed = [name.partition(":")[2] for name in metal.correlations if name.partition(":")[0] == standard]
+    if family == "finnie-cfd":
+        assert isinstance(made, CorrelatedByFlowStress)
+        assert (made.flow_stress, made.density) == (metal.hardness, metal.density)
+    elif listed:
+        assert isinstance(made, Correlated)
+        assert made.label == (f"{family}:{listed[0]}" if listed[0] else family)
+        assert decided(made.label, target) == made
+    else:
+        assert isinstance(made, str)
+        assert all(name in made for name in (f"'{family}'", target, *erosion.CORRELATIONS[family].materials))
+    # A member that is named beside another metal is a contradiction.
+    for material in erosion.CORRELATIONS[family].materials:
+        made = decided(f"{family}:{material}", target)
+        assert isinstance(made, Correlated) == (material in listed)
+        assert material not in listed or made == correlated(family, material)
+
+
+def test_models_and_correlations_without_a_target_stay_as_they_are():
+    for name in ("rotating", "dnv", "oka:steel"):
+        model = erosion.load_model(name)
+        assert made_for(model) is model
+    assert made_for(erosion.load_model("rotating"), "titanium") is erosion.load_model("rotating")
+
+
+def test_finnies_form_takes_the_constants_of_the_target():
+    metal = erosion.target("titanium Ti-6Al-4V")
+    made = made_for(erosion.load_model("finnie-cfd"), metal)
+    hit = erosion.impact(made, SI.replace(alpha=0.3))
+    own = FinnieMaterial(metal.flow_stress, float(metal.density or 0), 0.1)
+    ratio = float(erosion.correlations.finnie(0.3, float(SI.v0), own))
+    assert float(hit.volume) == pytest.approx(ratio * float(SI.m) / own.density, rel=1e-9)
+    assert per_mass_of(made, erosion.PerMass()).erosion_ratio(hit.volume, SI) == pytest.approx(ratio, rel=1e-9)
+
+
+def test_a_named_particle_has_its_density():
+    oka = made_for(erosion.load_model("oka"), "aluminium 6061", "garnet 0.3 mm")
+    p = SI.with_particle("garnet 0.3 mm")
+    volume = erosion.correlations.oka(
+        float(p.alpha), float(p.v0), 3e-4, material="aluminium", units="mm3/impact", mass=float(p.m)
+    )
+    assert float(erosion.impact(oka, p).volume) == pytest.approx(float(volume) * 1e-9, rel=1e-9)
+
+
+def test_a_table_of_ones_own_names_the_correlations_of_its_targets(tmp_path):
+    table = tmp_path / "mine.toml"
+    table.write_text('[targets.mine]\nvickers = 200\ndensity = 7800\ncorrelations = ["dnv:duplex"]')
+    made = decided("dnv", f"{table}: mine")
+    assert isinstance(made, Correlated)
+    assert made.label == "dnv:duplex"
+    table.write_text('[targets.mine]\nvickers = 200\ncorrelations = ["dnv:duplx"]')
+    assert "field `correlations` must name correlations, but has 'dnv:duplx'" in str(decided("dnv", f"{table}: mine"))
+    assert "needs the density of mine" in str(decided("finnie-cfd", f"{table}: mine"))
+
+
+def test_the_density_of_another_metal_is_refused():
+    with pytest.raises(
+        ValueError, match="Argument `density` must be that of the target of dnv, 7800 kg/m³, but is 2700"
+    ):
+        per_mass_of(erosion.load_model("dnv"), erosion.PerMass(2700.0))
+    assert per_mass_of(erosion.load_model("dnv"), erosion.PerMass(7870.0, 0.1)) == erosion.PerMass(7800.0)
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,19 @@ def test_without_a_density_volumes_are_compared_with_the_metals_that_were_tested
         assert "mm³/kg is far from what tests on ductile metals find at 100 m/s, about 13 to 370 mm³/kg" in message
 
 
+@pytest.mark.parametrize(("ratio", "is_beyond"), [(9.9e-3, False), (10.1e-3, True), (1e-9, False)])
+def test_an_amount_of_more_than_ten_times_all_tests_is_marked(ratio, is_beyond):
+    p = P.replace(m=1.0)
+    for per_mass in (erosion.PerMass(2700.0), erosion.PerMass(2700.0, 0.5)):
+        volume = ratio / 2700 / per_mass.cutting_fraction
+        assert per_mass.is_beyond_tests(volume, p) == is_beyond
+        marks = [row.meaning.endswith("; more than ten times what tests find") for row in per_mass.rows(volume, p)]
+        assert marks == [is_beyond, is_beyond]
+        far = per_mass.far_from_tests(volume, p)
+        assert far is not None
+        assert far.is_beyond == is_beyond
+
+
 def test_of_many_impacts_that_counts_which_is_greatest_for_its_speed():
     # 0.3 g/kg is usual at 100 m/s, and far too much at 10 m/s.
     p = P.replace(v0=np.array([10.0, 100.0]), m=1.0)
@@ -110,7 +123,7 @@ def test_a_correlation_has_all_particles_and_its_own_density_in_it():
 
     model = erosion.load_model("dnv:aluminium")
     p = P.replace(alpha=0.6)
-    ratio = per_mass_of(model, erosion.PerMass(8000.0, 0.1)).erosion_ratio(erosion.impact(model, p).volume, p)
+    ratio = per_mass_of(model, erosion.PerMass(2710.0, 0.1)).erosion_ratio(erosion.impact(model, p).volume, p)
     assert ratio == pytest.approx(float(erosion.correlations.dnv(0.6, 100.0, "aluminium")), rel=1e-9)
     cutting = erosion.PerMass(8000.0, 0.1)
     assert per_mass_of(erosion.load_model("rotating"), cutting) is cutting

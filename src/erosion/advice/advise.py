@@ -12,10 +12,9 @@ from erosion.calibration.forward import FRACTION
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
 from erosion.engine.impact import impact
-from erosion.models import load_model, model_name
+from erosion.models import called, load_model
 from erosion.models.base import CuttingModel
-from erosion.models.correlated import Correlated, per_mass_of
-from erosion.models.own_parameters import own_parameters
+from erosion.models.correlated import Correlated, correlated, made_for, members, per_mass_of
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.materials import particle as read_particle
@@ -105,7 +104,8 @@ def advise(
     per_mass = PerMass(metal.density if density is None and metal is not None else density, cutting_fraction)
     if isinstance(models, str) or not models:
         raise ValueError(f"Argument `models` must be a list of models, but is {models!r}.")
-    loaded = {model if isinstance(model, str) else model_name(model): load_model(model) for model in models}
+    chosen = [made_for(load_model(model), metal, grit) for model in models]
+    loaded = {called(given, model): model for given, model in zip(models, chosen, strict=True)}
     return advise_case(p, (grit, metal), (spread, speed_spread), per_mass, loaded, unknown, progress)
 
 
@@ -132,7 +132,7 @@ def advise_case(
             per_mass = PerMass(per_mass.density, uncertain.fraction)
         middles = {name: uncertain.middle(model, p) for name, model in models.items()}
         models, p = {name: model for name, (model, _) in middles.items()}, next(iter(middles.values()))[1]
-    correlations = _correlations(metal)
+    correlations = _correlations(metal, grit)
     curves: list[Curve] = []
     jet = _Jet(p, spread, speed_spread, uncertain)
     total = len(models) + len(correlations)
@@ -140,28 +140,27 @@ def advise_case(
         progress("models", done, total)
         curves += jet.of_model(name, model, per_mass_of(model, per_mass))
     outside = [model.outside_of_range(p) for model in models.values()]
-    for done, (name, fits) in enumerate(correlations.items(), len(models)):
+    for done, (model, fits) in enumerate(correlations, len(models)):
         progress("models", done, total)
-        model = _of_particle(load_model(name), grit)
-        curves.append(jet.of_correlation(name, model, fits=fits, known=per_mass.density is not None))
+        curves.append(jet.of_correlation(model.label, model, fits=fits, known=per_mass.density is not None))
         outside.append(model.outside_of_range(p))
     progress("models", total, total)
     said = tuple(dict.fromkeys(message for message in outside if message))
     return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said, uncertain)
 
 
-def _of_particle(model: CuttingModel, grit: Particle | None) -> CuttingModel:
-    """A correlation that depends on the size of the particle takes the size from its mass: give it the density."""
-    if grit is None or "erodent_density" not in own_parameters(model):
-        return model
-    return model.replace(erodent_density=grit.density)
-
-
-def _correlations(metal: Target | None) -> dict[str, bool]:
-    """Every correlation once, made for the target where there is one, and whether it is."""
-    made_for = () if metal is None else metal.correlations
-    by_family = {name.partition(":")[0]: name for name in made_for}
-    return {by_family.get(family, family): family in by_family for family in CORRELATIONS if family != "dnv-polynomial"}
+def _correlations(metal: Target | None, grit: Particle | None) -> list[tuple[Correlated, bool]]:
+    """Every correlation once, made for the target where it can be, and whether tests of the target stand behind it."""
+    made: list[tuple[Correlated, bool]] = []
+    for family in CORRELATIONS:
+        if family == "dnv-polynomial":
+            continue
+        fits = metal is not None and bool(members(family, metal))
+        # The others count for the angle.
+        model = made_for(correlated(family), metal if fits else None, grit)
+        assert isinstance(model, Correlated)
+        made.append((model, fits))
+    return made
 
 
 class _Jet:

@@ -11,7 +11,7 @@ from erosion.advice.uncertain import Uncertain
 from erosion.language import ENGLISH, Language
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass, far_from_tests, two_digits
+from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests, two_digits
 from erosion.parameters.scales import Scale
 from erosion.tables import Record, Result, to_plain
 
@@ -224,10 +224,22 @@ class Advice(Result):
     def _from_to(self, low: str, high: str) -> str:
         return self.language.number(low) if low == high else self.language.say("{low} to {high}", low=low, high=high)
 
+    def _far(self, curves: Sequence[Curve]) -> FarFromTests | None:
+        """The greatest erosion of curves at the advised angle, where it is far from what tests find."""
+        removed = [curve.at(self.alpha) / (curve.density or 1.0) for curve in curves]
+        return far_from_tests(removed, float(self.p.to("si").v0), self.per_mass.density)
+
+    def _is_beyond(self, curves: Sequence[Curve]) -> bool:
+        """Whether that is more than ten times what any test finds, and so no amount to tell anyone."""
+        far = self._far(curves)
+        return far is not None and far.is_beyond
+
     def span(self, curves: Sequence[Curve]) -> str:
-        """The least and the greatest erosion of curves at the advised angle, as text."""
+        """The least and the greatest erosion of curves at the advised angle, as text; no amount beyond all tests."""
         if not curves:
             return "–"
+        if self._is_beyond(curves):
+            return self.language.text("beyond tests")
         ends = [curve.at(self.alpha) / self._scale.size for curve in curves]
         return self._from_to(two_digits(min(ends)), two_digits(max(ends)))
 
@@ -246,10 +258,7 @@ class Advice(Result):
     @property
     def warnings(self) -> list[str]:
         """Sentences on a size that fits no body, correlations out of range, amounts far from tests, and the fit."""
-        removed = [
-            curve.at(self.alpha) / (curve.density or 1.0) for curve in self.curves if curve.group != "correlations"
-        ]
-        far = far_from_tests(removed, float(self.p.to("si").v0), self.per_mass.density)
+        far = self._far([curve for curve in self.curves if curve.group != "correlations"])
         said = (self.p.size_warning, *self.outside, far and str(far))
         return [self._translated(message) for message in said if message] + [*self.doubts]
 
@@ -286,7 +295,9 @@ class Advice(Result):
         fraction = self.language.text("all") if share == 1 else f"{share:.3g}"
         numbers = {"amount": self.span(models), "unit": self.unit, "fraction": fraction}
         numbers |= {"tests": self.span(fitting)} if fitting else {}
-        if fitting and self.uncertain is not None:
+        if self._is_beyond(models):
+            text = self._withheld(fitting)
+        elif fitting and self.uncertain is not None:
             text = say(
                 "The draws remove {amount} {unit} there if {fraction} of the particles cut; the correlations for this "
                 "metal, which are made from other tests, {tests} {unit}.",
@@ -301,6 +312,20 @@ class Advice(Result):
         else:
             text = say("The models remove {amount} {unit} there if {fraction} of the particles cut.", **numbers)
         return text if self.per_mass.density else f"{text} {say('Name the target, or give its density, for g/kg.')}"
+
+    def _withheld(self, fitting: Sequence[Curve]) -> str:
+        """The amount by correlations alone, where that of the models is beyond all tests."""
+        if not fitting:
+            return self.language.say(
+                "The models' amount is left out, because it is more than ten times what tests find, and no correlation "
+                "is made for this metal."
+            )
+        return self.language.say(
+            "The correlations for this metal remove {tests} {unit} there. The models' amount is left out, because it "
+            "is more than ten times what tests find.",
+            tests=self.span(fitting),
+            unit=self.unit,
+        )
 
     def _narrowing(self) -> str:
         """What would narrow the range of best angles most."""

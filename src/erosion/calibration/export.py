@@ -43,7 +43,7 @@ def to_openfoam(
     *,
     v0: Any = None,
     d: Any = None,
-    erodent_density: float | None = None,
+    particle_density: float | None = None,
     cutting_fraction: float = 1.0,
 ) -> ParticleErosion:
     """The coefficients p and K with which Finnie's curve comes nearest to the model's.
@@ -59,7 +59,7 @@ def to_openfoam(
         v0: speeds over which the coefficients must hold, shape (n,) [speed]; without it what is lost at half and
             at twice the case's is said.
         d: diameters over which they must hold, shape (n,) [length].
-        erodent_density: of the particles in the code [density]; without it the case's particle has the diameter 2 r.
+        particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
 
     Raises:
@@ -67,7 +67,7 @@ def to_openfoam(
             maximum, or K is without limit), or as far off at one of the speeds and diameters that are given.
         ValueError: for parameters that are arrays or out of range, or speeds and diameters that are not positive.
     """
-    particle, comment, case = _particle(model, p, erodent_density, cutting_fraction)
+    particle, comment, case = _particle(model, p, particle_density, cutting_fraction)
     return coefficients(particle, Reach.of(particle, case, v0, d), comment)
 
 
@@ -78,7 +78,7 @@ def to_fluent(
     points: int = _POINTS,
     v0: Any = None,
     d: Any = None,
-    erodent_density: float | None = None,
+    particle_density: float | None = None,
     cutting_fraction: float = 1.0,
 ) -> AngleTable:
     """The model's curve as Fluent's angle function, with the velocity exponent and the diameter function that fit best.
@@ -92,7 +92,7 @@ def to_fluent(
         v0: speeds over which the form must hold, shape (n,) [speed]. The exponent is fitted over them; without them
             from half to twice the case's, and what is lost there is said.
         d: diameters over which it must hold, shape (n,) [length].
-        erodent_density: of the particles in the code [density]; without it the case's particle has the diameter 2 r.
+        particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
 
     Raises:
@@ -100,12 +100,12 @@ def to_fluent(
             are given.
         ValueError: for fewer than 2 points or more than Fluent takes; else as `to_openfoam`.
     """
-    particle, comment, case = _particle(model, p, erodent_density, cutting_fraction)
+    particle, comment, case = _particle(model, p, particle_density, cutting_fraction)
     return angle_table(particle, Reach.of(particle, case, v0, d), comment, points)
 
 
 def _particle(
-    model: _Exported, p: Parameters | None, erodent_density: float | None, cutting_fraction: float
+    model: _Exported, p: Parameters | None, particle_density: float | None, cutting_fraction: float
 ) -> tuple[Particle, str, Parameters]:
     """The particle that is exported, the comment on where it comes from, and its case."""
     if isinstance(model, Calibration):
@@ -114,12 +114,12 @@ def _particle(
         if cutting_fraction != 1:
             raise ValueError("Argument `cutting_fraction` must be left out for a calibration, which has its own.")
         case = exported_case(model)
-        particle = particle_of(model.model, case, erodent_density)
+        particle = particle_of(model.model, case, particle_density)
         particle = dataclasses.replace(particle, cutting_fraction=model.cutting_fraction)
         return particle, _comment(model), case
     if p is None:
         raise TypeError("Argument `p` must be Parameters, but is left out.")
-    particle = particle_of(model, p, erodent_density, cutting_fraction)
+    particle = particle_of(model, p, particle_density, cutting_fraction)
     return particle, particle.origin(), p
 
 

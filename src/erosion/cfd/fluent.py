@@ -58,7 +58,7 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Fl
         ImpactsError: for a file without Fluent's header, or without columns that are needed.
     """
     if density is not None:
-        raise ImpactsError(f"{path}: gives the mass of each particle; Argument `density` must be left out.")
+        raise ImpactsError(f"{path}: gives the mass of each particle; Argument `particle_density` must be left out.")
     lines = head(path)
     numbers = [number for number, line in enumerate(lines[:10]) if "diameter" in line and line.lstrip().startswith("(")]
     if not numbers:

@@ -21,7 +21,7 @@ def read_impacts(
     source: str | Path,
     case: str | Path | None = None,
     *,
-    density: float | int | str | None = None,
+    particle_density: float | int | str | None = None,
     duration: float | int | None = None,
     ignore: Sequence[str] = (),
 ) -> Impacts:
@@ -50,7 +50,7 @@ def read_impacts(
     Args:
         source: a file or folder.
         case: the OpenFOAM case whose mesh the faces belong to; by default the one in which `source` lies.
-        density: of the particles, where no column gives it: a number [kg/m³], or "2.65 g/cm^3".
+        particle_density: of the particles, where no column gives it: a number [kg/m³], or "2.65 g/cm^3".
         duration: time that the table covers [s], where it does not say it or says it wrongly.
         ignore: columns of a CSV or Parquet file that are left out, by their names: ("frequency",).
 
@@ -62,7 +62,7 @@ def read_impacts(
     """
     path = _existing("source", source)
     case = None if case is None else _existing("case", case)
-    kilograms = _density(density)
+    kilograms = _density(particle_density)
     if duration is not None and not (np.isfinite(duration) and duration > 0):
         raise ImpactsError(f"Argument `duration` must be positive and finite, but is {duration!r}.")
     seconds = None if duration is None else float(duration)
@@ -125,8 +125,8 @@ def _existing(name: str, value: Any) -> Path:
 def _density(density: float | int | str | None) -> float | None:
     if density is None:
         return None
-    with about("Argument `density`", ImpactsError):
+    with about("Argument `particle_density`", ImpactsError):
         value = read_quantity(density, "density", "si") if isinstance(density, str) else float(density)
     if not (np.isfinite(value) and value > 0):
-        raise ImpactsError(f"Argument `density` must be positive and finite, but is {density!r}.")
+        raise ImpactsError(f"Argument `particle_density` must be positive and finite, but is {density!r}.")
     return value

@@ -51,7 +51,7 @@ def require_columns(source: str, names: Collection[str], *, has_density: bool = 
         raise ImpactsError(f"{source}: has no column `diameter`, and no columns `mass` and `density`.")
     if "mass" not in names and "density" not in names and not has_density:
         raise ImpactsError(
-            f"{source}: has no column `mass` or `density` of a particle; give the density with `density`."
+            f"{source}: has no column `mass` or `density` of a particle; Argument `particle_density` must give it."
         )
 
 

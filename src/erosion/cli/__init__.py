@@ -44,6 +44,8 @@ _PRESENT_NAMES = {
     "--out": "--output",
     "--material": "--target",
     "--write-draws": "--output",
+    "--target-density": "--density",
+    "--erodent-density": "--particle-density",
 }  # by the names of before, which stay accepted
 
 app = cyclopts.App(

@@ -15,6 +15,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import IgnoreOption, ModelsOption, chosen_models
 from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table
+from erosion.cli.per_mass import weighing
 from erosion.cli.progress import progress_bar
 from erosion.cli.set_option import SetOption, Settings, load_set, model_and_settings
 
@@ -61,7 +62,9 @@ def calibrate(
     from erosion.calibration import rank_models, read_measurements
     from erosion.parameters.headings import unused_note
 
-    chosen = [load_set(names[0], given, p.units)] if len(names) == 1 else names
+    chosen = [load_set(names[0], given, options, p.units)] if len(names) == 1 else list(map(options.load, names))
+    for each in chosen:
+        weighing(each, fit, options)  # refuses the density of another metal than a correlation's
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)
     with user_errors(), progress_bar("reading") as progress:
         check_level(level)
@@ -134,6 +137,8 @@ def _models(model: list[str] | None, own: list[str] | None, options: CaseOptions
     """The names of the models, and what is set of the only one."""
     usual, given = model_and_settings(None if model is None else model[0], own, options)
     names = [usual] if model is None else chosen_models(model)
+    if len(set(names)) != len(names):
+        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
     if own and len(names) > 1:
         raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
     return names, given

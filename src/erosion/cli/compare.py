@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, load, with_file
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import working
@@ -61,10 +61,10 @@ def compare(
         if output is not None and output.suffix == ".nc" and output.exists():
             _require_comparison(output)
         overlay = _correlations(correlations, plot)
-        models = _models(model)
+        models = _models(model, options)
         weights = {name: weighing(chosen, abrasive, options) for name, chosen in models.items()}
         start_engine()
-        curves, outside = _curves(list(models), p)
+        curves, outside = _curves([options.reference(name) for name in models], p)
         lines = _at_the_case(curves, p, weights)
         lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
         _require_volumes(curves, lost)
@@ -83,16 +83,20 @@ def compare(
     if json:
         said.document({"models": lines, "statements": statements}, models, _units(p))
         return
-    _print(lines, p, statements)
+    _print(lines, p, weights, statements)
     print_paths(figure=plot, curves=output)
 
 
-def _models(names: list[str] | None) -> "dict[str, CuttingModel]":
+def _models(names: list[str] | None, options: CaseOptions) -> "dict[str, CuttingModel]":
     """The models to compare, by name; all of them without names."""
+    from erosion.models import called
+
     chosen = chosen_models(["all"] if names is None else names)
-    if not chosen or len(set(chosen)) != len(chosen):
+    loaded = {name: options.load(name) for name in chosen}
+    models = {called(name, model): model for name, model in loaded.items()}
+    if not chosen or len(models) != len(chosen):
         raise InputError(f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}.")
-    return {name: load(name) for name in chosen}
+    return models
 
 
 def _units(p: "Parameters") -> dict[str, str]:
@@ -103,7 +107,7 @@ def _units(p: "Parameters") -> dict[str, str]:
     return units | PER_MASS_UNITS | {f"{name}_max": unit for name, unit in PER_MASS_UNITS.items()}
 
 
-def _curves(names: list[str], p: "Parameters") -> "tuple[xr.Dataset, list[str]]":
+def _curves(models: "list[str | CuttingModel]", p: "Parameters") -> "tuple[xr.Dataset, list[str]]":
     """V(α) of each model, with the case's own angle as one more angle; and who is used outside of its range."""
     import numpy as np
 
@@ -113,7 +117,7 @@ def _curves(names: list[str], p: "Parameters") -> "tuple[xr.Dataset, list[str]]"
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OutOfRangeWarning)
-        curves = compare_models(names, p, alpha=np.union1d(QUARTER_DEGREES, p.alpha))
+        curves = compare_models(models, p, alpha=np.union1d(QUARTER_DEGREES, p.alpha))
     return curves, [str(warning.message) for warning in caught if warning.category is OutOfRangeWarning]
 
 
@@ -172,7 +176,10 @@ def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None) -> None:
             save_plot(plot_against_correlations(curves, overlay) if overlay else plot_comparison(curves), plot)
 
 
-def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) -> None:
+def _print(
+    lines: list[dict[str, Any]], p: "Parameters", weights: "Mapping[str, PerMass]", statements: list[str]
+) -> None:
+    from erosion.parameters.per_mass import BEYOND_TESTS
     from erosion.parameters.scales import table_scale
     from erosion.tables import largest_of
 
@@ -183,15 +190,20 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
         return f"{value / scale.size:.5g}"
 
     key, (size, unit) = _weighed(lines)
+
+    def weighed(line: dict[str, Any], end: str) -> str:
+        mark = " *" if weights[line["model"]].is_beyond_tests(line["volume" + end], p) else ""
+        return f"{line[key + end] / size:.5g}{mark}"
+
     rows = [
         (
             line["model"],
             volume(line["volume"]),
-            f"{line[key] / size:.5g}",
+            weighed(line, ""),
             line["ended_by"],
             _angle(line["alpha_max"]),
             volume(line["volume_max"]),
-            f"{line[key + '_max'] / size:.5g}",
+            weighed(line, "_max"),
             line["kind"],
             line["alpha_max_ended_by"],
         )
@@ -201,7 +213,8 @@ def _print(lines: list[dict[str, Any]], p: "Parameters", statements: list[str]) 
     at = f"{math.degrees(float(p.alpha)):.6g}°"
     title = f"{models}: impacts at α = {at} and best angles; volumes in {scale.unit}, E in {unit}"
     headings = ("model", "V", "E", "ends by", "α_max", "V_max", "E_max", "kind", "ends by")
-    print_table(title, rows, headings, (1, 2, 4, 5, 6), statements)
+    marked = any(cell.endswith("*") for row in rows for cell in row)
+    print_table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {BEYOND_TESTS}."] * marked])
 
 
 def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, Scale]":

@@ -10,9 +10,9 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, read_option, with_file
+from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions
+from erosion.cli.per_mass import PerMassOptions, density_option
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, named_model
 from erosion.parameters.quantities import QUANTITIES, RESULTS
@@ -63,8 +63,8 @@ def export(
         str | None, Parameter(help='Of the tables, and over which forms must hold: "20 m/s : 80 m/s : 7".')
     ] = None,
     diameters: Annotated[str | None, Parameter(help='The same of diameters: "0.1 mm, 0.2 mm, 0.4 mm".')] = None,
-    erodent_density: Annotated[
-        str | None, Parameter(help="Of the particles in the code; the diameter is 2 r without it.")
+    particle_density: Annotated[
+        str | None, Parameter(help='Of the particles in the code: "2650 kg/m^3"; the diameter is 2 r without it.')
     ] = None,
     cutting_fraction: Annotated[
         float | None, Parameter(help="Share of the particles that cut, for the mean volume; Finnie: about 0.5.")
@@ -84,7 +84,7 @@ def export(
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
-        particles = _particles(erodent_density, cutting_fraction, options, p)
+        particles = _particles(particle_density, cutting_fraction, options)
         require_outputs(*outputs, inputs=(options.case, name))
         start_engine()
         from erosion.files import write_whole
@@ -167,15 +167,10 @@ def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:
     return axes
 
 
-def _particles(
-    erodent_density: str | None, cutting_fraction: float | None, options: CaseOptions, p: "Parameters"
-) -> dict[str, Any]:
+def _particles(particle_density: str | None, cutting_fraction: float | None, options: CaseOptions) -> dict[str, Any]:
     """The arguments of the functions that export on the particles of the CFD run."""
     share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
-    return {
-        "erodent_density": read_option("erodent-density", erodent_density, "density", p.units),
-        "cutting_fraction": share,
-    }
+    return {"particle_density": density_option("particle-density", particle_density), "cutting_fraction": share}
 
 
 @contextlib.contextmanager

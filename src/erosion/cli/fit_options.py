@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.errors import InputError, reading
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.lists import LISTED
 from erosion.cli.options import CaseOptions, WholeOption
 from erosion.cli.per_mass import PerMassOptions
-from erosion.cli.set_option import load_set
 
 if TYPE_CHECKING:
     from erosion.calibration import Measurements
@@ -91,13 +90,15 @@ def _read_bounds(
 
 def dimension_of(name: str, models: Sequence[Any], units: "System") -> "Dimension":
     """What a parameter is measured in: of an impact, of one of the models (names or models), or a factor."""
+    from erosion.models import load_model
     from erosion.models.own_parameters import own_parameters
     from erosion.parameters.quantities import QUANTITIES
 
     if name in QUANTITIES:
         return QUANTITIES[name].dimension
     for model in models:
-        own = own_parameters(load_set(model, {}, units) if isinstance(model, str) else model)
+        with user_errors():
+            own = own_parameters(load_model(model))
         if name in own:
             return own[name].quantity.dimension
     return "1"

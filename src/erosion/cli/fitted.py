@@ -71,7 +71,10 @@ class GivenFit:
         own = settings(self.options.own, self.section, f"{self.case.case}: `set` of [advise]")
         if own and len(chosen) > 1:
             raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
-        return {name: load_set(name, own, p.units) for name in chosen}
+        from erosion.models import called
+
+        loaded = {name: load_set(name, own, self.case, p.units) for name in chosen}
+        return {called(name, model): model for name, model in loaded.items()}
 
     def uncertain(
         self, models: "Mapping[str, CuttingModel]", p: "Parameters", *, has_fraction: bool

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.options import CaseOptions, load
+from erosion.cli.options import CaseOptions
 from erosion.cli.set_option import read_settings, settings, with_model_of_case
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import shown
@@ -249,7 +249,7 @@ class CaseAndLaws:
 
     Args:
         p: the case's scalars.
-        name: the model's.
+        name: what output calls the model.
         base: the model.
         numbers: its own parameters that are set.
         laws: of what varies by a law of its own.
@@ -264,6 +264,13 @@ class CaseAndLaws:
     laws: dict[str, Any]
     given: GivenLaws
     inputs: tuple[Any, ...]
+
+    @property
+    def reference(self) -> "str | CuttingModel":
+        """The model without its own parameters, by its name where other processes find it by that."""
+        from erosion.models import Correlated
+
+        return self.base if isinstance(self.base, Correlated) else self.name
 
     @property
     def model(self) -> "CuttingModel":
@@ -295,6 +302,8 @@ def case_and_laws(
         own: the options --set.
         joint: the options for laws.
     """
+    from erosion.models import called
+
     where = f"{options.case}: field `{{}}` of [{verb}]"
     section = with_model_of_case(section, options, [model] if model else None)
     p = options.without_changes().parameters()
@@ -309,10 +318,10 @@ def case_and_laws(
     name = model or section.get("model", "linearized")
     own_texts = settings(own, section, f"{options.case}: `set` of [{verb}]")
     given = (joint or LawOptions()).with_section(section, where)
-    base = load(name)
+    base = options.load(name)
     own_numbers, own_laws = _split(read_settings(name, base, own_texts, p.units, _number_or_law))
     inputs = (options.case, name, *given.files, *(text for _, text in {**texts, **own_texts}.values()))
-    return CaseAndLaws(p, name, base, own_numbers, {**laws, **own_laws}, given, inputs)
+    return CaseAndLaws(p, called(name, base), base, own_numbers, {**laws, **own_laws}, given, inputs)
 
 
 def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System") -> Any:

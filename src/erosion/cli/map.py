@@ -13,7 +13,7 @@ from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, IgnoreOption, ModelOption
 from erosion.cli.options import EachRow, JsonOption, WholeOption, read_option
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
+from erosion.cli.per_mass import PerMassOptions, density_option, weighing
 from erosion.cli.progress import progress_bar, working
 from erosion.cli.set_option import SetOption
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from erosion.maps.options import MapOptions
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
+    from erosion.parameters.per_mass import PerMass
     from erosion.parameters.units import Dimension
 
 
@@ -64,14 +65,8 @@ class _Rows:
     ] = None
     seed: Annotated[WholeOption, Parameter(help="Of laws.")] = None
     draws: Annotated[WholeOption, Parameter(help="Of what is uncertain; 64 without it, for each the whole map.")] = None
-    cutting_fraction: Annotated[float | None, Parameter(help="Share of the particles that cut; Finnie: about 0.5.")] = (
-        None
-    )
     restitution: Annotated[
         str | None, Parameter(help="e,μ of the wall, if velocities are those after the rebound: 0.8,0.1.")
-    ] = None
-    target_density: Annotated[
-        str | None, Parameter(help='For mass: "7800 kg/m^3"; --target and a case file have one as well.')
     ] = None
     limit: Annotated[
         str | None,
@@ -79,28 +74,23 @@ class _Rows:
     ] = None
     duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
     ignore: IgnoreOption = None
-    density: Annotated[
-        str | None, Parameter(help='Of the particles, where no column gives it, nor --particle: "2650 kg/m^3".')
+    particle_density: Annotated[
+        str | None, Parameter(help='Where no column gives it, nor --particle: "2650 kg/m^3".')
     ] = None
 
-    def with_case(self, case: EachRow, model: "CuttingModel", impacts: Path) -> "_Rows":
-        """The same with the densities of a named particle, a named target or the case file, where none are given."""
+    def density_of_particles(self, case: EachRow, impacts: Path) -> float | None:
+        """Of the option, or of the particle that is named [kg/m³]."""
         from erosion.cfd.fluent import SUFFIXES
-        from erosion.models.correlated import Correlated
 
+        if self.particle_density is not None:
+            return density_option("particle-density", self.particle_density)
         grit, _ = case.materials()
-        # A correlation has a density of its own. Samples of Fluent hold masses, and take no density.
-        target = None if isinstance(model, Correlated) else PerMassOptions().per_mass(case).density
+        # Samples of Fluent hold masses, and take no density.
         in_fluent = impacts.name.removesuffix(".gz").endswith(SUFFIXES)
-        particle = None if grit is None or in_fluent else grit.density
-        return dataclasses.replace(
-            self,
-            target_density=self.target_density or _in_words(target),
-            density=self.density or _in_words(particle),
-        )
+        return None if grit is None or in_fluent else grit.density
 
     def options(
-        self, p: "Parameters", laws: dict[str, Any], uncertain: dict[str, Any], cutting_fraction: float
+        self, p: "Parameters", laws: dict[str, Any], uncertain: dict[str, Any], share: float, per_mass: "PerMass"
     ) -> "MapOptions":
         """The same as numbers in the units of the case.
 
@@ -108,12 +98,13 @@ class _Rows:
             p: the case.
             laws: of what varies from impact to impact.
             uncertain: laws of what is one number for all impacts.
-            cutting_fraction: the share of the particles that cut, of the case where no option gives it.
+            share: of the particles that cut, 1 where it is uncertain.
+            per_mass: with the density of the target.
 
         Raises:
             InputError: one sentence naming the option.
         """
-        from erosion.maps.bodies import FRACTION, Bodies
+        from erosion.maps.bodies import Bodies
         from erosion.maps.options import MapOptions
 
         with user_errors(TypeError):
@@ -128,10 +119,10 @@ class _Rows:
                     laws,
                     uncertain,
                     64 if self.draws is None else self.draws,
-                    1.0 if FRACTION in uncertain and self.cutting_fraction is None else cutting_fraction,
+                    share,
                 ),
                 restitution=self._restitution(),
-                target_density=self.number("target_density", "density", p),
+                density=per_mass.density,
                 limit=self.number("limit", "length", p),
             )
 
@@ -227,6 +218,7 @@ def map_(
     own: SetOption = None,
     joint: LawOptions | None = None,
     rows: _Rows | None = None,
+    abrasive: PerMassOptions | None = None,
     output: Annotated[
         Path | None, Parameter(name=("--output", "-o"), help="map.vtp (for ParaView), map.csv, or map.nc (netCDF).")
     ] = None,
@@ -241,15 +233,17 @@ def map_(
     a sample of Fluent (.dpm), or a table with named columns (.csv, .parquet).
     Speed, angle and mass are those of its rows; the case gives the rest.
 
+    Without a case it is Table 1 in SI, and so are the results.
+
     A parameter may vary from impact to impact: --k "normal(2, 0.2)". What is
     one number for all impacts but not known is --uncertain: its error does not
     average out. A case file gives the same in a table [map]; options win.
     """
-    target, options, rows, picture = target or _Surface(), case or EachRow(), rows or _Rows(), picture or _Picture()
+    target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
+    options = _in_si(case or EachRow())
     section = options.section("map", ("model", "set", *LAW_FIELDS))
     _refuse_replaced(options, section)
     sand = case_and_laws(options, "map", section, model, own, joint)
-    rows = rows.with_case(options, sand.model, impacts)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
         from erosion.maps.export import require_map_path
@@ -261,10 +255,14 @@ def map_(
     from erosion.joint_laws import unused_columns
 
     varied, uncertain, draws = sand.read_laws()
-    share = weighing(sand.model, PerMassOptions(cutting_fraction=rows.cutting_fraction), options).cutting_fraction
-    made = rows.options(sand.p, varied, uncertain, share)
+    abrasive = abrasive or PerMassOptions()
+    per_mass = weighing(sand.model, abrasive, options)
+    # A share that is uncertain has its law alone, if no option gives it too.
+    share = 1.0 if "cutting_fraction" in uncertain and abrasive.cutting_fraction is None else per_mass.cutting_fraction
+    made = rows.options(sand.p, varied, uncertain, share, per_mass)
+    grains = rows.density_of_particles(options, impacts)
     with dask_cluster(workers, scheduler):
-        job = _job(impacts, target, rows, made, (sand.name, sand.numbers))
+        job = _job(impacts, target, rows, grains, made, (sand.reference, sand.numbers))
         picture.check_surface(job.surface)
         dataset = _computed(job)
     if output is not None:
@@ -275,14 +273,15 @@ def map_(
     picture.draw(dataset)
     printed = Output("map", sand.p, options.case, json=json, seed=made.bodies.seed_used)
     printed.warn_all([unused_columns({**varied, **uncertain})])
-    printed.warn_all(part.doubts(sand.model, sand.p, share) for part in draws)
+    printed.warn_all(part.doubts(sand.model, sand.p, per_mass.cutting_fraction) for part in draws)
     _show(dataset, job, printed, sand.name)
     if not json:
         print_paths(map=output, figure=picture.plot)
 
 
-def _in_words(density: float | None) -> str | None:
-    return None if density is None else f"{density!r} kg/m^3"
+def _in_si(case: EachRow) -> EachRow:
+    """Without a case file and --units, Table 1 in SI, as tables and surfaces of CFD codes are."""
+    return dataclasses.replace(case, units="si") if case.case is None and case.units is None else case
 
 
 def _refuse_replaced(options: EachRow, section: dict[str, Any]) -> None:
@@ -298,7 +297,12 @@ def _refuse_replaced(options: EachRow, section: dict[str, Any]) -> None:
 
 
 def _job(
-    impacts: Path, target: _Surface, rows: _Rows, options: "MapOptions", model: tuple[str, dict[str, float]]
+    impacts: Path,
+    target: _Surface,
+    rows: _Rows,
+    particle_density: float | None,
+    options: "MapOptions",
+    model: "tuple[str | CuttingModel, dict[str, float]]",
 ) -> "MapJob":
     """Open the table and the surface, and check the map."""
     from erosion.cfd.read import read_impacts, read_surface
@@ -315,7 +319,7 @@ def _job(
         case = name if name is not None and name.is_dir() else None
         duration = rows.number("duration", "time", p)
         ignore = rows.ignore or ()
-        table = read_impacts(impacts, case=case, density=rows.density, duration=duration, ignore=ignore)
+        table = read_impacts(impacts, case=case, particle_density=particle_density, duration=duration, ignore=ignore)
         return prepare_map(model[0], table, surface, options, model[1])
 
 

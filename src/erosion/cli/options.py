@@ -137,6 +137,25 @@ class CaseOptions:
             self._require_own_units("field `set`")
         return name, own
 
+    def load(self, name: str) -> "CuttingModel":
+        """The model by name or path; of a correlation the one that is made for the target and the particle named.
+
+        Raises:
+            InputError: one sentence, also for a correlation that is not made for the target.
+        """
+        from erosion.models import load_model, made_for
+
+        grit, metal = self.materials()
+        with user_errors():
+            return made_for(load_model(name), metal, grit)
+
+    def reference(self, name: str) -> "str | CuttingModel":
+        """The same; a model that no target changes by its name, by which other processes find it."""
+        from erosion.models import Correlated
+
+        model = self.load(name)
+        return model if isinstance(model, Correlated) else name
+
     def _require_own_units(self, what: str) -> None:
         """An `InputError` where --units is not that of the file, whose bare numbers would be read in it."""
         from erosion.parameters.case_files import load_case
@@ -249,14 +268,6 @@ def read_whole(number: Any) -> int:
 
 
 WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: read_whole(tokens[0].value))]
-
-
-def load(name: str) -> "CuttingModel":
-    """The model by name or path."""
-    from erosion.models import load_model
-
-    with user_errors():
-        return load_model(name)
 
 
 @overload

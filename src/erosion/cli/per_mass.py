@@ -35,7 +35,7 @@ class PerMassOptions:
         """
         from erosion.parameters.case_files import load_per_mass
         from erosion.parameters.materials import target
-        from erosion.parameters.per_mass import PerMass, read_density
+        from erosion.parameters.per_mass import PerMass
 
         with user_errors():
             of_case = PerMass(cutting_fraction=usual_fraction)
@@ -43,15 +43,28 @@ class PerMassOptions:
                 of_case = load_per_mass(options.case, usual_fraction)
             density = of_case.density if options.target is None else target(options.target).density
         if self.density is not None:
-            with reading("Option `--density`"):
-                density = read_density(self.density)
+            density = density_option("density", self.density)
         fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         with user_errors():
             return PerMass(density, fraction)
 
 
+def density_option(name: str, text: str | None) -> float | None:
+    """The density of an option [kg/m³]; None where it is not given."""
+    from erosion.parameters.per_mass import read_density
+
+    with reading(f"Option `--{name}`"):
+        return None if text is None else read_density(text)
+
+
 def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "PerMass":
-    """How a model's volume becomes erosion per mass of abrasive."""
+    """How a model's volume becomes erosion per mass of abrasive.
+
+    Raises:
+        InputError: also for the density of another metal than a correlation's.
+    """
     from erosion.models.correlated import per_mass_of
 
-    return per_mass_of(model, (given or PerMassOptions()).per_mass(options))
+    per_mass = (given or PerMassOptions()).per_mass(options)
+    with user_errors():
+        return per_mass_of(model, per_mass)

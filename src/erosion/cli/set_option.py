@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading
-from erosion.cli.options import CaseOptions, load
+from erosion.cli.options import CaseOptions
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
@@ -42,8 +42,11 @@ def named_model(
     given: str | None, own: Sequence[str] | None, case: CaseOptions, units: "System"
 ) -> "tuple[str, CuttingModel]":
     """The name and the model, with its own parameters set; see `model_and_settings`."""
+    from erosion.models import called
+
     name, of_model = model_and_settings(given, own, case)
-    return name, load_set(name, of_model, units)
+    model = load_set(name, of_model, case, units)
+    return called(name, model), model
 
 
 def with_model_of_case(section: Mapping[str, Any], case: CaseOptions, given: Sequence[str] | None) -> Mapping[str, Any]:
@@ -134,9 +137,9 @@ def read_settings(
     return values
 
 
-def load_set(name: str, given: Settings, units: "System") -> "CuttingModel":
-    """The model by name or path, with the own parameters that are set."""
-    model = load(name)
+def load_set(name: str, given: Settings, case: CaseOptions, units: "System") -> "CuttingModel":
+    """The model by name or path, see `CaseOptions.load`, with the own parameters that are set."""
+    model = case.load(name)
     return model.replace(**read_settings(name, model, given, units))
 
 

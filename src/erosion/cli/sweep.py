@@ -1,7 +1,7 @@
 """`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +11,7 @@ from erosion.cli.clusters import dask_cluster
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, load, with_file
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, with_file
 from erosion.cli.output import Output, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
@@ -69,7 +69,7 @@ def sweep(
     chosen = _chosen(model, options, section)
     table = output if output.suffix == ".csv" else None
     require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
-    values = _own_values(chosen, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
+    values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
     from erosion.sweeps.grid import make_grid
     from erosion.sweeps.sweep import prepare_sweep
@@ -79,7 +79,7 @@ def sweep(
     with user_errors(TypeError):
         outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
-        grid = make_grid(chosen, p, axes, outputs, paired=together, own=single)
+        grid = make_grid(_references(chosen, options), p, axes, outputs, paired=together, own=single)
     with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
@@ -157,14 +157,19 @@ def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[P
     return p, {name: value for name, value in values.items() if value.ndim}
 
 
-def _own_values(model: Any, given: Settings, p: "Parameters") -> dict[str, Any]:
+def _references(model: str | list[str], options: CaseOptions) -> Any:
+    """The same models, of correlations those that are made for the target."""
+    return [*map(options.reference, model)] if isinstance(model, list) else options.reference(model)
+
+
+def _own_values(model: Any, options: CaseOptions, given: Settings, p: "Parameters") -> dict[str, Any]:
     """The models' own parameters that are set: each a single value, shape (), or the values of an axis."""
     from erosion.parameters.ranges import read_axis
 
     values: dict[str, Any] = {}
     if given:
         for name in model if isinstance(model, list) else [model]:
-            values = read_settings(name, load(name), given, p.units, lambda _, *of: read_axis(*of))
+            values = read_settings(name, options.load(name), given, p.units, lambda _, *of: read_axis(*of))
     return values
 
 
@@ -191,10 +196,13 @@ def _chunks(items: list[str] | None) -> dict[str, int] | None:
 
 def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Mapping[str, PerMass]") -> None:
     """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
+    from erosion.parameters.per_mass import models_far_from_tests
+
     summary = _summary(dataset)
     of_mass = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
-    for message in (*grid.outside_of_range, *_far_from_tests(dataset, grid.p, weights)):
+    volumes, at = _greatest(dataset, grid.p, weights)
+    for message in (*grid.outside_of_range, *models_far_from_tests(weights, volumes, at)):
         output.warn(message)
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
@@ -208,7 +216,8 @@ def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Ma
         result = {"output": str(store), "dimensions": dimensions, **summary, **of_mass}
         output.document(result, dict(grid.loaded()), units, axes)
     else:
-        print_table(f"{store}: a sweep", [*_rows(dataset, summary), *_per_mass_rows(of_mass)])
+        is_beyond = any(weight.is_beyond_tests(volumes[name], at) for name, weight in weights.items())
+        print_table(f"{store}: a sweep", [*_rows(dataset, summary), *_per_mass_rows(of_mass, is_beyond=is_beyond)])
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
 
@@ -244,21 +253,19 @@ def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -
             for end, of in (("least", min), ("greatest", max))}  # fmt: skip
 
 
-def _far_from_tests(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -> list[str]:
-    """Sentences on the models whose greatest erosion is far from tests."""
-    from erosion.parameters.per_mass import models_far_from_tests
-
+def _greatest(dataset: Any, p: "Parameters", names: Iterable[str]) -> "tuple[dict[str, Any], Parameters]":
+    """By model, the greatest volumes at each speed, of a particle of mass 1; and the case that they belong to."""
     speeds = dataset.get("v0")
     per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
     kept = {"model"} | set(() if speeds is None else speeds.dims)
     greatest = per_particle_mass.max([dim for dim in per_particle_mass.dims if dim not in kept])
     at = dataclasses.replace(p, m=1.0, v0=p.v0 if speeds is None else speeds.values)
-    volumes = {name: (greatest.sel(model=name) if name else greatest).values for name in weights}
-    return models_far_from_tests(weights, volumes, at)
+    return {name: (greatest.sel(model=name) if name else greatest).values for name in names}, at
 
 
-def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":
-    from erosion.parameters.per_mass import PER_MASS_SCALES
+def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[Row]":
+    """The rows of `_per_mass`, the greatest marked where it is beyond all tests."""
+    from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES
     from erosion.parameters.quantities import RESULTS
     from erosion.tables import Row
 
@@ -266,7 +273,8 @@ def _per_mass_rows(of_mass: Mapping[str, float]) -> "list[Row]":
     for name, value in of_mass.items():
         quantity, _, end = name.rpartition("_")
         (size, unit), known = PER_MASS_SCALES[quantity], RESULTS[quantity]
-        rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}"))
+        mark = f"; {BEYOND_TESTS}" if is_beyond and end == "greatest" else ""
+        rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}{mark}"))
     return rows
 
 

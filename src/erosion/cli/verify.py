@@ -4,9 +4,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import JsonOption, load
+from erosion.cli.options import JsonOption
 from erosion.cli.output import Output, print_table
 from erosion.cli.progress import progress_bar
 
@@ -29,10 +30,12 @@ def verify(
     """
     models = chosen_models([*(files or []), *(model or [])])
     start_engine()
+    from erosion.models import load_model
     from erosion.verification import verify as verify_models
     from erosion.verification.result import HEADINGS
 
-    loaded = {name: load(name) for name in models}
+    with user_errors():
+        loaded = {name: load_model(name) for name in models}
     output = Output("verify", json=json)
     with progress_bar("compiling") as progress:
         verification = verify_models(models or None, progress=progress)

@@ -97,7 +97,7 @@ def share_in_words(cutting_fraction: float) -> str:
 def particle_of(
     model: CuttingModel | str | Path,
     p: Parameters,
-    erodent_density: float | None = None,
+    particle_density: float | None = None,
     cutting_fraction: float = 1.0,
 ) -> Particle:
     """The particle of a case.
@@ -105,8 +105,8 @@ def particle_of(
     Args:
         model: a model, its name, or the path of its file.
         p: the case, all scalars; its `alpha` is not used.
-        erodent_density: of the particles in the CFD code [density]; their diameter is that of a sphere of the
-            case's mass. Without it the diameter is 2 r.
+        particle_density: of the particles in the CFD code [kg/m³], whatever the units of the case; their diameter
+            is that of a sphere of the case's mass. Without it the diameter is 2 r.
         cutting_fraction: the share of the particles that cut; it does not apply to correlations.
 
     Raises:
@@ -117,12 +117,12 @@ def particle_of(
     validate(p)
     model, in_si = model.to("si", p)
     share = per_mass_of(model, PerMass(cutting_fraction=cutting_fraction)).cutting_fraction
-    if erodent_density is None:
+    if particle_density is None:
         return Particle(model, in_si, 2 * float(in_si.r), share)
-    density = positive("erodent_density", erodent_density)
+    density = positive("particle_density", particle_density)
     if density.size != 1:
-        raise ValueError(f"Argument `erodent_density` must be a scalar, but has shape {density.shape}.")
-    volume = float(in_si.m) / (float(density[0]) * conversion_factor("density", p.units, "si"))
+        raise ValueError(f"Argument `particle_density` must be a scalar, but has shape {density.shape}.")
+    volume = float(in_si.m) / float(density[0])
     return Particle(model, in_si, float(np.cbrt(6 * volume / np.pi)), share)
 
 

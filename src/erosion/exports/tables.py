@@ -27,7 +27,7 @@ def volume_table(
     alpha: Any = None,
     v0: Any = None,
     d: Any = None,
-    erodent_density: float | None = None,
+    particle_density: float | None = None,
     cutting_fraction: float = 1.0,
 ) -> xr.Dataset:
     """The volume that an impact removes over diameter, speed and angle, for a table in a CFD code.
@@ -44,7 +44,7 @@ def volume_table(
         alpha: angles, shape (n,) [rad]; every 2.5° without it.
         v0: speeds, shape (n,) [speed]; seven from half to twice the case's without it.
         d: diameters, shape (n,) [length]; seven from half to twice the case's without it.
-        erodent_density: of the particles in the code [density]; without it the case's particle has the diameter 2 r.
+        particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut; volumes are then the mean over all particles.
 
     Returns:
@@ -54,7 +54,7 @@ def volume_table(
         SimulationError: where impacts fail.
         ValueError: for parameters that are arrays or out of range, and for more than a million rows.
     """
-    particle = particle_of(model, p, erodent_density, cutting_fraction)
+    particle = particle_of(model, p, particle_density, cutting_fraction)
     alpha = _ANGLES if alpha is None else angles(alpha)
     speeds = in_si("v0", v0, p, SHARES * particle.speed)
     diameters = in_si("d", d, p, SHARES * particle.diameter)

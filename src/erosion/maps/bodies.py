@@ -159,7 +159,7 @@ class Bodies:
         )
         if isinstance(model, CorrelatedBySize):
             # The table knows the size, for which the case alone has but a density to guess from.
-            model = model.replace(erodent_density=6 * hits.mass / (math.pi * hits.diameter**3))
+            model = model.replace(particle_density=6 * hits.mass / (math.pi * hits.diameter**3))
         return model, p
 
     def _spins(self, hits: Hits) -> np.ndarray:

@@ -24,7 +24,6 @@ from erosion.models.correlated import Correlated
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
-from erosion.parameters.units import conversion_factor
 
 
 def erosion_map(
@@ -37,7 +36,7 @@ def erosion_map(
     diameter: float | None = None,
     spin: str | Distribution | None = None,
     restitution: tuple[float, float] | None = None,
-    target_density: float | None = None,
+    density: float | None = None,
     limit: float | None = None,
     seed: int = 0,
     rtol: float = 1e-9,
@@ -63,7 +62,7 @@ def erosion_map(
         diameter: of the case's particle as a sphere of the CFD run [length]; else g is the cube root of mass ratios.
         spin: "column" of the table, "case" (its φ̇₀), "none", or a law; else the table's, the case's if there is none.
         restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
-        target_density: for mass [density]; without it that of a correlation, else there is no mass.
+        density: of the target [kg/m³], whatever the units of `p`; without it that of a correlation, else no mass.
         limit: greatest distance of a row from its face [length]; farther rows are left out. Without it a share of the
             surface's width, the particle's diameter, and what a curved wall is off its facets; see docs/cfd.md.
         seed: of the numbers drawn from laws.
@@ -87,7 +86,7 @@ def erosion_map(
         SimulationError: where no impact could be computed.
     """
     bodies = Bodies(p, scaling, diameter, spin, seed, distributions, uncertain or {}, draws, cutting_fraction)
-    options = MapOptions(bodies, restitution, target_density, limit, rtol)
+    options = MapOptions(bodies, restitution, density, limit, rtol)
     return prepare_map(model, impacts, surface, options).run(progress)
 
 
@@ -115,7 +114,6 @@ def prepare_map(
     loaded = load_model(model).replace(**(own or {}))
     require_one_impact(loaded, options.bodies.p)
     options.bodies.check_laws(loaded)
-    if isinstance(loaded, Correlated) and options.target_density is None:
-        factor = conversion_factor("density", "si", options.bodies.p.units)
-        options = dataclasses.replace(options, target_density=float(loaded.density) * factor)
+    if isinstance(loaded, Correlated) and options.density is None:
+        options = dataclasses.replace(options, density=float(loaded.density))
     return MapJob(Task(model, own or {}, options, 1 if surface is None else len(surface.patches)), impacts, surface)

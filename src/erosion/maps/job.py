@@ -146,7 +146,7 @@ class MapJob:
         notes = self.impacts.notes if nearness is None else (*self.impacts.notes, *nearness.sentences())
         rows = "" if nearness is None else nearness.far_in_words(far)
         source = MapSource(task.model, task.options.bodies, self.impacts, self.surface, self._in_words(), notes, rows)
-        return to_dataset(tally, source, ends, task.options.target_density)
+        return to_dataset(tally, source, ends, task.options.density)
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
         """Compute all portions, and add them in their order."""
@@ -267,6 +267,6 @@ class MapJob:
             "draws": bodies.draws if bodies.uncertain else None,
             "seed": bodies.seed_used,
             "cutting_fraction": None if bodies.cutting_fraction == 1 else bodies.cutting_fraction,
-            **{name: getattr(options, name) for name in ("restitution", "target_density", "limit")},
+            **{name: getattr(options, name) for name in ("restitution", "density", "limit")},
         }
         return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)

@@ -20,7 +20,7 @@ class MapOptions:
 
     bodies: Bodies
     restitution: tuple[float, float] | None = None
-    target_density: float | None = None
+    density: float | None = None
     limit: float | None = None
     rtol: float = 1e-9
 
@@ -29,7 +29,7 @@ class MapOptions:
         check_whole("seed", self.bodies.seed, 0)
         check_whole("draws", self.bodies.draws, 2)
         validate(self.bodies.p)
-        numbers = {name: getattr(self, name) for name in ("target_density", "limit")}
+        numbers = {name: getattr(self, name) for name in ("density", "limit")}
         for name, value in {**numbers, "diameter": self.bodies.diameter}.items():
             if value is not None and not (isinstance(value, (int, float, np.number)) and 0 < value < np.inf):
                 raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")

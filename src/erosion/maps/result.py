@@ -15,7 +15,7 @@ from erosion.maps.incidence import LEFT_OUT
 from erosion.maps.tally import Tally
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
-from erosion.parameters.per_mass import far_from_tests
+from erosion.parameters.per_mass import BEYOND_TESTS, FarFromTests, far_from_tests
 from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
@@ -87,7 +87,7 @@ def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: fl
         tally: the sums of all rows.
         source: what they are sums of.
         ends: the outcomes, columns of `tally.ends`.
-        density: of the target [density], where it is known.
+        density: of the target [kg/m³], where it is known.
     """
     units, surface, duration = source.bodies.p.units, source.surface, source.impacts.duration
     sums = {**tally.sums, "impacts": tally.impacts.astype(float)}
@@ -95,6 +95,8 @@ def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: fl
     if draws is not None:
         sums["common"] = draws.var(axis=0, ddof=1)
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
+    sums["speed"] = sums["speed"] * conversion_factor("speed", "si", units)
+    density = None if density is None else density * conversion_factor("density", "si", units)
     patches = ("all",) if surface is None else surface.patches
     patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
     variables: Variables = {}
@@ -299,6 +301,8 @@ class MapSummary(Result):
                 row = row._replace(
                     value=with_error(value, value * error if value else 0.0, scale.size), unit=scale.unit
                 )
+            if prefix == "total" and name in ("erosion", "erosion_ratio") and self._far and self._far.is_beyond:
+                row = row._replace(meaning=f"{row.meaning}; {BEYOND_TESTS}")
             rows.append(row)
         return rows
 
@@ -323,13 +327,16 @@ class MapSummary(Result):
     @property
     def erosion_warning(self) -> str | None:
         """One sentence where the erosion of the whole is far from what tests find at its mean speed, else None."""
+        return None if self._far is None else str(self._far)
+
+    @property
+    def _far(self) -> FarFromTests | None:
         data = self.dataset
         specific, speed = float(data["total_erosion"]), float(data["total_v0_mean"])
         density = float(data["total_erosion_ratio"]) / specific if "total_erosion_ratio" in data and specific else None
         in_si = {name: conversion_factor(FACES[name].dimension, self.units, "si") for name in ("erosion", "v0_mean")}
         in_si_density = None if density is None else density / in_si["erosion"]
-        far = far_from_tests(specific * in_si["erosion"], speed * in_si["v0_mean"], in_si_density)
-        return None if far is None else str(far)
+        return far_from_tests(specific * in_si["erosion"], speed * in_si["v0_mean"], in_si_density)
 
     def to_dict(self) -> Record:
         """Totals, patches, how impacts end and what is left out, with the units of the numbers."""

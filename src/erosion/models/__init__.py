@@ -3,6 +3,7 @@
 from erosion.models.as_printed import AsPrinted as AsPrinted
 from erosion.models.correlated import Correlated as Correlated
 from erosion.models.correlated import correlated as correlated
+from erosion.models.correlated import made_for as made_for
 from erosion.models.deformation import Deformation as Deformation
 from erosion.models.deformation import DeformationWear as DeformationWear
 from erosion.models.deformation import NoDeformation as NoDeformation
@@ -17,6 +18,7 @@ from erosion.models.linearized import Linearized as Linearized
 from erosion.models.registry import ModelError as ModelError
 from erosion.models.registry import ModelInfo as ModelInfo
 from erosion.models.registry import available_models as available_models
+from erosion.models.registry import called as called
 from erosion.models.registry import load_model as load_model
 from erosion.models.registry import model_name as model_name
 from erosion.models.registry import model_source as model_source

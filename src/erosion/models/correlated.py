@@ -6,14 +6,17 @@ import warnings
 import equinox as eqx
 import numpy as np
 
-from erosion.array_types import Broadcast, Scalar
-from erosion.correlations import CORRELATIONS
+from erosion.array_types import Broadcast, Number, Scalar
+from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
 from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import own_parameter
+from erosion.parameters.materials import Particle, Target
+from erosion.parameters.materials import particle as read_particle
+from erosion.parameters.materials import target as read_target
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.units import conversion_factor, shown
 
 
 class Correlated(CuttingModel):
@@ -48,7 +51,12 @@ class Correlated(CuttingModel):
             # Verbs warn once, with the share of their impacts: `outside_of_range`.
             warnings.simplefilter("ignore", OutOfRangeWarning)
             ratio = CORRELATIONS[self.name].erosion(p.alpha, speed, **self._factors(p))
-        return ratio * mass / self.density * conversion_factor("volume", "si", p.units)
+        return ratio * mass / self._density_of_ratio * conversion_factor("volume", "si", p.units)
+
+    @property
+    def _density_of_ratio(self) -> Number:
+        """By which the ratio of masses becomes a volume [kg/m³]."""
+        return self.density
 
     def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> str | None:
         values = {name: np.asarray(value) for name, value in self._checked(p).items()}
@@ -77,10 +85,10 @@ class CorrelatedBySize(Correlated):
     """The same for a correlation that depends on the size of the erodent, a sphere of the mass of the case.
 
     Args:
-        erodent_density: of the erodent [kg/m³], whatever the units of the case; 2650 is quartz.
+        particle_density: of the erodent [kg/m³], whatever the units of the case; 2650 is quartz.
     """
 
-    erodent_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
+    particle_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
 
     def _factors(self, p: Parameters) -> dict[str, object]:
         return {**super()._factors(p), "diameter": self._diameter(p)}
@@ -89,13 +97,107 @@ class CorrelatedBySize(Correlated):
         return {**super()._checked(p), "diameter": self._diameter(p)}
 
     def _diameter(self, p: Parameters) -> Broadcast:
-        volume = p.m * conversion_factor("mass", p.units, "si") / self.erodent_density
+        volume = p.m * conversion_factor("mass", p.units, "si") / self.particle_density
         return (6 * volume / math.pi) ** (1 / 3)
 
 
+class CorrelatedByFlowStress(Correlated):
+    """The same for Finnie's form, whose volume is proportional to 1/p, whatever the density of the target.
+
+    Args:
+        flow_stress: p of the target at ψ = 2, its hardness [Pa], whatever the units of the case.
+    """
+
+    flow_stress: float = own_parameter(FINNIE_MATERIALS["steel"].flow_stress, "p", "flow stress of the target [Pa]")
+
+    @property
+    def _density_of_ratio(self) -> Number:
+        steel = FINNIE_MATERIALS["steel"]
+        return steel.density * self.flow_stress / steel.flow_stress
+
+
+_ANOTHER_METAL = 1.1  # ratio of densities; those of one metal differ less between sources, those of a steel and another
+
+
 def per_mass_of(model: CuttingModel, per_mass: PerMass) -> PerMass:
-    """How a model's volume becomes erosion per mass: a correlation has a density and all particles in it already."""
-    return PerMass(float(model.density)) if isinstance(model, Correlated) else per_mass
+    """How a model's volume becomes erosion per mass: a correlation has a density and all particles in it already.
+
+    Raises:
+        ValueError: for the density of another metal than the correlation's.
+    """
+    if not isinstance(model, Correlated):
+        return per_mass
+    own = float(model.density)
+    if per_mass.density is not None and not 1 / _ANOTHER_METAL <= per_mass.density / own <= _ANOTHER_METAL:
+        raise ValueError(
+            f"Argument `density` must be that of the target of {model.label}, {own:g} kg/m³, but is "
+            f"{per_mass.density:g} kg/m³: leave it out, or choose a correlation for that target."
+        )
+    return PerMass(own)
+
+
+def made_for(
+    model: CuttingModel, target: str | Target | None = None, particle: str | Particle | None = None
+) -> CuttingModel:
+    """A model for a target and a particle that have names: of a correlation the member of its family made for them.
+
+        made_for(erosion.load_model("dnv"), "aluminium 6061")  # dnv:aluminium
+
+    Finnie's form takes the constants of any target. A correlation that depends on the size of the particle takes the
+    density of the particle. Other models stay as they are: their target and their particle are in the case.
+
+    Args:
+        model: any model.
+        target: a name or a `Target`; None leaves the correlation's own.
+        particle: a name with a size or a `Particle`; None leaves quartz.
+
+    Raises:
+        ValueError: where the family has no constants for this target, or the model names another of its targets.
+    """
+    if not isinstance(model, Correlated):
+        return model
+    if target is not None:
+        model = _of_target(model, read_target(target))
+    if particle is not None and isinstance(model, CorrelatedBySize):
+        model = model.replace(particle_density=read_particle(particle).density)
+    return model
+
+
+def members(name: str, target: Target) -> list[str]:
+    """The correlations of a family that tests of this target stand behind, the usual one first: ["dnv:aluminium"].
+
+    Raises:
+        ValueError: for a target of a table of one's own that names what is no correlation.
+    """
+    # The two editions of a standard have one table of targets.
+    table, found = CORRELATIONS[name].materials, list[str]()
+    for listed in target.correlations:
+        family, _, material = listed.partition(":")
+        if family not in CORRELATIONS or (material and material not in CORRELATIONS[family].materials):
+            raise ValueError(f"Target {target}: field `correlations` must name correlations, but has {shown(listed)}.")
+        if family == name or (table and CORRELATIONS[family].materials is table):
+            found.append(f"{name}:{material}" if material else name)
+    return found
+
+
+def _of_target(model: Correlated, target: Target) -> Correlated:
+    if isinstance(model, CorrelatedByFlowStress) and model.material is None:
+        if target.density is None:
+            raise ValueError(f"Model {model.label!r}: needs the density of {target}, which its table must have.")
+        return CorrelatedByFlowStress(model.name, None, target.density, target.hardness)
+    fitting = members(model.name, target)
+    if model.label in fitting:
+        return model
+    if model.material is None and fitting:
+        return correlated(model.name, fitting[0].partition(":")[2])
+    table = CORRELATIONS[model.name].materials
+    if fitting:
+        known = f"of it, {', '.join(fitting)} is made for that"
+    else:
+        known = f"it has {', '.join(table)}" if table else f"it is made for {CORRELATIONS[model.name].valid_for}"
+    raise ValueError(
+        f"Model {model.label!r}: is not made for the target {target}; {known}. Leave one out, the target or the model."
+    )
 
 
 def correlated(name: str, material: str | None = None) -> Correlated:
@@ -110,7 +212,8 @@ def correlated(name: str, material: str | None = None) -> Correlated:
         material: a target in the table of the correlation; its default without one.
 
     Returns:
-        A model with the own parameter `density`, and `erodent_density` where the size counts.
+        A model with the own parameter `density`, `particle_density` where the size counts, and `flow_stress` where
+        that is a constant of the correlation.
 
     Raises:
         ValueError: for an unknown correlation or material.
@@ -122,5 +225,7 @@ def correlated(name: str, material: str | None = None) -> Correlated:
         known = ", ".join(correlation.materials) or "left out for this correlation"
         raise ValueError(f"Argument `material` must be one of {known}, but is {material!r}.")
     density = correlation.density if material is None else correlation.materials[material].density
-    kind = CorrelatedBySize if name == "oka" else Correlated
-    return kind(name, material, density)
+    return _KINDS.get(name, Correlated)(name, material, density)
+
+
+_KINDS = {"oka": CorrelatedBySize, "finnie-cfd": CorrelatedByFlowStress}

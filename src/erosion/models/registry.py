@@ -235,6 +235,12 @@ def _remembered(source: str, model: CuttingModel) -> CuttingModel:
     return model
 
 
+def called(given: str | Path | CuttingModel, model: CuttingModel) -> str:
+    """What output calls a model: as it is given, but a correlation with the target that it is made for."""
+    by_name = isinstance(given, (str, Path)) and not isinstance(model, Correlated)
+    return str(given) if by_name else model_name(model)
+
+
 def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()) -> Record:
     """A model's name and its own parameters (`but` some), and the parameters of the case, for `to_dict` of results."""
     own = {name: parameter.value for name, parameter in own_parameters(model).items() if name not in but}

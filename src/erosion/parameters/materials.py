@@ -26,7 +26,7 @@ VICKERS = 9.80665e6
 """A Vickers hardness of 1 kgf/mm² [Pa]."""
 
 CONTACT_RATIO = 2.0
-"""ψ of a target whose flow stress is its hardness [-].
+"""ψ of a target whose flow stress is its hardness [-]; the volume depends on σψ alone, so that ψ = 2 H/σ of any other.
 
 Finnie took ψ = 2, from cutting tests on metals: Wear 3 (1960) 87-103. OpenFOAM and COMSOL 6.2 have it as default.
 """
@@ -97,17 +97,17 @@ class Particle:
 class Target:
     """A metal.
 
-    `p.with_target(…)` sets σ, and ψ where it is known. Where a table gives the Vickers hardness alone, σ is that
-    hardness and ψ = 2 (`CONTACT_RATIO`).
+    `p.with_target(…)` sets σ and ψ, whose product decides the volume. Where a table gives the Vickers hardness alone,
+    σ is that hardness and ψ = 2 (`CONTACT_RATIO`). Beside a flow stress of its own ψ = 2 H/σ.
 
     Args:
         name: of the metal.
         flow_stress: σ [Pa].
         flow_stress_range: what the source spans [Pa].
+        psi: ψ [-].
         density: [kg/m³]; None where the table has none.
         density_range: what the source spans [kg/m³].
         vickers: hardness [kgf/mm²], where it is known.
-        psi: ψ; None leaves that of the case.
         correlations: that are made for this target, as `load_model` knows them.
         source: of the numbers.
     """
@@ -115,18 +115,23 @@ class Target:
     name: str
     flow_stress: float
     flow_stress_range: tuple[float, float]
+    psi: float
     density: float | None = None
     density_range: tuple[float, float] | None = None
     vickers: float | None = None
-    psi: float | None = None
     correlations: tuple[str, ...] = ()
     source: str = ""
 
+    @property
+    def hardness(self) -> float:
+        """σψ/2 [Pa], the flow stress of this metal at ψ = 2."""
+        return self.flow_stress * self.psi / CONTACT_RATIO
+
     def parameters(self, units: System) -> dict[str, float]:
-        """σ, and ψ where it is known, in the units of a case."""
+        """σ and ψ, in the units of a case."""
         # To fifteen digits, so that no conversion makes 10000.000000000002 of a table's 10000.
         sigma = float(f"{self.flow_stress / conversion_factor('stress', units, 'si'):.15g}")
-        return {"sigma": sigma} if self.psi is None else {"sigma": sigma, "psi": self.psi}
+        return {"sigma": sigma, "psi": self.psi}
 
     def __str__(self) -> str:
         return self.name
@@ -186,7 +191,8 @@ def target(text: "str | Target") -> Target:
     vickers, ranged = entry["vickers"], entry.pop("vickers_range")
     if entry["flow_stress"] is None:
         entry |= {"flow_stress": vickers * VICKERS, "flow_stress_range": tuple(end * VICKERS for end in ranged)}
-        entry["psi"] = CONTACT_RATIO if entry["psi"] is None else entry["psi"]
+    if entry["psi"] is None:
+        entry["psi"] = CONTACT_RATIO * vickers * VICKERS / entry["flow_stress"]
     return Target(**entry)
 
 
@@ -339,6 +345,8 @@ def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
         raise ValueError("field `density` is missing")
     if kind == "targets" and fields["flow_stress"] is None and fields["vickers"] is None:
         raise ValueError("field `vickers` or `flow_stress` is missing")
+    if kind == "targets" and fields["psi"] is None and fields["vickers"] is None:
+        raise ValueError("field `psi` is missing, or `vickers`, from which it follows: the volume depends on σψ")
     return fields
 
 

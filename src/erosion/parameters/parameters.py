@@ -170,7 +170,7 @@ class Parameters(Result, eqx.Module):
         return self.replace(**read_particle(particle).parameters(self.units))
 
     def with_target(self, target: str | Target) -> "Parameters":
-        """The same impact on another target, in this unit system: σ, and ψ where the table has it.
+        """The same impact on another target, in this unit system: σ and ψ.
 
             p.with_target("aluminium 6061")
 

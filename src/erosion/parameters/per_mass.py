@@ -21,12 +21,16 @@ PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
 )
 """The units in which erosion per mass of abrasive reads well, whatever the units of the case."""
 
+BEYOND_TESTS = "more than ten times what tests find"
+"""The mark of an amount in tables; see `FarFromTests.is_beyond`."""
+
 # DNVGL-RP-O501 (2015), table 3-1, fits K vⁿ to tests: at 100 m/s 0.23 g/kg for aluminium, 0.32 g/kg for steels.
 # n is 2.3 and 2.6 there. Tests of single alloys and grits spread about that by a factor of three.
 _TESTED = (1e-4, 1e-3)  # kg/kg at `_TESTED_SPEED`
 _TESTED_SPEED, _TESTED_EXPONENT = 100.0, 2.4  # m/s, -
 _TESTED_DENSITIES = (2700.0, 7800.0)  # kg/m³, the aluminium and the steels of that table
 _FAR = 3.0  # outside of the tests by this factor
+_BEYOND = 10.0  # above the greatest of all tests by this factor
 _NAMED = 3  # models that a sentence names
 _LEAST_DENSITY = 1e-9  # kg/m³, far below that of any gas at which anything is cut
 _LEAST_SHARE = 1e-9  # one particle in a thousand million; erosion by far fewer is lost in rounding
@@ -101,14 +105,15 @@ class PerMass:
         """Volume and, where the density is known, mass per mass of abrasive, as table rows in mm³/kg and g/kg."""
         numbers = {name: (value, PER_MASS_SCALES[name]) for name, value in self.to_dict(volume, p).items()}
         return [
-            Row(name, RESULTS[name].symbol, format_number(value, DIGITS, scale.size), scale.unit, self.meaning_of(name))
+            Row(name, RESULTS[name].symbol, format_number(value, DIGITS, scale.size), scale.unit, meaning)
             for name, (value, scale) in numbers.items()
+            for meaning in [self.meaning_of(name, is_beyond=self.is_beyond_tests(volume, p))]
         ]
 
-    def meaning_of(self, name: str) -> str:
-        """What a result per mass of abrasive is, and the share of the particles that cut, where it is not all."""
+    def meaning_of(self, name: str, *, is_beyond: bool = False) -> str:
+        """What a result per mass of abrasive is, the share of the particles that cut, and the mark beyond tests."""
         some = "" if self.cutting_fraction == 1 else f"; {self.cutting_fraction:g} of the particles cut"
-        return RESULTS[name].meaning + some
+        return RESULTS[name].meaning + some + (f"; {BEYOND_TESTS}" if is_beyond else "")
 
     def to_dict(self, volume: Any, p: Parameters) -> dict[str, Any]:
         """`specific_volume` [m³/kg] and, where the density is known, `erosion_ratio` [kg/kg]."""
@@ -133,8 +138,14 @@ class PerMass:
 
     def far_from_tests(self, volume: Any, p: Parameters) -> "FarFromTests | None":
         """The same in numbers."""
-        if not self.is_given:
-            return None
+        return self._far(volume, p) if self.is_given else None
+
+    def is_beyond_tests(self, volume: Any, p: Parameters) -> bool:
+        """Whether the greatest erosion is more than ten times what any test finds; see `FarFromTests.is_beyond`."""
+        far = self._far(volume, p)
+        return far is not None and far.is_beyond
+
+    def _far(self, volume: Any, p: Parameters) -> "FarFromTests | None":
         speed = np.asarray(p.v0) * conversion_factor("speed", p.units, "si")
         return far_from_tests(self.specific_volume(volume, p), speed, self.density)
 
@@ -160,6 +171,11 @@ class FarFromTests:
     def is_above(self) -> bool:
         """Whether tests find less."""
         return self.amount > self.greatest
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether it is more than ten times what any test finds: no amount to tell anyone, and marked in tables."""
+        return self.amount > _BEYOND * self.greatest
 
     @property
     def rest(self) -> str:
@@ -236,7 +252,7 @@ PER_MASS_UNITS = {name: RESULTS[name].unit("si") for name in ("specific_volume",
 
 
 def read_density(text: Any) -> float:
-    """A density of a target as text, with its unit [kg/m³].
+    """A density as text, with its unit [kg/m³].
 
     Raises:
         ValueError: with a clause that starts with "must", to follow the field's name.

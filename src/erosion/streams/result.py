@@ -12,7 +12,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import quantities
 from erosion.models.registry import impact_to_dict
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.per_mass import PER_MASS_SCALES, PerMass, far_from_tests
+from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
@@ -100,13 +100,16 @@ class Stream(Result):
     @property
     def erosion_warning(self) -> str | None:
         """One sentence where the erosion is far from what tests find at the mean speed, else None."""
+        far = self._far if self.per_mass.is_given else None
+        return None if far is None else str(far)
+
+    @property
+    def _far(self) -> FarFromTests | None:
+        """The same in numbers, whether an amount is asked for or not."""
         p = self.particles.p
-        if not self.per_mass.is_given:
-            return None
         speed = float(np.mean(self._sample.get("v0", p.v0))) * conversion_factor("speed", p.units, "si")
         removed = self.erosion.value * conversion_factor("volume per mass", p.units, "si")
-        far = far_from_tests(removed, speed, self.per_mass.density)
-        return None if far is None else str(far)
+        return far_from_tests(removed, speed, self.per_mass.density)
 
     @property
     def parameter_errors(self) -> dict[str, float]:
@@ -196,10 +199,12 @@ class Stream(Result):
         numbers = [("erosion", self.erosion, to_si / mm3.size, mm3.unit)]
         if self.erosion_ratio is not None:
             numbers.append(("erosion_ratio", self.erosion_ratio, 1 / grams.size, grams.unit))
-        return [
-            _with_error(Row(name, RESULTS[name].symbol, "", unit, self.per_mass.meaning_of(name)), estimate, factor)
-            for name, estimate, factor, unit in numbers
+        is_beyond = self._far is not None and self._far.is_beyond
+        rows = [
+            Row(name, RESULTS[name].symbol, "", unit, self.per_mass.meaning_of(name, is_beyond=is_beyond))
+            for name, _, _, unit in numbers
         ]
+        return [_with_error(row, estimate, factor) for row, (_, estimate, factor, _) in zip(rows, numbers, strict=True)]
 
     def _uncertainty_rows(self) -> list[Row]:
         """What the uncertain parameters do to the erosion."""

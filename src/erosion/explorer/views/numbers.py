@@ -8,7 +8,7 @@ import numpy as np
 from erosion.explorer.computed import Computed
 from erosion.explorer.views.look import styles
 from erosion.optimum.alpha_max import Optimum
-from erosion.parameters.per_mass import PER_MASS_SCALES, models_far_from_tests
+from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_far_from_tests
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
@@ -66,12 +66,18 @@ def _warnings(lines: Iterable[str]) -> str:
 
 
 def _volume(computed: Computed, volume: float) -> str:
-    """V, and below it the erosion per mass of abrasive, in g/kg where the target's density is known."""
+    """V, and below it the erosion per mass of abrasive, in g/kg where the target's density is known.
+
+    An amount that is asked for and beyond all tests is none to show.
+    """
     state = computed.state
     text = _read("volume", volume, state.case.units)
     if not np.isfinite(volume):
         return text
-    for name, value in state.per_mass.to_dict(volume, state.case.parameters()).items():
+    p = state.case.parameters()
+    if state.per_mass.is_given and state.per_mass.is_beyond_tests(volume, p):
+        return f"{text}<br><small>{BEYOND_TESTS}</small>".replace("-", "−")
+    for name, value in state.per_mass.to_dict(volume, p).items():
         scale = PER_MASS_SCALES[name]
         text += f"<br><small>{float(f'{float(value) / scale.size:.4g}'):,.12g} {scale.unit}</small>"
     return text.replace("-", "−")

@@ -1,0 +1,91 @@
+"""`--target` beside a correlation, in every verb: its member is chosen and named, or the two contradict each other."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from erosion.cli import _status
+
+pytestmark = pytest.mark.slow
+
+SI = ["--units", "si", "--v0", "30 m/s"]
+VERBS = {
+    "run": ["run", *SI],
+    "optimum": ["optimum", *SI],
+    "compare": ["compare", *SI],
+    "sweep": ["sweep", "--units", "si", "--v0", "20 m/s, 30 m/s", "-o", "out.nc"],
+    "stream": ["stream", "--units", "si", "--v0", "normal(30 m/s, 1 m/s)", "--n", "256", "--no-best-angle"],
+    "map": ["map", "impacts.csv"],
+    "calibrate": ["calibrate", "tests.csv", "--free", "density", "--starts", "2", *SI],
+    "export": ["export", "--fluent", "angles.txt", *SI],
+    "advise": ["advise", *SI],
+}
+IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n200,2650,30,20\n200,2650,30,40\n"
+TESTS = "angle [deg],volume [mm^3]\n10,2e-5\n30,3e-5\n60,2.5e-5\n"
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "impacts.csv").write_text(IMPACTS)
+    (tmp_path / "tests.csv").write_text(TESTS)
+    return tmp_path
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_member_for_the_target_is_chosen_and_named_or_the_target_is_refused(
+    verb: str, capsys: pytest.CaptureFixture[str], in_folder: Path
+) -> None:
+    words = VERBS[verb]
+    assert _status([*words, "--model", "dnv", "--target", "aluminium 6061", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["model"]["name"] == "dnv:aluminium"
+    # A fit has a density of its own.
+    assert verb == "calibrate" or document["model"]["own_parameters"]["density"]["value"] == 2700.0
+    (in_folder / "out.nc").unlink(missing_ok=True)
+    for model, target, known in (
+        ("dnv", "titanium Ti-6Al-4V", "it has carbon-steel, duplex, "),
+        ("dnv:duplex", "aluminium 6061", "dnv:aluminium is made for that"),
+        ("ecrc", "aluminium 6061", "it is made for sand on carbon steel and nickel alloy"),
+    ):
+        assert _status([*words, "--model", model, "--target", target]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"erosion: Model '{model}': is not made for the target {target}; ")
+        assert known in error
+        assert error.count("\n") == 1
+
+
+def test_a_case_files_target_and_model_are_decided_in_the_same_way(capsys: pytest.CaptureFixture[str]) -> None:
+    case = 'particle = "garnet 0.3 mm"\ntarget = "{}"\nmodel = "{}"\nk = 2\nv0 = "30 m/s"\nalpha = "20 deg"\n'
+    Path("case.toml").write_text(case.format("stainless steel 316", "oka"))
+    assert _status(["run", "case.toml", "--json"]) == 0
+    model = json.loads(capsys.readouterr().out)["model"]
+    assert model["name"] == "oka:stainless-steel"
+    assert model["own_parameters"]["particle_density"]["value"] == 4190.0
+    # Numbers that are set win over those of names.
+    assert _status(["run", "case.toml", "--set", "particle_density=2650", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["model"]["own_parameters"]["particle_density"]["value"] == 2650.0
+    Path("case.toml").write_text(case.format("stainless steel 316", "dnv:duplex"))
+    assert _status(["run", "case.toml"]) == 2
+    assert "Model 'dnv:duplex': is not made for the target stainless steel 316" in capsys.readouterr().err
+
+
+def test_a_comparison_and_a_sweep_of_several_models_name_the_members(capsys: pytest.CaptureFixture[str]) -> None:
+    names = ["linearized", "dnv:aluminium", "finnie-cfd"]
+    words = ["--model", "linearized,dnv,finnie-cfd", "--target", "aluminium 6061", "--units", "si"]
+    assert _status(["compare", *words, "-o", "curves.csv", "--json"]) == 0
+    assert [line["model"] for line in json.loads(capsys.readouterr().out)["result"]["models"]] == names
+    assert "dnv:aluminium" in Path("curves.csv").read_text()
+    assert _status(["sweep", *words, "--v0", "20 m/s, 30 m/s", "-o", "sweep.csv", "--json"]) == 0
+    models = json.loads(capsys.readouterr().out)["model"]
+    assert [model["name"] for model in models] == names
+    assert models[2]["own_parameters"]["flow_stress"]["value"] == pytest.approx(107 * 9.80665e6)
+
+
+def test_the_density_of_another_metal_is_refused_beside_a_correlation(capsys: pytest.CaptureFixture[str]) -> None:
+    for verb in ("run", "compare", "map"):
+        assert _status([*VERBS[verb], "--model", "dnv", "--density", "2.7 g/cm^3"]) == 2
+        assert "Option `--density` must be that of the target of dnv, 7800 kg/m³" in capsys.readouterr().err
+        assert _status([*VERBS[verb], "--model", "dnv:aluminium", "--density", "2.71 g/cm^3"]) == 0
+        capsys.readouterr()

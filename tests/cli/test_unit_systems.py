@@ -1,0 +1,153 @@
+"""The same case in inch-pound and in SI: every verb gives the same numbers and the same sentences."""
+
+import functools
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pint
+import pytest
+
+import erosion
+from erosion.cli import _status
+
+pytestmark = pytest.mark.slow
+
+CASES = Path(__file__).parents[2] / "cases"
+BOTH = {"inch-pound": CASES / "table-1.toml", "si": CASES / "table-1-si.toml"}
+IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n" + "".join(
+    f"{diameter},2650,{speed},{angle}\n" for diameter, speed, angle in [(150, 25, 15), (200, 30, 30), (300, 260, 50)]
+)
+WEIGHED = ["--density", "2.7 g/cm^3", "--cutting-fraction", "0.5"]
+VERBS = {
+    "run": ["run", *WEIGHED],
+    "run of a correlation": ["run", "--model", "oka:aluminium", "--v0", "260 m/s"],
+    "run with wear by deformation": ["run", "--model", "rotating-deformation", "--set", "threshold=5 m/s", *WEIGHED],
+    "optimum": ["optimum", "--model", "finnie", "--sensitivities", *WEIGHED],
+    "compare": ["compare", "--model", "linearized,finnie,dnv", "--v0", "260 m/s", "--cutting-fraction", "0.5"],
+    "sweep": ["sweep", "--model", "linearized,ecrc", "--v0", "100 m/s, 300 m/s", "--derivatives", "2", "-o", "out.csv",
+              "--cutting-fraction", "0.5"],
+    "stream": ["stream", "--model", "dnv", "--v0", "lognormal(220 m/s, 0.2)", "--n", "256", "--no-best-angle"],
+    "stream of a model": ["stream", "--alpha", "normal(20deg, 3deg)", "--n", "1024", *WEIGHED],
+    "map": ["map", "impacts.csv", *WEIGHED, "--duration", "60 s", "-o", "out.csv"],
+    "map of a correlation": ["map", "impacts.csv", "--model", "dnv:aluminium", "-o", "out.csv"],
+    "advise": ["advise", "--model", "linearized", *WEIGHED],
+    "calibrate": ["calibrate", "tests.csv", "--free", "k", "--starts", "2", *WEIGHED[:2]],
+    "export": ["export", "--fluent", "angles.txt", "--table", "out.csv", "--particle-density", "2650 kg/m^3",
+               "--angles", "20deg,40deg", "--speeds", "100 m/s, 120 m/s", "--diameters", "1 mm"],
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "impacts.csv").write_text(IMPACTS)
+    alpha = np.deg2rad([10.0, 20, 30, 45, 60])
+    p = erosion.TABLE_1.to("si").replace(alpha=alpha, k=2.5)
+    scatter = np.array([1.01, 0.98, 1.02, 0.99, 1.03])
+    losses = 2700 * scatter * np.asarray(erosion.impact("linearized", p).volume) / float(p.m)
+    rows = [f"{angle:.17g},{loss:.17g}\n" for angle, loss in zip(np.rad2deg(alpha), losses, strict=True)]
+    (tmp_path / "tests.csv").write_text("angle [deg],mass_loss [kg/kg]\n" + "".join(rows))
+    return tmp_path
+
+
+def document(words: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert _status([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def numbers(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every number and text by its place, numbers with a unit in SI."""
+    if isinstance(value, dict) and value.keys() == {"value", "unit"}:
+        yield from ((at, _in_si(number, value["unit"])) for at, number in numbers(value["value"], path))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from numbers(item, f"{path}/{key}")
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from numbers(item, f"{path}/{index}")
+    else:
+        yield path, value
+
+
+def _in_si(number: Any, unit: str) -> Any:
+    return number * _factor(unit) if isinstance(number, (int, float)) else number
+
+
+@functools.cache
+def _factor(unit: str) -> float:
+    """Of a unit over the SI unit of its dimension."""
+    return float(_UNITS.Quantity(1.0, unit).to_base_units().magnitude)
+
+
+_UNITS = pint.UnitRegistry()
+_UNITS.define("slinch = lbf * s^2 / inch")
+
+
+def same(first: Any, second: Any) -> bool:
+    if isinstance(first, float) and isinstance(second, float):
+        # A derivative at a maximum is rounding; every other number of these cases is far above 1e-22.
+        return math.isclose(first, second, rel_tol=1e-6, abs_tol=1e-22) or (math.isnan(first) and math.isnan(second))
+    return in_metres(first) == in_metres(second)
+
+
+def differences(first: Any, second: Any) -> dict[str, Any]:
+    """The numbers and texts that are not the same, by their place."""
+    one, other = dict(numbers(first)), dict(numbers(second))
+    return {at: (one.get(at), other.get(at)) for at in one | other if not same(one.get(at), other.get(at))}
+
+
+def in_metres(text: Any) -> Any:
+    """A sentence with its speeds in m/s and its ratios of masses in kg/kg."""
+    if not isinstance(text, str):
+        return text
+    speeds = re.sub(r"([\d.]+(?:e[+-]?\d+)?) in/s\b", lambda match: f"{float(match[1]) * 0.0254:.4g} m/s", text)
+    return speeds.replace("slinch/slinch", "kg/kg")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_numbers_and_sentences_are_the_same_in_both_unit_systems(
+    verb: str, capsys: pytest.CaptureFixture[str], in_folder: Path
+) -> None:
+    documents, tables = {}, {}
+    for units, case in BOTH.items():
+        documents[units] = document([*VERBS[verb], "--case", str(case)], capsys)
+        assert documents[units].pop("units") == units
+        del documents[units]["case"]["file"], documents[units]["case"]["name"]
+        tables[units] = in_si((in_folder / "out.csv").read_text()) if (in_folder / "out.csv").exists() else []
+    assert differences(*documents.values()) == {}
+    inches, metres = tables.values()
+    assert len(inches) == len(metres)
+    assert [pair for pair in zip(inches, metres, strict=True) if not same(*pair)] == []
+
+
+def in_si(text: str) -> list[Any]:
+    """The cells of a table, whose headings have units; numbers in SI."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    units = [re.search(r"\[(.*)\]", heading) for heading in lines[0].split(",")]
+    cells = []
+    for line in lines[1:]:
+        for cell, unit in zip(line.split(","), units, strict=True):
+            try:
+                cells.append(_in_si(float(cell), unit[1] if unit else "1"))
+            except ValueError:
+                cells.append(cell)
+    return cells
+
+
+def test_a_map_without_a_case_is_in_si(capsys: pytest.CaptureFixture[str]) -> None:
+    bare = document(["map", "impacts.csv"], capsys)
+    assert bare["units"] == "si"
+    by_file = document(["map", "impacts.csv", "--case", str(BOTH["si"])], capsys)
+    assert differences(bare["result"], by_file["result"]) == {}
+    speed = bare["result"]["total_v0_mean"]
+    assert speed == {"value": pytest.approx(105.0), "unit": "m/s"}
+    assert any("find at 105 m/s" in message for message in bare["warnings"])
+    # Who asks for the other system gets it, of the numbers and of the same sentence.
+    inches = document(["map", "impacts.csv", "--units", "inch-pound"], capsys)
+    assert inches["result"]["total_v0_mean"] == {"value": pytest.approx(105.0 / 0.0254), "unit": "in/s"}
+    assert inches["warnings"] == bare["warnings"]
