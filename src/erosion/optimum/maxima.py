@@ -426,8 +426,10 @@ def _at(alpha: float) -> dict[str, Any]:
 
 def _greatest(nodes: Nodes) -> np.ndarray:
     """The node of each case with the greatest value, shape (cases,)."""
-    order = np.lexsort((np.nan_to_num(nodes.value, nan=-np.inf), nodes.case))
-    return order[np.append(np.flatnonzero(np.diff(nodes.case[order])), order.size - 1)]
+    value = np.where(np.isnan(nodes.value), -np.inf, nodes.value)
+    peak = np.maximum.reduceat(value, np.flatnonzero(np.diff(nodes.case, prepend=-1)))
+    greatest = np.flatnonzero(value == peak[nodes.case])
+    return greatest[np.flatnonzero(np.diff(nodes.case[greatest], append=-1))]
 
 
 def shallowest(high: float) -> float:

@@ -253,11 +253,13 @@ def _bracket(evaluate: Evaluate, case: np.ndarray, bounds: np.ndarray, width: fl
         row, first, last = np.arange(wide.size), np.zeros(wide.size, int), np.full(wide.size, len(angles) - 1)
         for _ in range(halvings):
             middle = (first + last) // 2
-            with np.errstate(all="ignore"):
-                steps = np.abs(np.diff(levels[:, [first, middle, last], row], axis=1)) / spans[:, :, wide]
-            # What does not change says nothing; a failed impact is a step.
-            steps = np.where(spans[:, :, wide] == 0, 0.0, np.nan_to_num(steps, nan=np.inf)).sum(axis=0)
-            earlier = np.where(changing[wide], changed[middle - 1, row], steps[0] >= steps[1])
+            earlier = changed[middle - 1, row]
+            if (alike := ~changing[wide]).any():
+                with np.errstate(all="ignore"):
+                    steps = np.abs(np.diff(levels[:, [first, middle, last], row], axis=1)) / spans[:, :, wide]
+                # What does not change says nothing; a failed impact is a step.
+                steps = np.where(spans[:, :, wide] == 0, 0.0, np.nan_to_num(steps, nan=np.inf)).sum(axis=0)
+                earlier = np.where(alike, steps[0] >= steps[1], earlier)
             wider = angles[last, row] - angles[first, row] > widths[wide]
             first, last = np.where(wider & ~earlier, middle, first), np.where(wider & earlier, middle, last)
         bounds[:, wide] = angles[first, row], angles[last, row]
