@@ -28,13 +28,14 @@ class Broken:
                 (-np.sin(alpha), -np.cos(alpha) / 2),
             )
         )
-        outcomes, times = self.outcomes(case, alpha)
+        outcomes, times, _ = self.outcomes(case, alpha)
         return Nodes(case, alpha, value, slope, curve, times, outcomes)
 
-    def outcomes(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def outcomes(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         after, failed = self._after(case, alpha)
         codes = np.where(failed, 2, (after & self.outcome_changes).astype(int))
-        return codes, np.where(failed, np.nan, np.where(after, 1.0, 2.0) + alpha / 10)
+        times = np.where(failed, np.nan, np.where(after, 1.0, 2.0) + alpha / 10)
+        return codes, times, np.where(failed, np.nan, np.where(after, np.cos(alpha) / 2, np.sin(alpha)))
 
     def _after(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         beyond = alpha - PLACES[case]

@@ -76,12 +76,14 @@ def optimum(
     output = Output("optimum", p, options.case, json=json)
     if not best.certified:
         output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
+    if sensitivities and best.without_sensitivities:
+        output.warn(f"the sensitivities are not known: {best.without_sensitivities}")
     output.judge(per_mass, best.volume, p)
     if json:
         _document(output, name, best, rates, per_mass)
         return
     _print(name, best, per_mass)
-    if sensitivities:
+    if sensitivities and not best.without_sensitivities:
         _print_sensitivities(best)
     print_paths(figure=plot)
 

@@ -24,8 +24,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
 from erosion.models.registry import impact_to_dict
 from erosion.optimum.maxima import ASIDE as ASIDE
-from erosion.optimum.maxima import SHALLOWEST as SHALLOWEST
-from erosion.optimum.maxima import TIGHT, Maxima, Search
+from erosion.optimum.maxima import TIGHT, Maxima, Search, limit_at_zero, shallowest
 from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
 from erosion.parameters.precision import require_float64
@@ -35,6 +34,13 @@ from erosion.parameters.scales import table_scale
 from erosion.tables import Record, Result, Row, format_number, largest_of, to_plain
 
 NOT_CERTIFIED = "impacts failed or have no derivatives: a better angle may have been missed"
+
+_NO_RATES = {
+    "plateau": "no angle of a plateau is better than the others",
+    "unresolved": "there are no derivatives there",
+    "jump": "the cut does not graze at this jump",
+    "none": "nothing is removed at any angle",
+}
 
 _TOGETHER = 1000  # cases that are searched at once: some 100 MB
 
@@ -51,13 +57,14 @@ class Optimum(Result):
         p: the parameters; `alpha` is the answer.
         objective: the name of the objective.
         least: whether the objective is least there.
-        alpha: the angle [rad]; 1e-9 beside a jump; 0 for the limit as α → 0, NaN where nothing is
-            removed at any angle.
+        alpha: the angle [rad]; 1e-9 beside a jump; 0 for the limit as α → 0; the middle of a plateau; NaN where
+            nothing is removed at any angle.
+        low, high: the ends of a plateau [rad]; else both are `alpha`.
         value: the objective there.
         volume: V there [volume].
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
             `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
-            slope jumps through zero), "plateau" (one of many angles with the same value),
+            slope jumps through zero), "plateau" (the same value from `low` to `high`, to nine digits),
             "unresolved" (the greatest value, known to 1e-6 rad at best, where derivatives do not exist), or
             "none": nothing is ever removed, or, where `ended_by` is "failed", nothing could be computed.
         ended_by: how the cut ends there.
@@ -69,6 +76,7 @@ class Optimum(Result):
         regimes: how the cut ends over the whole range, a tuple of `Regime` by angle.
         iterations: rounds of refinement plus Newton steps of the answer.
         certified: False where an impact failed or has no derivatives, so that a better angle may have been missed.
+            Of a range from 0 what was searched begins at 1e-6 rad, or at a hundredth of its end.
         integrand: the model whose "volume" is the objective; `model` itself for the volume.
     """
 
@@ -77,6 +85,8 @@ class Optimum(Result):
     objective: str
     least: bool
     alpha: PerImpact
+    low: PerImpact
+    high: PerImpact
     value: PerImpact
     volume: PerImpact
     kind: PerImpact
@@ -97,12 +107,21 @@ class Optimum(Result):
         """dα_max/dq for every parameter q but α, the model's own too [rad per unit of q]; computed when first read.
 
         Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α of the end time t
-        on the side that grazes. Boundary: 0. A sensitivity below the rounding (1e-11 rad for a
-        change of q by its own size) is given as 0.
+        on the side that grazes. Kink: -[V_q]/[V_α], where [ ] is the difference of both sides. Boundary: 0.
+        NaN where it is not known: on a plateau, where derivatives do not exist ("unresolved"), at a jump without
+        a graze (as where cutting begins), and where nothing is removed. A sensitivity below the rounding (1e-11 rad
+        for a change of q by its own size) is given as 0.
         """
         names = [name for name in quantities(self.integrand) if name != "alpha"]
         rates = _sensitivities(self, names)
         return dict(zip(names, rates, strict=True))
+
+    @property
+    def without_sensitivities(self) -> str:
+        """Why the sensitivities of one case are not known; empty where they are."""
+        if any(np.isfinite(rate) for rate in self.sensitivities.values()):
+            return ""
+        return _NO_RATES.get(str(self.kind), "there are no derivatives there")
 
     @property
     def title(self) -> str:
@@ -162,9 +181,11 @@ class Optimum(Result):
             return f"just {self.side} a jump" + ("" if self.attained else ", not reached")
         if self.kind == "boundary":
             return "an end of the range" if self.attained else "approached as α → 0, not reached"
+        if self.kind == "plateau":
+            low, high = (quantity_row("", QUANTITIES["alpha"], end, self.p.units) for end in (self.low, self.high))
+            return f"the same from {low.value}{low.unit} to {high.value}{high.unit}"
         explained = {
             "interior": "dV/dα = 0",
-            "plateau": "the same over a range of angles",
             "unresolved": "the greatest value that was computed",
         }
         return explained.get(str(self.kind), "")
@@ -233,7 +254,7 @@ def _optimum(
     columns = _columns(optima, shape)
     volume = columns["value"]
     if integrand is not model:
-        volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"])
+        volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"], shallowest(high))
     p = p.replace(alpha=columns["alpha"])
     return Optimum(model=model, p=p, objective=name, least=least, volume=volume, integrand=integrand, **columns)
 
@@ -273,6 +294,8 @@ def _columns(optima: list[Maxima], shape: tuple[int, ...]) -> Record:
     best = [of_case.candidates[0] for of_case in optima]
     fields = {
         "alpha": [candidate.alpha for candidate in best],
+        "low": [candidate.low for candidate in best],
+        "high": [candidate.high for candidate in best],
         "value": [candidate.value for candidate in best],
         "dvolume": [candidate.dvalue for candidate in best],
         "d2volume": [candidate.d2value for candidate in best],
@@ -312,13 +335,16 @@ def _in_degrees(angles: tuple[float, float]) -> str:
 
 
 def _volume_at(
-    model: CuttingModel, p: Parameters, alpha: PerImpact, ended_by: PerImpact
+    model: CuttingModel, p: Parameters, alpha: PerImpact, ended_by: PerImpact, shallow: float
 ) -> tuple[PerImpact, PerImpact]:
     """Volume [volume] and outcome in words at the optimum of another objective."""
-    inside = np.asarray(alpha) > 0
-    hits = impact(model, p.replace(alpha=np.where(inside, alpha, SHALLOWEST)), rtol=TIGHT)
-    # As α → 0 the cut becomes infinitely shallow: no impact gives its volume.
-    return np.where(inside, hits.volume, np.nan)[()], np.where(inside, hits.ended_by, ended_by)[()]
+    inside, at_zero = np.asarray(alpha) > 0, np.asarray(alpha) == 0
+    hits = impact(model, p.replace(alpha=np.where(inside, alpha, shallow)), rtol=TIGHT)
+    volume = np.where(inside, hits.volume, np.nan)
+    if np.any(at_zero):
+        first = impact(model, p.replace(alpha=shallow), derivatives=2, rtol=TIGHT)
+        volume = np.where(at_zero, limit_at_zero(shallow, first.volume, first.dvolume, first.d2volume), volume)
+    return volume[()], np.where(inside, hits.ended_by, ended_by)[()]
 
 
 _AlongAngle = Callable[[np.ndarray, np.ndarray], PairDerivatives]  # of the numbers of cases, and angles for them
@@ -327,29 +353,34 @@ _AlongAngle = Callable[[np.ndarray, np.ndarray], PairDerivatives]  # of the numb
 def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
     """dα/dq, shape (names, *shape of the optimum)."""
     p, model = optimum.p, optimum.integrand
-    kind, alpha = np.atleast_1d(optimum.kind), np.atleast_1d(optimum.alpha)
+    kind = np.atleast_1d(optimum.kind)
     # Own parameters that all cases share stay single numbers: their fields may not take an array.
     own = own_parameters(model)
     per_case = {q: value for q, value in values(model, p).items() if q not in own or np.ndim(value)}
     flat = {q: np.broadcast_to(np.asarray(value), np.shape(optimum.kind)).reshape(-1) for q, value in per_case.items()}
     size_of = sizes(model, p)
     size = np.stack([np.broadcast_to(size_of[q], np.shape(optimum.kind)).reshape(-1) for q in names])
-    rates = np.zeros((len(names), kind.size))
-    rates[:, kind.ravel() == "none"] = np.nan
+    # An end of the range stays where it is.
+    rates = np.where(kind.ravel() == "boundary", 0.0, np.full((len(names), kind.size), np.nan))
 
     def along_angle(cases: np.ndarray, angles: np.ndarray) -> PairDerivatives:
         varied, at_angles = with_values(model, p, {q: leaf[cases] for q, leaf in flat.items()} | {"alpha": angles})
         return pair_derivatives(varied, at_angles, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
 
-    interior = np.flatnonzero(kind.ravel() == "interior")
-    if interior.size:
-        second = along_angle(interior, alpha.ravel()[interior]).volume.second
-        rates[:, interior] = (-second[:, 1:] / second[:, :1]).T
-    jumps = np.flatnonzero(kind.ravel() == "jump")
-    if jumps.size:
-        rates[:, jumps] = _along_jump(along_angle, jumps, optimum)
-    rates = np.where(np.abs(rates * size) < 1e-11, 0.0, rates)
+    for of_kind, rates_of in (("interior", _along_interior), ("jump", _along_jump), ("kink", _along_kink)):
+        cases = np.flatnonzero(kind.ravel() == of_kind)
+        if cases.size:
+            with np.errstate(all="ignore"):
+                rates[:, cases] = rates_of(along_angle, cases, optimum)
+    # No finite rate is a statement only where the derivatives exist.
+    rates = np.where(np.isfinite(rates), np.where(np.abs(rates * size) < 1e-11, 0.0, rates), np.nan)
     return rates.reshape(len(names), *np.shape(optimum.kind))
+
+
+def _along_interior(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """dα/dq of the interior maxima of some cases, shape (names, cases)."""
+    second = along_angle(cases, np.ravel(optimum.alpha)[cases]).volume.second
+    return (-second[:, 1:] / second[:, :1]).T
 
 
 def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
@@ -357,17 +388,43 @@ def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
 
     On the side that grazes, the event function g(t, α, q) is tangent at the jump: ġ → 0 there,
     both t_q and t_α grow, and -t_q/t_α tends to -g_q/g_α. The quotient is a series in the root
-    of the distance from the jump; three distances cancel the next two terms.
+    of the distance from the jump.
     """
-    side = np.atleast_1d(optimum.side).ravel()[cases]
-    attained = np.atleast_1d(optimum.attained).ravel()[cases]
-    aside = np.where(side == "below", -ASIDE, ASIDE)
-    alpha = np.atleast_1d(optimum.alpha).ravel()[cases] - aside
+    alpha = np.ravel(optimum.alpha)[cases]
+    jumps = np.ravel(optimum.jumps) if np.ndim(optimum.kind) else [optimum.jumps]
+    # The candidate is beside its jump.
+    beside = ([jump.alpha for jump in jumps[case]] for case in cases)
+    at = np.array([min(angles, key=lambda angle, a=a: abs(angle - a)) for angles, a in zip(beside, alpha, strict=True)])
     # On the side that grazes the cut ends earlier: it is the side that is attained.
-    towards = np.where((side == "below") == attained, -1.0, 1.0)
+    below, attained = (np.ravel(mask)[cases] for mask in (np.asarray(optimum.side) == "below", optimum.attained))
+    towards = np.where(below == attained, -1.0, 1.0)
+
+    steepness = []
 
     def quotient(distance: float) -> np.ndarray:
-        time = along_angle(cases, alpha + towards * distance).t_c
+        time = along_angle(cases, at + towards * distance).t_c
+        steepness.append(np.abs(time.first[:, 0]))
         return (-time.other[:, 1:] / time.first[:, :1]).T
 
+    rates = _at_no_distance(quotient)
+    # Beside a graze t_α grows as the root of the distance falls, by 4 here. Another jump leaves no trace beside it.
+    return np.where(steepness[0] > 2 * steepness[-1], rates, np.nan)
+
+
+def _along_kink(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """dα/dq of the kinks of some cases, shape (names, cases).
+
+    V is the same on both sides of the kink, also of the kink at q + dq: [V_α] dα + [V_q] dq = 0.
+    """
+    alpha = np.ravel(optimum.alpha)[cases]
+
+    def quotient(distance: float) -> np.ndarray:
+        below, above = (along_angle(cases, alpha + side * distance).volume for side in (-1, 1))
+        return (-(above.other - below.other)[:, 1:] / (above.first - below.first)[:, :1]).T
+
+    return _at_no_distance(quotient)
+
+
+def _at_no_distance(quotient: Callable[[float], np.ndarray]) -> np.ndarray:
+    """A quotient at a place, from those near it: three distances cancel the terms of the distance and of its root."""
     return (8 * quotient(1e-7) - 6 * quotient(4e-7) + quotient(16e-7)) / 3

@@ -1,29 +1,35 @@
 """Every local maximum of a function of the angle, its jumps and its regimes, for many cases at once."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from erosion.array_types import PerImpact
 from erosion.engine.batch import Results, integrate
 from erosion.engine.leaves import Layout
 from erosion.engine.outcomes import names_of
 from erosion.models.base import NO_CUT
-from erosion.optimum.resolve import Cells, Nodes, Scan, is_jump, joined, polish, scan
+from erosion.optimum.resolve import Cells, Nodes, Scan, is_jump, joined, polish, reach, scan
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.ranges import STEEPEST
 
-SHALLOWEST = 1e-4  # rad; below it a function is continued to its limit as α → 0
+SHALLOWEST = 1e-6  # rad; below it a function is continued to its limit as α → 0
 ASIDE = 1e-9  # rad; at this distance from a jump every evaluation agrees on the side
 TIGHT = 1e-11  # relative tolerance of a polished maximum
 _LOOSE = 1e-9  # relative tolerance of the search
+_ROUNDING = 1e-11  # of a function: what its slope near 0 adds over the angle, where it is rounding
 _BESIDE = 1e-6  # rad; a maximum nearer to a jump is the jump's own
 _LEVEL = 1e-6  # of a function's size, per rad²; with less curvature it is level
 _APART = 1e-11  # rad; jumps nearer to one another are one
 _FLAT = 1e-6  # of a function's size, per rad: a plateau is no steeper
-_MANY = 100  # cases; for fewer it takes longer to compile a program without derivatives than it saves
+_SAME = 1e-9  # of a function's size: by no more values differ on a plateau
+_LONG = 1e-3  # rad; a plateau is no shorter, or has half of the range
 _ALPHA = list(QUANTITIES).index("alpha")
 _GRID = 64  # first angles between 0.02 rad and π/2
+_SHALLOW = 1e-4  # rad; a series of two terms continues a function from here to 0
+_CHANGE = 0.01  # of a function: if its slope adds more over the angle, it is a power of the angle
+_BEND = 0.02  # rad; below, the first angles are closer together
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +37,8 @@ class Candidate:
     """A local maximum of the objective (or minimum, for `alpha_min`), at a jump and at a boundary too.
 
     Args:
-        alpha: its angle [rad]; of a jump 1e-9 beside the jump.
+        alpha: its angle [rad]; of a jump 1e-9 beside the jump; of a plateau the middle.
+        low, high: the ends of a plateau [rad]; else both are `alpha`.
         value: the objective there.
         kind: "interior", "jump", "boundary", "kink", "plateau" or "unresolved"; see `Optimum`.
         ended_by: how the cut ends there.
@@ -44,6 +51,8 @@ class Candidate:
     """
 
     alpha: float
+    low: float
+    high: float
     value: float
     kind: str
     ended_by: str
@@ -105,10 +114,12 @@ class Maxima:
     def negated(self) -> "Maxima":
         """The minima of a function, from the maxima of its negative."""
         candidates = tuple(
-            dataclasses.replace(candidate, value=-candidate.value, dvalue=-candidate.dvalue, d2value=-candidate.d2value)
+            dataclasses.replace(
+                candidate, value=0.0 - candidate.value, dvalue=-candidate.dvalue, d2value=-candidate.d2value
+            )
             for candidate in self.candidates
         )
-        jumps = tuple(dataclasses.replace(jump, below=-jump.below, above=-jump.above) for jump in self.jumps)
+        jumps = tuple(dataclasses.replace(jump, below=0.0 - jump.below, above=0.0 - jump.above) for jump in self.jumps)
         return dataclasses.replace(self, candidates=candidates, jumps=jumps)
 
 
@@ -117,7 +128,6 @@ class _Objective(NamedTuple):
 
     layout: Layout
     numbers: list[np.ndarray]
-    cases: int
     negative: bool
     rtol: float
 
@@ -126,11 +136,14 @@ class _Objective(NamedTuple):
         volume = results.volume
         sign = -1.0 if self.negative else 1.0
         value, slope, curve = (sign * part for part in (volume.value, volume.first, volume.second))
+        # Near 0 a slope is known to rounding over the angle.
+        rounding = (reach(alpha) < 1) & (np.abs(alpha * slope) <= _ROUNDING * np.abs(value))
+        slope = np.where(rounding, 0.0, slope)
         return Nodes(case, alpha, value, slope, curve, results.time.value, results.outcome)
 
-    def outcomes(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        results = self._integrate(0 if self.cases >= _MANY else 2, case, alpha)
-        return results.outcome, results.time.value
+    def outcomes(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        results = self._integrate(0, case, alpha)
+        return results.outcome, results.time.value, results.volume.value
 
     def _integrate(self, order: int, case: np.ndarray, alpha: np.ndarray) -> Results:
         lanes = self.layout.of_lanes(self.numbers, case)
@@ -152,7 +165,7 @@ class Search:
     def __init__(self, layout: Layout, numbers: list[np.ndarray], cases: int, *, least: bool) -> None:
         self.cases, self.least = cases, least
         self.names = names_of(layout)
-        self._lanes = layout, numbers, cases, least
+        self._lanes = layout, numbers, least
 
     def objective(self, rtol: float) -> _Objective:
         """The function whose maxima are searched, at a relative tolerance."""
@@ -171,8 +184,11 @@ class Search:
             *self._at_boundaries(scanned, low, high),
         ]:
             candidates[case].append(candidate)
-        for case, candidate in self._on_plateaus(scanned, jumped, candidates):
+        for case, candidate in self._at_best_nodes(scanned, jumped, candidates):
             candidates[case].append(candidate)
+        for case, plateau in self._plateaus(scanned, candidates, low, high):
+            outside = [each for each in candidates[case] if not plateau.low <= each.alpha <= plateau.high]
+            candidates[case] = [plateau, *outside]
         jumps, regimes = self._jumps(scanned, jumped), self._regimes(scanned, low, high)
         maxima = [
             Maxima(
@@ -188,22 +204,22 @@ class Search:
 
     def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
         # An impact that cuts nothing may remove something at contact.
-        removing = [each for each in candidates if each.ended_by != NO_CUT or each.value != 0 or self.least]
+        known = [each for each in candidates if not np.isnan(each.value)]
+        removing = [each for each in known if each.ended_by != NO_CUT or each.value != 0 or self.least]
         if not removing:
             # Where impacts failed it is not known whether anything is removed.
             value, ended_by = (0.0, NO_CUT) if certified else (np.nan, "failed")
-            return (Candidate(np.nan, value, "none", ended_by, "", True, value, value, 0),)
-        return tuple(sorted(removing, key=lambda candidate: -candidate.value))
+            return (Candidate(np.nan, np.nan, np.nan, value, "none", ended_by, "", True, value, value, 0),)
+        return tuple(sorted(removing, key=lambda candidate: (-candidate.value, not candidate.attained)))
 
-    def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: str | bool | int) -> Candidate:
-        defaults = {"side": "", "attained": True, "steps": 0}
+    def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: Any) -> Candidate:
+        defaults: dict[str, Any] = _at(float(nodes.alpha[i])) | {"side": "", "attained": True, "steps": 0}
         return Candidate(
-            alpha=float(nodes.alpha[i]),
             value=float(nodes.value[i]),
             dvalue=float(nodes.slope[i]),
             d2value=float(nodes.curve[i]),
             ended_by=self.names[nodes.outcome[i]],
-            **{**defaults, **fields},
+            **(defaults | fields),
         )
 
     def _interior(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
@@ -215,7 +231,7 @@ class Search:
         bends = best.curve < -_LEVEL * scanned.size[best.case]
         # An angle known to some 1e-11 leaves that much of the curvature in the slope.
         flat = np.abs(best.slope) <= 1e-6 * scanned.size[best.case] + 1e-10 * np.abs(best.curve)
-        bends &= ~(np.abs(best.alpha - self._nearest_jump(best, scanned, jumped)) < _BESIDE)
+        bends &= ~(np.abs(best.alpha - self._nearest_jump(best, scanned, jumped)) < _BESIDE * reach(best.alpha))
         return [
             (int(case), self._candidate(best, i, kind="interior" if flat[i] else "kink", steps=int(steps[i])))
             for i, case in enumerate(best.case)
@@ -230,8 +246,11 @@ class Search:
             jumped: the narrow cells that hold a jump, shape (cells,).
         """
         cells = scanned.narrow.take(jumped)
-        aside = np.maximum(ASIDE, cells.width / 2)
-        low, high = (self.objective(_LOOSE)(cells.low.case, cells.middle + sign * aside) for sign in (-1, 1))
+        aside = np.maximum(ASIDE * reach(cells.low.alpha), cells.width / 2)
+        range_ = scanned.nodes.alpha.min(), scanned.nodes.alpha.max()
+        low, high = (
+            self.objective(_LOOSE)(cells.low.case, np.clip(cells.middle + sign * aside, *range_)) for sign in (-1, 1)
+        )
         candidates = []
         for i, case in enumerate(low.case):
             if low.value[i] > high.value[i] and not low.slope[i] < 0:
@@ -252,54 +271,108 @@ class Search:
         ends = self.objective(_LOOSE)(np.arange(self.cases), np.full(self.cases, high))
         candidates = []
         for case, (i, j) in enumerate(zip(first, last, strict=True)):
-            if nodes.slope[i] < 0:
-                candidate = self._candidate(nodes, i, kind="boundary")
-                candidates.append((case, candidate if low > 0 else self._limit(candidate)))
-            elif low == 0 and self.least:
-                candidates.append((case, self._limit(self._candidate(nodes, i, kind="boundary"))))
-            if nodes.slope[j] > 0 or self.least:
+            # Where a function is level at an end, its next node says where it goes.
+            inner, before = min(i + 1, j), max(j - 1, i)
+            falls = nodes.slope[i] < 0 or (nodes.slope[i] == 0 and nodes.slope[inner] <= 0)
+            rises = nodes.slope[j] > 0 or (nodes.slope[j] == 0 and nodes.slope[before] >= 0)
+            if low > 0 and falls:
+                candidates.append((case, self._candidate(nodes, i, kind="boundary")))
+            elif low == 0 and (falls or self.least):
+                candidates.append((case, self._limit(nodes, i, inner)))
+            if rises or self.least:
                 # The last node is beside 90°, where an impact may cut what one at 90° does not.
                 end, at = (ends, case) if np.isfinite(ends.value[case]) else (nodes, j)
-                candidate = self._candidate(end, at, kind="boundary")
-                candidates.append((case, dataclasses.replace(candidate, alpha=high)))
+                candidates.append((case, self._candidate(end, at, kind="boundary", **_at(high))))
         return candidates
+
+    def _limit(self, nodes: Nodes, first: int | np.integer, second: int | np.integer) -> Candidate:
+        """The supremum as α → 0, continued from the shallowest node, or from the next if that is shallow enough."""
+        at = (
+            second
+            if nodes.alpha[second] <= _SHALLOW
+            and abs(nodes.alpha[first] * nodes.slope[first]) <= _CHANGE * abs(nodes.value[first])
+            else first
+        )
+        value = float(limit_at_zero(nodes.alpha[at], nodes.value[at], nodes.slope[at], nodes.curve[at]))
+        return dataclasses.replace(self._candidate(nodes, at, kind="boundary"), **_at(0.0), value=value, attained=False)
 
     def _nearest_jump(self, nodes: Nodes, scanned: Scan, jumped: np.ndarray) -> np.ndarray:
         """The angle of the nearest jump of the same case [rad], shape (nodes,); infinite without one."""
         jumps = scanned.narrow.low.take(jumped)
+        jumps = jumps.take(np.lexsort((jumps.alpha, jumps.case)))
         # 10 rad lie between two cases, more than between any two angles of one case.
-        angles = np.sort(np.concatenate([jumps.alpha + 10 * jumps.case, [-np.inf, np.inf]]))
-        shifted = nodes.alpha + 10 * nodes.case
-        i = np.clip(np.searchsorted(angles, shifted), 1, angles.size - 1)
-        before, after = angles[i - 1], angles[i]
-        return np.where(shifted - before < after - shifted, before, after) - 10 * nodes.case
+        at = np.searchsorted(jumps.alpha + 10 * jumps.case, nodes.alpha + 10 * nodes.case)
+        case, alpha = (np.append(column, [-1, -1]) for column in (jumps.case, jumps.alpha))
+        before = np.where(case[at - 1] == nodes.case, alpha[at - 1], -np.inf)
+        after = np.where(case[at] == nodes.case, alpha[at], np.inf)
+        return np.where(nodes.alpha - before < after - nodes.alpha, before, after)
 
-    def _on_plateaus(
+    def _at_best_nodes(
         self, scanned: Scan, jumped: np.ndarray, candidates: list[list[Candidate]]
     ) -> list[tuple[int, Candidate]]:
         """By case, the best node where it is above all candidates.
 
-        There the function is level; or it falls so steeply from a jump that it is lower already
-        at the candidate beside the jump; or it has no derivatives, so that no search found its maximum.
+        There the function falls so steeply from a jump that it is lower already at the candidate
+        beside the jump; or it has no derivatives, so that no search found its maximum.
         """
         nodes = scanned.nodes
-        jumps = self._nearest_jump(nodes, scanned, jumped)
-        order = np.lexsort((np.nan_to_num(nodes.value, nan=-np.inf), nodes.case))
-        last = np.append(np.flatnonzero(np.diff(nodes.case[order])), order.size - 1)
-        plateaus = []
-        for case, i in enumerate(order[last]):
-            best = max((candidate.value for candidate in candidates[case]), default=-np.inf)
-            if nodes.value[i] > best + 1e-8 * scanned.size[case]:
+        jumps, near = self._nearest_jump(nodes, scanned, jumped), _BESIDE * reach(nodes.alpha)
+        best = []
+        for case, i in enumerate(_greatest(nodes)):
+            above = (
+                max((candidate.value for candidate in candidates[case]), default=-np.inf) + 1e-8 * scanned.size[case]
+            )
+            # A level function is a plateau, see there.
+            if nodes.value[i] > above and not abs(nodes.slope[i]) <= _FLAT * scanned.size[case]:
                 aside = float(nodes.alpha[i] - jumps[i])
-                if abs(aside) < _BESIDE:
+                if abs(aside) < near[i]:
                     side = "above" if aside > 0 else "below"
                     candidate = self._candidate(nodes, i, kind="jump", side=side, attained=False)
-                elif abs(nodes.slope[i]) <= _FLAT * scanned.size[case]:
-                    candidate = self._candidate(nodes, i, kind="plateau")
                 else:
                     candidate = self._by_values(nodes, int(i))
-                plateaus.append((case, candidate))
-        return plateaus
+                best.append((case, candidate))
+        return best
+
+    def _plateaus(
+        self, scanned: Scan, candidates: list[list[Candidate]], low: float, high: float
+    ) -> list[tuple[int, Candidate]]:
+        """By case, the widest range of angles in which all values are the greatest one, if there is one."""
+        nodes = scanned.nodes
+        greatest, size = nodes.value[_greatest(nodes)], scanned.size
+        peak = np.array([max((each.value for each in of_case), default=-np.inf) for of_case in candidates])
+        lowest = np.fmax(greatest, np.where(np.isfinite(peak), peak, -np.inf)) - _SAME * size
+        level = (nodes.value >= lowest[nodes.case]) & (np.abs(nodes.slope) <= _FLAT * size[nodes.case])
+        linked = level[:-1] & level[1:] & (nodes.case[:-1] == nodes.case[1:])
+        begins = np.flatnonzero(linked & ~np.append(False, linked[:-1]))
+        ends = np.flatnonzero(linked & ~np.append(linked[1:], False)) + 1
+        long = nodes.alpha[ends] - nodes.alpha[begins] >= min(_LONG, np.ptp(nodes.alpha) / 2)
+        begins, ends = begins[long], ends[long]
+        if not begins.size:
+            return []
+        firsts, lasts = (self._level_until(nodes, at, step, lowest) for at, step in ((begins, -1), (ends, 1)))
+        case = nodes.case[begins]
+        firsts = np.where(firsts == nodes.alpha.min(), low, firsts)
+        lasts = np.where(lasts == nodes.alpha.max(), high, lasts)
+        middle = self.objective(TIGHT)(case, (firsts + lasts) / 2)
+        widest = {}
+        for i in np.argsort(lasts - firsts, kind="stable"):
+            extent = {"low": float(firsts[i]), "high": float(lasts[i])}
+            widest[int(case[i])] = self._candidate(middle, i, kind="plateau", **extent)
+        return list(widest.items())
+
+    def _level_until(self, nodes: Nodes, at: np.ndarray, step: int, lowest: np.ndarray) -> np.ndarray:
+        """The angles until which the functions are level, from a node down (step -1) or up (1), shape (cells,)."""
+        case, level = nodes.case[at], nodes.alpha[at].copy()
+        beside = np.clip(at + step, 0, nodes.case.size - 1)
+        lower = np.where(nodes.case[beside] == case, nodes.alpha[beside], level)
+        evaluate = self.objective(TIGHT)
+        while (wide := np.flatnonzero(np.abs(level - lower) > _APART)).size:
+            angles = np.linspace(level[wide], lower[wide], 17)
+            values = evaluate(np.tile(case[wide], 15), angles[1:-1].ravel()).value.reshape(15, wide.size)
+            falls = np.append(~(values >= lowest[case[wide]]), np.ones((1, wide.size), bool), axis=0)
+            first, column = np.argmax(falls, axis=0), np.arange(wide.size)
+            level[wide], lower[wide] = angles[first, column], angles[first + 1, column]
+        return level
 
     def _by_values(self, nodes: Nodes, i: int) -> Candidate:
         """The greatest value between the neighbours of a node, without derivatives."""
@@ -308,7 +381,8 @@ class Search:
         low, high = float(nodes.alpha[near[0]]), float(nodes.alpha[near[-1]])
         evaluate = self.objective(_LOOSE)
         best, steps = nodes.take(np.array([i])), 0
-        while high - low > _BESIDE:
+        narrow = _BESIDE * float(np.max(reach(nodes.alpha[near])))
+        while high - low > narrow:
             angles = np.linspace(low, high, 17)
             new = evaluate(np.full(angles.size, nodes.case[i]), angles)
             steps += 1
@@ -316,15 +390,6 @@ class Search:
             best = max(best, new.take(np.array([j])), key=lambda node: node.value[0])
             low, high = angles[max(j - 1, 0)], angles[min(j + 1, 16)]
         return self._candidate(best, 0, kind="unresolved", steps=steps)
-
-    def _limit(self, first: Candidate) -> Candidate:
-        """The supremum as α → 0, continued from the shallowest node."""
-        h = first.alpha
-        value = first.value - h * first.dvalue + h**2 / 2 * first.d2value
-        # α dV/dα over V is the exponent of a power; with a negative exponent there is no limit.
-        if abs(h * first.dvalue) > 0.01 * abs(first.value) and first.dvalue < 0:
-            value = np.inf
-        return dataclasses.replace(first, alpha=0.0, value=value, attained=False)
 
     def _jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[Jump, ...]]:
         """The jumps of each case, by angle."""
@@ -354,6 +419,40 @@ class Search:
         return [tuple(of_case) for of_case in regimes]
 
 
+def _at(alpha: float) -> dict[str, Any]:
+    """The angle of a candidate that is no plateau."""
+    return {"alpha": alpha, "low": alpha, "high": alpha}
+
+
+def _greatest(nodes: Nodes) -> np.ndarray:
+    """The node of each case with the greatest value, shape (cases,)."""
+    value = np.where(np.isnan(nodes.value), -np.inf, nodes.value)
+    peak = np.maximum.reduceat(value, np.flatnonzero(np.diff(nodes.case, prepend=-1)))
+    greatest = np.flatnonzero(value == peak[nodes.case])
+    return greatest[np.flatnonzero(np.diff(nodes.case[greatest], append=-1))]
+
+
+def shallowest(high: float) -> float:
+    """The least angle [rad] that is computed of a range from 0 to `high`."""
+    return min(SHALLOWEST, high / 100)
+
+
+def limit_at_zero(alpha: PerImpact, value: PerImpact, slope: PerImpact, curve: PerImpact) -> PerImpact:
+    """The limit of a function as α → 0, from its value and derivatives at a shallow angle.
+
+    It is a limit plus a power of the angle there, or two terms of a series.
+    """
+    rise = alpha * slope
+    with np.errstate(all="ignore"):
+        power = 1 + np.divide(alpha * curve, slope)
+        series = value - rise + alpha**2 / 2 * curve
+        of_power = np.where(power > 0, value - rise / power, -np.sign(rise) * np.inf)
+    changes = np.abs(rise) > _CHANGE * np.abs(value)
+    limit = np.where(changes, of_power, series)
+    # What has risen from less than a tenth has risen from 0.
+    return np.where(changes & (np.abs(limit) < 0.1 * np.abs(value)), 0.0, limit)[()]
+
+
 def _side_by_side_merged(cells: Cells) -> Cells:
     """Narrow cells, where those of a case that nearly touch are one: rounding alone tells them apart."""
     order = np.lexsort((cells.low.alpha, cells.low.case))
@@ -365,9 +464,16 @@ def _side_by_side_merged(cells: Cells) -> Cells:
 
 
 def _first_angles(low: float, high: float) -> np.ndarray:
-    """The first nodes [rad]: geometric near 0, where functions may be powers; then even."""
+    """The first nodes [rad], all within the range: geometric near 0, where functions may be powers; then even."""
+    low = low or shallowest(high)
     # At π/2 itself an impact without spin cuts nothing: its neighbour stands for the limit.
-    low, high = max(low, SHALLOWEST), min(high, STEEPEST - 1e-10)
-    even = np.linspace(0.02, high, _GRID) if low < 0.02 < high else np.linspace(low, high, _GRID)
-    near_zero = np.geomspace(low, 0.02, 14)[:-1] if low < 0.02 < high else []
-    return np.concatenate([near_zero, even])
+    high = min(high, max(STEEPEST - 1e-10, (low + STEEPEST) / 2))
+    if high <= _BEND:
+        angles = np.geomspace(low, high, _GRID)
+    elif low >= _BEND:
+        angles = np.linspace(low, high, _GRID)
+    else:
+        near_zero = np.geomspace(max(low, _SHALLOW), _BEND, 14)[:-1]
+        angles = np.concatenate([[low], near_zero, np.linspace(_BEND, high, _GRID)])
+    # In the narrowest ranges neighbours are the same number.
+    return np.unique(np.clip(angles, low, high))

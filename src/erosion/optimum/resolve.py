@@ -5,7 +5,8 @@ neighbouring nodes bound a cell. A cell is *resolved* where the last terms of th
 through both nodes are small. Every other cell is split, until it is resolved or as narrow as
 rounding allows. Each narrow cell holds a jump, or a change of the cut's outcome.
 
-Many functions (cases) are resolved at once, so that each round is one large batch.
+Many functions (cases) are resolved at once, so that each round is one large batch. Where a cell is
+split depends on its own function alone, so that a case has the same answer alone and among others.
 """
 
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -20,6 +21,7 @@ _RESOLVED = 1e-6  # of the function's largest magnitude: bound of the quintic te
 _BENT = 1e-3  # of the same: bound of the quartic term, because the quintic term may vanish by accident
 _JUMP = 1e-8  # of the same: a smaller change over a narrow cell is rounding
 _LANES = 256  # a smaller batch takes as long
+_RELATIVE = 1e-4  # rad; below it, distances between angles are small against the angle itself
 _MAX_NODES = 20_000  # of one case; a function that needs more is not resolved
 
 
@@ -46,6 +48,11 @@ class Nodes(NamedTuple):
     def take(self, index: np.ndarray | slice) -> "Nodes":
         """The nodes of an index or a mask."""
         return Nodes._make(column[index] for column in self)
+
+
+def choose(where: np.ndarray, nodes: Nodes, others: Nodes) -> Nodes:
+    """The nodes, and the others where the mask is False."""
+    return Nodes._make(np.where(where, *columns) for columns in zip(nodes, others, strict=True))
 
 
 def joined(*parts: Nodes) -> Nodes:
@@ -79,12 +86,17 @@ class Cells(NamedTuple):
         return Cells(self.low.take(index), self.high.take(index))
 
 
+def reach(alpha: np.ndarray) -> np.ndarray:
+    """What a distance between angles [rad] is multiplied by, near an angle: below 1e-4 rad it is relative."""
+    return np.minimum(1.0, alpha / _RELATIVE)
+
+
 class Scan(NamedTuple):
     """Resolved functions.
 
     Args:
         nodes: all nodes, by case and then by angle.
-        smooth: the resolved cells.
+        smooth: the resolved cells, and what lies beside the narrow cells.
         narrow: the cells that hold a jump or a change of outcome; 4e-10 rad wide, or up to 3e-8
             where cutting begins.
         size: the largest magnitude of each function; shape (cases,).
@@ -109,8 +121,8 @@ class Evaluate(Protocol):
         """The nodes at these angles."""
         ...
 
-    def outcomes(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Outcomes and end times [s] alone, shape (n,); faster for many cases."""
+    def outcomes(self, case: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Outcomes, end times [s] and values alone, shape (n,), without derivatives: faster."""
         ...
 
 
@@ -133,9 +145,10 @@ def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) ->
     loose = scanned.narrow.take(cutting)
     case = loose.low.case
     # With the looser tolerance a jump may lie a little outside of its cell.
-    low, high = loose.low.alpha - _SUSPECT, loose.high.alpha + _SUSPECT
-    brackets, _ = _bracket(tight, case, np.clip([low, high], angles[0], angles[-1]), _NARROW)
-    low, high = np.clip(brackets + np.array([[-_AGREED], [_AGREED]]), angles[0], angles[-1])
+    outside = _SUSPECT * reach(loose.low.alpha)
+    low, high = np.maximum(loose.low.alpha - outside, angles[0]), np.minimum(loose.high.alpha + outside, angles[-1])
+    brackets, _ = _bracket(tight, case, np.stack([low, high]), _NARROW)
+    low, high = np.clip(brackets + _AGREED * reach(brackets[0]) * np.array([[-1], [1]]), angles[0], angles[-1])
     bracketed = Cells(tight(case, low), tight(case, high))
     # A change of outcome that the tighter tolerance does not confirm keeps its looser cell.
     lost = loose.outcome_changes & ~bracketed.outcome_changes
@@ -143,7 +156,20 @@ def scan(evaluate: Evaluate, tight: Evaluate, cases: int, angles: np.ndarray) ->
     parts = bracketed.take(confirmed), loose.take(lost), scanned.narrow.take(~cutting)
     narrow = Cells._make(joined(*sides) for sides in zip(*parts, strict=True))
     unresolved = scanned.unresolved + np.bincount(case[~confirmed], minlength=cases)
-    return scanned._replace(narrow=narrow, unresolved=unresolved)
+    flanks = _flanks(loose.take(confirmed), bracketed.take(confirmed))
+    smooth = Cells._make(map(joined, scanned.smooth, *flanks))
+    return scanned._replace(smooth=smooth, narrow=narrow, unresolved=unresolved)
+
+
+def _flanks(loose: Cells, bracketed: Cells) -> tuple[Cells, Cells]:
+    """What a bracket leaves of its cell, below and above: a maximum may lie there."""
+    below, above = bracketed.low.alpha < loose.high.alpha, bracketed.high.alpha > loose.low.alpha
+    sides = (
+        Cells(loose.low, choose(below, bracketed.low, loose.high)),
+        Cells(choose(above, bracketed.high, loose.low), loose.high),
+    )
+    low, high = (side.take((side.width > 0) & ~side.outcome_changes) for side in sides)
+    return low, high
 
 
 def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray) -> Scan:
@@ -158,28 +184,29 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
         cells = Cells(nodes.take(low), nodes.take(high))
         resolved = is_resolved(cells, size[cells.low.case])
         computed = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
+        # Where the impact of one node alone fails, the cell is halved: the failures may begin anywhere in it.
+        failed = np.isnan(cells.low.value) & np.isnan(cells.high.value)
         # Without derivatives nothing says how often to split, but a change of outcome is found all the same.
         blind = ~np.isfinite(cells.low.curve + cells.high.curve) & ~cells.outcome_changes
-        thin = ~resolved & (cells.width <= _SUSPECT)
-        lost = ~resolved & (~computed | (~thin & (blind | (used[cells.low.case] > _MAX_NODES))))
+        near = reach(cells.low.alpha)
+        thin = ~resolved & (cells.width <= _SUSPECT * near)
+        lost = ~resolved & np.where(thin, ~computed, failed | blind | (used[cells.low.case] > _MAX_NODES))
         np.add.at(unresolved, cells.low.case[lost], 1)
         smooth.append(np.stack([low[resolved], high[resolved]]))
         narrow.append(np.stack([low[thin & computed], high[thin & computed]]))
         split = ~(resolved | thin | lost)
-        # A cell that may hold a jump is bracketed once. If the jump is not in the bracket, the cell is split evenly.
-        suspect = cells.outcome_changes | (cells.width < _STEEP)
-        search = np.flatnonzero(split & suspect & ~bracketing[low] & ~bracketing[high])
+        # A cell that may hold a jump is bracketed once. If the jump is not in the bracket, the cell is halved.
+        suspect = cells.outcome_changes | (cells.width < _STEEP * near)
+        search = np.flatnonzero(split & suspect & computed & ~bracketing[low] & ~bracketing[high])
         if not split.any():
             break
         bounds = np.stack([cells.low.alpha[search], cells.high.alpha[search]])
         brackets, clear = _bracket(evaluate, cells.low.case[search], bounds, _SUSPECT)
         search, brackets = search[clear], brackets[:, clear].T
-        even = np.setdiff1d(np.flatnonzero(split), search)
-        parts = int(np.clip(_LANES // max(even.size, 1), 2, 16))
-        fractions = np.arange(1, parts) / parts
-        between = cells.low.alpha[even, None] + fractions * cells.width[even, None]
+        halved = np.setdiff1d(np.flatnonzero(split), search)
+        between = cells.take(halved).middle[:, None]
         chains, first, angles, case = [], nodes.case.size, [], []
-        for index, inner in ((even, between), (search, brackets)):
+        for index, inner in ((halved, between), (search, brackets)):
             new_nodes = first + np.arange(inner.size).reshape(inner.shape)
             chains.append(np.column_stack([low[index], new_nodes, high[index]]))
             angles.append(inner.ravel())
@@ -199,33 +226,51 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
 
 
 def _bracket(evaluate: Evaluate, case: np.ndarray, bounds: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Two angles, at most `width` apart, between which the outcome first changes, or else the end time changes most.
+    """Two angles, at most `width` apart, between which the outcome changes, or else end time and value change most.
 
     Args:
         evaluate: computes outcomes.
         case: shape (cells,).
         bounds: the angles to begin with; shape (2, cells) [rad].
-        width: [rad].
+        width: [rad]; relative below 1e-4 rad.
 
     Returns:
         The angles, shape (2, cells) [rad], and whether no impact failed there, shape (cells,).
     """
-    (low, high), cells = bounds.copy(), case.size
-    outcomes, times = (value.reshape(2, cells) for value in evaluate.outcomes(np.tile(case, 2), bounds.ravel()))
-    before, (time_low, time_high) = outcomes[0], times.copy()
-    changing = before != outcomes[1]
-    while (wide := np.flatnonzero(high - low > width)).size:
-        parts = int(np.clip(_LANES // wide.size, 2, 16))
-        angles = np.linspace(low[wide], high[wide], parts + 1, axis=1)
-        outcomes, times = evaluate.outcomes(np.repeat(case[wide], parts - 1), angles[:, 1:-1].ravel())
-        times = np.column_stack([time_low[wide], times.reshape(wide.size, -1), time_high[wide]])
-        changed = outcomes.reshape(wide.size, -1) != before[wide, None]
-        first = np.argmax(np.column_stack([changed, np.ones(wide.size, bool)]), axis=1)
-        steepest = np.argmax(np.nan_to_num(np.abs(np.diff(times, axis=1)), nan=np.inf), axis=1)
-        part, row = np.where(changing[wide], first, steepest), np.arange(wide.size)
-        low[wide], high[wide] = angles[row, part], angles[row, part + 1]
-        time_low[wide], time_high[wide] = times[row, part], times[row, part + 1]
-    return np.stack([low, high]), np.isfinite(time_low) & np.isfinite(time_high)
+    outcomes, levels = _outcomes(evaluate, case, bounds)
+    ends, before, changing = levels, outcomes[0], outcomes[0] != outcomes[1]
+    spans, bounds = np.abs(np.diff(ends, axis=1)), bounds.copy()
+    widths = width * reach(bounds[0])
+    while (wide := np.flatnonzero(bounds[1] - bounds[0] > widths)).size:
+        # A few cells are halved several times at once, at angles of which only some are needed.
+        halvings, angles = int(np.clip(np.log2(_LANES / wide.size), 1, 4)), bounds[:, wide]
+        for _ in range(halvings):
+            between = (angles[:-1] + angles[1:]) / 2
+            angles = np.insert(angles, np.arange(1, len(angles)), between, axis=0)
+        outcomes, levels = _outcomes(evaluate, case[wide], angles[1:-1])
+        changed = outcomes != before[wide]
+        levels = np.concatenate([ends[:, :1, wide], levels, ends[:, 1:, wide]], axis=1)
+        row, first, last = np.arange(wide.size), np.zeros(wide.size, int), np.full(wide.size, len(angles) - 1)
+        for _ in range(halvings):
+            middle = (first + last) // 2
+            earlier = changed[middle - 1, row]
+            if (alike := ~changing[wide]).any():
+                with np.errstate(all="ignore"):
+                    steps = np.abs(np.diff(levels[:, [first, middle, last], row], axis=1)) / spans[:, :, wide]
+                # What does not change says nothing; a failed impact is a step.
+                steps = np.where(spans[:, :, wide] == 0, 0.0, np.nan_to_num(steps, nan=np.inf)).sum(axis=0)
+                earlier = np.where(alike, steps[0] >= steps[1], earlier)
+            wider = angles[last, row] - angles[first, row] > widths[wide]
+            first, last = np.where(wider & ~earlier, middle, first), np.where(wider & earlier, middle, last)
+        bounds[:, wide] = angles[first, row], angles[last, row]
+        ends[:, :, wide] = np.stack([levels[:, first, row], levels[:, last, row]], axis=1)
+    return bounds, np.all(np.isfinite(ends), axis=(0, 1))
+
+
+def _outcomes(evaluate: Evaluate, case: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Outcomes, shape (angles, cells), and end times and values together, shape (2, angles, cells)."""
+    outcomes, *levels = evaluate.outcomes(np.tile(case, len(angles)), angles.ravel())
+    return outcomes.reshape(angles.shape), np.stack(levels).reshape(2, *angles.shape)
 
 
 def is_resolved(cells: Cells, size: np.ndarray) -> np.ndarray:
@@ -297,7 +342,9 @@ def polish(evaluate: Evaluate, cells: Cells) -> tuple[Nodes, np.ndarray]:
             newton = alpha[i] - nodes.slope / nodes.curve
         inside = (newton >= low[i]) & (newton <= high[i]) & (nodes.curve < 0)
         following = np.where(inside, newton, (low[i] + high[i]) / 2)
-        settled = (np.abs(following - alpha[i]) <= 1e-12) | (nodes.slope == 0) | ~np.isfinite(nodes.slope)
+        settled = (
+            (np.abs(following - alpha[i]) <= 1e-12 * reach(alpha[i])) | (nodes.slope == 0) | ~np.isfinite(nodes.slope)
+        )
         alpha[i] = following
         active[i[settled | (evaluations[i] >= 60)]] = False
     return best, evaluations

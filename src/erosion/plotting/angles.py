@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from erosion.engine.impact import impact
 from erosion.models.base import NO_CUT
-from erosion.optimum.alpha_max import ASIDE, SHALLOWEST, Optimum
+from erosion.optimum.alpha_max import ASIDE, Optimum
 from erosion.optimum.objectives import MEASURES
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
@@ -23,6 +23,7 @@ from erosion.plotting.labels import AT_CONTACT, end_label
 from erosion.plotting.marks import mark_best, star
 from erosion.plotting.style import axes_or_new, house_style, legend_of_panel, typeset
 
+_SHALLOWEST = 1e-4  # rad; a curve over angles from 0 begins here
 _MARKERS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_", "unresolved": "v"}
 
 
@@ -46,8 +47,9 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
     """The objective over the range of angles that was searched, for scalar parameters."""
     low, high = optimum.regimes[0].low, optimum.regimes[-1].high
     breaks = sorted({*(jump.alpha for jump in optimum.jumps), *(regime.low for regime in optimum.regimes[1:])})
-    limits = [max(low, SHALLOWEST), *breaks, high - 1e-9]
-    spans = [(a + 2 * ASIDE, b - 2 * ASIDE) for a, b in itertools.pairwise(limits) if b - a > 10 * ASIDE]
+    aside = min(ASIDE, (high - low) / 1000)
+    limits = [low or min(_SHALLOWEST, high / 100), *breaks, high - aside]
+    spans = [(a + 2 * aside, b - 2 * aside) for a, b in itertools.pairwise(limits) if b - a > 10 * aside]
     counts = [max(3, round(points * (b - a) / (high - low))) for a, b in spans]
     angles = [np.linspace(a, b, count) for (a, b), count in zip(spans, counts, strict=True)]
     # With second derivatives, as the optimum was computed: so its points lie on the curve to the last bit.

@@ -21,14 +21,18 @@ class Best(NamedTuple):
     kind: str
     attained: bool
     side: str = ""
+    low: float = np.nan
+    high: float = np.nan
 
 
 def describe(best: Best | Optimum) -> str:
-    """An optimum in a few words: "at 25.57°", "as α → 0", "just below the jump at 40.00°"."""
+    """An optimum in a few words: "at 25.57°", "as α → 0", "just below the jump at 40.00°", "from 0.00° to 45.00°"."""
     if best.kind == "none":
         return NOTHING
     if best.alpha == 0:
         return "as α → 0"
+    if best.kind == "plateau" and best.low < best.high:
+        return f"from {np.rad2deg(best.low):.2f}° to {np.rad2deg(best.high):.2f}°"
     at = f"{np.rad2deg(best.alpha):.2f}°"
     if best.kind != "jump":
         return f"at {at}"

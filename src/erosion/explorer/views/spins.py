@@ -63,5 +63,6 @@ def sensitivities(computed: Computed, models: Collection[str]) -> tuple[Option, 
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
     grid = {"left": 40, "right": 24, "top": 16, "bottom": 46}
     moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
+    nothing = "not known" if all(bar is None for bar in bars) else "none"
     option = frame(x_axis, y_axis, series, grid=grid, legend={"show": False})
-    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or 'none'}"
+    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or nothing}"
