@@ -8,13 +8,20 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test test-newest coverage bench docs lint format clean
+.PHONY: report test test-lowest test-newest coverage bench docs lint format clean
 
 report: $(STAMP)
 	.venv/bin/erosion report
 
 test: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist worksteal
+
+# The lower bounds in pyproject.toml are versions that work: each verb once, with the lowest of all, beside .venv.
+test-lowest: | $(UV)
+	$(UV) venv --quiet --clear --python $(PYTHON) .venv-lowest
+	$(UV) pip install --quiet --python .venv-lowest --resolution lowest-direct --group dev --all-extras \
+	  -r pyproject.toml -e .
+	.venv-lowest/bin/pytest --numprocesses 2 tests/cli/test_each_verb.py
 
 # JAX's newest versions need Python 3.12 or newer: what reads their jaxprs, with such a Python, beside .venv.
 test-newest: | $(UV)
@@ -47,7 +54,7 @@ format: $(STAMP)
 	.venv/bin/ruff format .
 
 clean:
-	rm -rf .venv .venv-newest .uv report docs/_build docs/examples
+	rm -rf .venv .venv-lowest .venv-newest .uv report docs/_build docs/examples
 
 $(STAMP): pyproject.toml uv.lock | $(UV)
 	$(UV) sync --locked --all-extras --compile-bytecode --python $(PYTHON)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from erosion.files import require_writable, uninterrupted, write_whole, written_whole
+from erosion.files import _name_of_draft, require_writable, uninterrupted, write_whole, written_whole
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -219,6 +219,38 @@ def test_the_next_writer_clears_what_a_killed_one_left(tmp_path: Path, write) ->
     assert draft.is_dir(), "of another file"
     write(path)
     assert not draft.exists()
+
+
+def test_nothing_of_the_users_is_taken_for_a_draft(tmp_path: Path) -> None:
+    path = tmp_path / "s.csv"
+    token = "0123456789abcdef"
+    of_another_file = _name_of_draft(tmp_path / "t.csv", 2 * token).replace("t.csv", "s.csv")
+    names = ["my-backup", token, 2 * token, 4 * token]
+    own = [tmp_path / f".s.csv.{name}.part" for name in names] + [tmp_path / of_another_file]
+    for folder in own:
+        folder.mkdir()
+        (folder / "s.csv").write_bytes(b"measured")
+    (tmp_path / ".s.csv.file.part").write_bytes(b"a file")
+    (tmp_path / ".s.csv.link.part").symlink_to(own[0])
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    require_writable(path)
+    write_whole(path, b"new")
+    assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before | {path: b"new"}
+    assert all(folder.is_dir() for folder in own)
+
+
+def test_what_someone_puts_into_a_draft_stays(tmp_path: Path) -> None:
+    path = tmp_path / "out.txt"
+    with written_whole(path) as draft:
+        draft.write_bytes(b"new")
+        (draft.parent / "notes.txt").write_bytes(b"mine")
+    dead = tmp_path / _name_of_draft(path, "0" * 32)
+    dead.mkdir()
+    for name in ("out.txt", "notes.txt"):
+        (dead / name).write_bytes(b"mine")
+    write_whole(path, b"newer")
+    assert path.read_bytes() == b"newer"
+    assert [file.name for file in tmp_path.rglob("*") if file.is_file() and file != path] == 2 * ["notes.txt"]
 
 
 def test_writers_of_one_file_do_not_clear_each_other(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-_DRAFT = ".part"  # ends the name of a folder in which a file is written
+_TOKEN = 32  # hexadecimal digits: 128 bits
 
 
 def digest(content: bytes) -> str:
@@ -201,7 +201,7 @@ def _draft(path: Path) -> Iterator[Path]:
 def _own_folder(target: Path) -> Iterator[Path]:
     """A new folder for a draft, claimed as long as its writer lives."""
     while True:
-        folder = target.with_name(f"{_start_of_drafts(target)}{secrets.token_hex(8)}{_DRAFT}")
+        folder = target.with_name(_name_of_draft(target, secrets.token_hex(_TOKEN // 2)))
         folder.mkdir()
         with contextlib.ExitStack() as claim:
             try:
@@ -212,20 +212,40 @@ def _own_folder(target: Path) -> Iterator[Path]:
             try:
                 yield folder
             finally:
-                shutil.rmtree(folder, ignore_errors=True)
+                _remove_draft(folder, target)
             return
 
 
 def _clear_drafts(target: Path) -> None:
     """Remove what writers of the same file left that were killed."""
     with contextlib.suppress(OSError), os.scandir(target.parent) as entries:
-        start = _start_of_drafts(target)
-        drafts = [entry.path for entry in entries if entry.name.startswith(start) and entry.name.endswith(_DRAFT)]
+        drafts = [entry.path for entry in entries if _is_draft(entry.name, target)]
         for draft in drafts:
             with contextlib.suppress(OSError), claimed(Path(draft), alone=True) as is_alone:
                 if is_alone:
-                    shutil.rmtree(draft, ignore_errors=True)
+                    _remove_draft(Path(draft), target)
 
 
-def _start_of_drafts(target: Path) -> str:
-    return f".{target.name[:40]}."
+def _remove_draft(folder: Path, target: Path) -> None:
+    """Remove a draft and its folder; what anyone else has put there stays."""
+    draft = folder / target.name
+    with contextlib.suppress(OSError):
+        if draft.is_dir() and not draft.is_symlink():
+            shutil.rmtree(draft, ignore_errors=True)
+        else:
+            draft.unlink(missing_ok=True)
+        folder.rmdir()
+
+
+def _name_of_draft(target: Path, token: str) -> str:
+    """The name of the folder in which a file is written: it ends in a token and the digest of token and file.
+
+    By the digest a folder is known that this program made, for this file: nobody else's is named so.
+    """
+    digest = hashlib.sha256(b"erosion/" + token.encode() + b"/" + os.fsencode(target.name)).hexdigest()
+    return f".{target.name[:40]}.{token}{digest[:_TOKEN]}.part"
+
+
+def _is_draft(name: str, target: Path) -> bool:
+    _, _, end = name.rpartition(".part")[0].rpartition(".")
+    return name == _name_of_draft(target, end[:_TOKEN])

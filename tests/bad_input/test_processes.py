@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.cli import _have_room, _status
 from erosion.distributions import Samples
 
 P = erosion.TABLE_1
@@ -158,14 +159,82 @@ def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
         assert "\\" not in said
 
 
-@pytest.mark.slow
-def test_a_name_that_is_no_text_is_printed_too(tmp_path: Path) -> None:
-    path = tmp_path / os.fsdecode(b"cut\xff.svg")
-    done = subprocess.run(
-        [sys.executable, "-m", "erosion", "run", "--plot", path], capture_output=True, timeout=120, check=False
-    )
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run --case {}",
+        "run {}",
+        "run --plot {}",
+        "run --plot={}",
+        "run --model {}",
+        "optimum --model {}",
+        "compare -o {}",
+        "sweep --alpha 1deg:80deg:3 -o {}",
+        "stream --alpha samples({}) -o {}",
+        "calibrate {} --write-case fit.toml",
+        "calibrate sand.csv --write-case {}",
+        "map {} --surface plate.stl",
+        "map impacts.csv --surface {}",
+        "export --table {}",
+        "advise -o {}",
+        "report -o {}",
+        "exercise --case {} -o tasks.ipynb",
+        "models --path {}",
+        "materials {}",
+        "explore --materials {}",
+    ],
+)
+def test_a_name_that_is_no_text_is_refused_by_every_verb(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = os.fsdecode(b"caf\xe9.csv")
+    Path(name).write_text("angle [deg], erosion [-]\n20,1\n")
+    assert _status([word.format(name) for word in words.split()]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "caf\\xe9.csv" in printed.err
+    assert "UTF-8" in printed.err
+    assert printed.err.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_whose_name_is_no_text_is_a_place_to_work_in(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    folder.mkdir()
+    command = [sys.executable, "-m", "erosion", "run", "--json", "--plot", "cut.svg"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
-    assert path.is_file()
+    assert (folder / "cut.svg").is_file()
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "²", "9" * 20])
+def test_any_width_of_a_terminal_shows_every_word(columns: str) -> None:
+    def letters(columns: str) -> list[str]:
+        command, environment = [sys.executable, "-m", "erosion", "run", "--help"], {**os.environ, "COLUMNS": columns}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+        return sorted(letter for letter in done.stdout if letter.isalnum())
+
+    assert letters(columns) == letters("120")
+
+
+@pytest.mark.parametrize(
+    ("columns", "room"),
+    [("0", None), ("1", 40), ("39", 40), ("120", 120), ("1001", 1000), ("9" * 5000, 1000)]
+    + [(words, None) for words in ("-3", "", "wide", "²", "1e3", "80.5", "nan")],
+)
+def test_lines_have_room_for_words(monkeypatch: pytest.MonkeyPatch, columns: str, room: int | None) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setattr(os, "get_terminal_size", lambda handle: os.terminal_size((80, 24)))
+    _have_room()
+    assert os.environ.get("COLUMNS") == (room and str(room))
+
+
+def test_a_terminal_of_one_column_has_room_for_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "")
+    monkeypatch.setattr(os, "get_terminal_size", lambda handle: os.terminal_size((1, 24)))
+    _have_room()
+    assert os.environ["COLUMNS"] == "40"
 
 
 @pytest.fixture
@@ -194,11 +263,14 @@ def test_a_damaged_program_in_the_cache_heals(cache: Path) -> None:
     assert entries
     for entry in entries:
         entry.write_bytes(entry.read_bytes()[:50])
+    note = cache / f"{entries[0].name}.note"
+    note.touch()
     damaged = {entry.name: entry.read_bytes() for entry in entries}
     assert python(KEPT).stderr == ""
     healed = {entry.name: entry.read_bytes() for entry in cache.glob("*-cache")}
     assert set(healed) == set(damaged)
     assert all(healed[name] != damaged[name] for name in damaged)
+    assert note.exists()
 
 
 @pytest.mark.slow

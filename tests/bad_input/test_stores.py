@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -489,6 +490,29 @@ def test_a_killed_program_leaves_nothing_that_the_next_one_keeps(
     xr.testing.assert_equal(KEPT[name](path).compute(), whole)
     assert not left.exists()
     assert sorted(file.name for file in tmp_path.iterdir()) == [path.name, f"whole{path.suffix}"]
+
+
+@pytest.mark.filterwarnings("ignore:Object at .* is not recognized")  # zarr's, of the files beside the arrays
+def test_files_that_someone_keeps_in_a_store_stay(tmp_path: Path) -> None:
+    path = tmp_path / "out.zarr"
+    whole = zarr(path).compute()
+    drafts = [
+        path / "volume" / "c" / "0" / f"0.{uuid.uuid4().hex}.partial",
+        path / "ended_by" / f"c.{uuid.uuid4().hex}.partial",
+    ]
+    own = [
+        path / "notes.partial",
+        path / f"0.{uuid.uuid4().hex}.partial",
+        path / "mine" / f"0.{uuid.uuid4().hex}.partial",
+        path / "volume" / "sheet.partial",
+        path / "volume" / "c" / f"0.{'0' * 32}.partial",
+        path / "volume" / "c" / f"first.{uuid.uuid4().hex}.partial",
+    ]
+    for file in drafts + own:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("text")
+    xr.testing.assert_equal(zarr(path).compute(), whole)
+    assert [file for file in drafts + own if file.exists()] == own
 
 
 def test_two_threads_never_tear_a_file(tmp_path: Path) -> None:

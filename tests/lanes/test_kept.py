@@ -89,7 +89,10 @@ def test_the_longest_unused_go_first(folder, monkeypatch):
         kept.write(kept.key_of(name), b"code")
         os.utime(folder / kept.key_of(name), (1e9 - age, 1e9 - age))
     assert kept.read(kept.key_of("a")) == b"code"
+    (folder / "note").touch()
+    os.utime(folder / "note", (0, 0))
     kept.write(kept.key_of("c"), b"code")
+    assert (folder / "note").exists()
     assert [kept.read(kept.key_of(name)) for name in "abc"] == [b"code", None, b"code"]
 
 

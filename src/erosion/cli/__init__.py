@@ -39,6 +39,7 @@ from erosion.interrupts import INTERRUPTED, between_imports
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
+_NARROWEST, _WIDEST = 40, 1000  # characters of a line that help and tables are laid out for
 _PRESENT_NAMES = {
     "--models": "--model",
     "--out": "--output",
@@ -69,6 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # to look for garbage among them as often as is usual, and once more at the exit, takes half a second.
     gc.set_threshold(_ALLOCATIONS)
     spell_out()
+    _have_room()
     status = _status(sys.argv[1:] if arguments is None else arguments)
     if status == INTERRUPTED:
         # Python would wait for threads that still compute, and end with SIGINT where it came while a text was executed.
@@ -77,13 +79,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(status)
 
 
+def _have_room() -> None:
+    """Whatever COLUMNS or a terminal says, lines have room for words: without any, rich shows nothing or never ends."""
+    said = os.environ.pop("COLUMNS", "")
+    if said.isdecimal() and float(said):
+        os.environ["COLUMNS"] = str(int(min(max(float(said), _NARROWEST), _WIDEST)))
+        return
+    for handle in (0, 1, 2):  # as rich looks
+        with contextlib.suppress(OSError):
+            if 0 < os.get_terminal_size(handle).columns < _NARROWEST:
+                os.environ["COLUMNS"] = str(_NARROWEST)
+
+
 def _status(arguments: Sequence[str]) -> int:
     # Read when equinox is imported. With its error checks (host callbacks) in a program, JAX
     # would not keep the compiled program for the next start; every verb checks outcomes itself.
     os.environ.setdefault("EQX_ON_ERROR", "nan")
     usual, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
-        words = [_present_name(argument) for argument in arguments]
+        words = [_present_name(_text(argument)) for argument in arguments]
         with between_imports():
             app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
@@ -107,7 +121,7 @@ def _status(arguments: Sequence[str]) -> int:
     except MemoryError:
         return _say(1, "There is not enough memory for this.")
     # Anything below comes from the computation itself; a person gets the sentence.
-    except (ArithmeticError, OSError, RuntimeError) as error:
+    except (ArithmeticError, ImportError, OSError, RuntimeError) as error:
         _let_go(sys.stdout)
         return _say(1, sentence(error))
     # A plug-in's own code may raise anything, anywhere in a computation.
@@ -116,6 +130,22 @@ def _status(arguments: Sequence[str]) -> int:
     finally:
         sys.unraisablehook = usual
     return 0
+
+
+def _text(argument: str) -> str:
+    """What is typed, where it is text: tables, pages and case files hold names, and none of them holds other bytes.
+
+    Raises:
+        InputError: for bytes that are no text, as of a file from a system of another encoding.
+    """
+    try:
+        argument.encode()
+    except UnicodeEncodeError as error:
+        name = os.fsencode(argument).decode("ascii", "backslashreplace")
+        encoding = sys.getfilesystemencoding().upper()
+        way = "rename the file or the folder" if encoding == "UTF-8" else "set the environment variable PYTHONUTF8=1"
+        raise InputError(f"The argument {name} is not text in {encoding}: {way}.") from error
+    return argument
 
 
 def _present_name(argument: str) -> str:

@@ -1,6 +1,5 @@
 """Programs that XLA has compiled, kept for the next start in the user's cache folder."""
 
-import glob
 import os
 import re
 import stat
@@ -53,8 +52,11 @@ def _remove_damaged(folder: Path) -> None:
         if entry is None:
             usual(message, *where, **more)
             return
-        for file in folder.glob(f"{glob.escape(entry[1])}*"):
-            file.unlink(missing_ok=True)
+        # JAX says the function's name alone; all programs of that name are compiled again.
+        name_of_jax = re.compile(re.escape(entry[1]) + "-[0-9a-f]{64}-(cache|atime)")
+        for file in folder.iterdir():
+            if name_of_jax.fullmatch(file.name):
+                file.unlink(missing_ok=True)
 
     warnings.showwarning = show
 

@@ -9,6 +9,7 @@ import contextlib
 import functools
 import hashlib
 import os
+import re
 import stat
 import tempfile
 from pathlib import Path
@@ -16,6 +17,7 @@ from pathlib import Path
 _MANY = 256  # files, of some 50 kB each
 _DIGEST = 32  # bytes
 _FORM = b"1"  # of the files
+_OWN = re.compile(r"[0-9a-f]{64}|\.[0-9a-f]{64}\.\w+")  # a key, and while it is written
 
 
 def key_of(*origins: str) -> str:
@@ -57,7 +59,7 @@ def write(key: str, code: bytes) -> None:
     if folder is None:
         return
     with contextlib.suppress(OSError):
-        handle, draft = tempfile.mkstemp(dir=folder, prefix=".")
+        handle, draft = tempfile.mkstemp(dir=folder, prefix=f".{key}.")
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(_seal(key, code) + code)
@@ -73,7 +75,8 @@ def _seal(key: str, code: bytes) -> bytes:
 
 
 def _forget_old(folder: Path) -> None:
-    files = sorted(folder.iterdir(), key=lambda file: file.stat().st_mtime)
+    own = (file for file in folder.iterdir() if _OWN.fullmatch(file.name))
+    files = sorted(own, key=lambda file: file.stat().st_mtime)
     for file in files[:-_MANY]:
         with contextlib.suppress(OSError):
             file.unlink()

@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import functools
 import gc
+import re
 import threading
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -14,6 +15,28 @@ import llvmlite.binding as llvm
 from erosion.lanes import kept
 from erosion.lanes.interruption import PYTHONS
 from erosion.lanes.vector_ir import ENTRY
+
+LLVMLITE = (0, 45), (0, 51)
+"""The first version of llvmlite that works, and the first that is not known to; the same as in `pyproject.toml`."""
+
+
+def require_llvmlite(version: str) -> None:
+    """Refuse an llvmlite whose LLVM reads another text than `vector_ir` writes: it would end the process, unheard.
+
+    Raises:
+        ImportError: one sentence that says what to install.
+    """
+    numbers = re.match(r"(\d+)\.(\d+)", version)
+    if numbers is None or not LLVMLITE[0] <= tuple(map(int, numbers.groups())) < LLVMLITE[1]:
+        least, beyond = (".".join(map(str, bound)) for bound in LLVMLITE)
+        raise ImportError(
+            f"erosion needs llvmlite {least} or newer, below {beyond}, but llvmlite {version} is installed: "
+            f"pip install 'llvmlite>={least},<{beyond}'; a numba beside it must fit too.",
+            name="llvmlite",
+        )
+
+
+require_llvmlite(llvmlite.__version__)
 
 # LLVM's code generator at its level 0 takes a third of the time of level 1, and makes code that takes 1.2 to 1.3 times
 # as long. More than level 1 gains nothing, and no pass before it does.

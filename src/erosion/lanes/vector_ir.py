@@ -118,11 +118,11 @@ class _Writer:
             to = self.get(f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {stride}')}")
             type_, name = self.stored(value)
             vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
-            arguments = f"{vector}, {pointers}, {mask}"
+            arguments = f"{vector}, {pointers}, i32, {mask}"
             kind = self.kind(type_)
             scatter = self.intrinsic(f"llvm.masked.scatter.{kind}.v{self.width}p0", "void", arguments)
             self.do(
-                f"call void {scatter}({vector} {name}, {pointers} align {_BITS[type_] // 8} {to}, {mask} {all_lanes})"
+                f"call void {scatter}({vector} {name}, {pointers} {to}, i32 {_BITS[type_] // 8}, {mask} {all_lanes})"
             )
         self.do("br label %written")
         self.start("written")
@@ -178,10 +178,14 @@ class _Writer:
         """Numbers from memory, each lane's from its own address."""
         vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
         kind = self.kind(type_)
-        name = self.intrinsic(f"llvm.masked.gather.{kind}.v{self.width}p0", vector, f"{pointers}, {mask}, {vector}")
+        name = self.intrinsic(
+            f"llvm.masked.gather.{kind}.v{self.width}p0", vector, f"{pointers}, i32, {mask}, {vector}"
+        )
+        # The alignment as an argument is the form of LLVM 20, which LLVM 22 reads too; LLVM 20 ends the process at the
+        # newer form.
         size = max(_BITS[type_] // 8, 1)
         return self.get(
-            f"call {vector} {name}({pointers} align {size} {addresses}, {mask} splat (i1 true), {vector} poison)"
+            f"call {vector} {name}({pointers} {addresses}, i32 {size}, {mask} splat (i1 true), {vector} poison)"
         )
 
     def stored(self, value: Value) -> tuple[str, str]:

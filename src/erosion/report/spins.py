@@ -45,6 +45,10 @@ class Spins:
         maxima = zip(self.s, self.alpha, self.kind, self.ended_by, strict=True)
         return [dict(zip(columns, maximum, strict=True)) for maximum in maxima if maximum[0] in _TOLD]
 
+    def at(self, i: int) -> Record:
+        """The spin and the greatest volume of a row."""
+        return {"s": float(self.s[i]), "volume": float(self.volume[i])}
+
     @property
     def jumps(self) -> int:
         """How many of the maxima are at a jump of V(α)."""

@@ -7,6 +7,7 @@ complete, and while each of its chunks is as it was written.
 
 import contextlib
 import json
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,6 +22,9 @@ from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.sweeps.chunks import Region, regions
 from erosion.sweeps.grid import Grid
+
+# zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
+_DRAFT_OF_CHUNK = re.compile(r"(c|\d+)\.[0-9a-f]{12}4[0-9a-f]{3}[89ab][0-9a-f]{15}\.partial")
 
 
 class Store(ABC):
@@ -160,10 +164,11 @@ class ZarrStore(Store):
     def _clear_drafts(self) -> None:
         """Remove the chunks that a killed process left half-written, unless another one is writing."""
         with claimed(self._path, alone=True) as is_alone:
-            drafts = self._path.rglob("*.partial") if is_alone else ()  # zarr's own name for them
-            for draft in drafts:
-                with contextlib.suppress(OSError):
-                    draft.unlink()
+            names = self._grid.variables() if is_alone else ()
+            for draft in (file for name in names for file in (self._path / name).rglob("*.partial")):
+                if _DRAFT_OF_CHUNK.fullmatch(draft.name):
+                    with contextlib.suppress(OSError):
+                        draft.unlink()
 
     def _create(self, identity: Mapping[str, str]) -> None:
         import dask.array

@@ -61,6 +61,8 @@ def _fields(case: Case, numbers: Record) -> Record:
         "is_seen_to_jump": any(_is_seen_to_jump(case.optimum(model)) for model in TORQUES),
         "torques": list(TORQUES.values()),
         "spins": spins,
+        "most": spins[0].at(int(spins[0].volume.argmax())),
+        "least": spins[0].at(int(spins[0].volume.argmin())),
         "spin_rows": list(zip(*(spin.rows for spin in spins), strict=True)),
         "reach": float(case.p.r) * case.omega / float(case.p.v0),
         "ranges": ranges(case),

@@ -1,0 +1,94 @@
+"""Each verb once, with the kinds of files that it reads and writes; `make test-lowest` runs it on old libraries."""
+
+import shlex
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from erosion.cli import _status, app
+from tests.explorer.conftest import served
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+CHANNEL = ROOT / "tests" / "cfd" / "openfoam" / "serial"
+JET = "--particle 'garnet 0.3 mm' --target 'aluminium 6061' --v0 '100 m/s'"
+FIT = "calibrate sand.csv --model linearized --density '2700 kg/m^3'"
+
+COMMANDS = {
+    "run --model rotating --plot run.png": "run.png",
+    "optimum --model rotating --sensitivities --plot best.svg": "best.svg",
+    "compare --model linearized,rotating -o curves.nc --plot curves.pdf": "curves.nc curves.pdf",
+    "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.csv": "sweep.csv",
+    "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.nc --plot sweep.svg": "sweep.nc sweep.svg",
+    "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.zarr": "sweep.zarr",
+    "sweep --alpha 10deg:80deg:8 --workers 2 -o workers.zarr": "workers.zarr",
+    "stream --n 512 --v0 'normal(4400, 40)' --alpha 'normal(20 deg, 2 deg)' -o jet.nc --plot jet.svg": "jet.nc jet.svg",
+    f"{FIT} --plot fit.svg --openfoam of.txt --fluent fl.txt --write-case fit.toml": "fit.svg of.txt fl.txt fit.toml",
+    f"{FIT} --posterior --draws 125 -o draws.nc --plot-pairs pairs.svg": "draws.nc pairs.svg",
+    "map impacts.csv --surface plate.stl -o map.vtp --plot map.png": "map.vtp map.png",
+    "map impacts.parquet --surface plate.stl -o map.nc": "map.nc",
+    f"map {CHANNEL} --surface {CHANNEL} -o channel.csv": "channel.csv",
+    f"export {JET} --openfoam e.of --fluent e.fl --table V.csv --restitution e.csv": "e.of e.fl V.csv e.csv",
+    f"advise {JET} -o advice.html --plot advice.svg": "advice.html advice.svg",
+    "report --only q1,q4,q8 -o report": "report/index.html",
+    "exercise -o tasks.ipynb --solved solved.ipynb": "tasks.ipynb solved.ipynb",
+    "models": "",
+    "materials": "",
+    "verify --model tan-alpha": "",
+    "validate --plot facts.svg": "facts.svg",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Measurements, impacts as CSV and Parquet, and a plate below them."""
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
+    import pyarrow.parquet as pa_parquet
+
+    place = tmp_path_factory.mktemp("verbs")
+    angle = np.arange(5, 90, 5)
+    rows = "".join(f"{a},{5 * np.sin(a / 30) ** 2 + 1:.4f},0.2\n" for a in angle)
+    (place / "sand.csv").write_text("angle [deg],erosion [mm^3/kg],uncertainty [mm^3/kg]\n" + rows)
+    rng = np.random.default_rng(0)
+    steepness = rng.uniform(0.1, 1.4, 50)
+    columns = {
+        "x [m]": rng.uniform(size=50),
+        "y [m]": rng.uniform(size=50),
+        "z [m]": np.zeros(50),
+        "u [m/s]": 30 * np.cos(steepness),
+        "v [m/s]": np.zeros(50),
+        "w [m/s]": -30 * np.sin(steepness),
+        "diameter [um]": rng.uniform(100, 300, 50),
+        "density [kg/m^3]": np.full(50, 2650.0),
+        "count": np.full(50, 10.0),
+    }
+    table = pa.table(columns)
+    pa_csv.write_csv(table, place / "impacts.csv")
+    pa_parquet.write_table(table, place / "impacts.parquet")
+    corners = ((0, 0), (1, 1), (1, 0)), ((0, 0), (0, 1), (1, 1))
+    facets = ("".join(f"vertex {x} {y} 0\n" for x, y in three) for three in corners)
+    text = "".join(f"facet normal 0 0 -1\nouter loop\n{three}endloop\nendfacet\n" for three in facets)
+    (place / "plate.stl").write_text(f"solid plate\n{text}endsolid plate\n")
+    return place
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_verb_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    monkeypatch.chdir(folder)
+    assert _status(shlex.split(command)) == 0
+    for name in COMMANDS[command].split():
+        assert (folder / name).exists(), name
+
+
+def test_the_explorer_answers() -> None:
+    with served() as (_, address), urllib.request.urlopen(address) as page:
+        assert page.status == 200
+
+
+def test_every_verb_is_here() -> None:
+    verbs = {name for name in app if not name.startswith("-")}
+    assert {command.split()[0] for command in COMMANDS} | {"explore"} == verbs

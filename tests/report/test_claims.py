@@ -1,0 +1,250 @@
+"""What the report's sentences say of directions and sizes: over random cases, or by what makes the sentence true."""
+
+import re
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion.models import load_model
+from erosion.models.closed_forms import LinearizedCut, StraightCut
+from erosion.parameters.parameters import TABLE_1, Parameters
+from erosion.report.case import Case
+from erosion.report.questions import QUESTIONS, text_file
+from erosion.report.questions.q3 import midpoint_rule
+from erosion.trajectory.path import path
+
+N = 200
+RNG = np.random.default_rng(16)
+K = 10 ** RNG.uniform(-1, 1, N)
+ALPHA = RNG.uniform(np.deg2rad(1), np.deg2rad(89), N)
+S = RNG.uniform(-0.95, 0.95, N)
+FACTORS = {name: 10 ** RNG.uniform(-1, 1, N) for name in ("v0", "m", "sigma", "psi", "r", "b")}
+ROTATING = ("rotating", "rotating-full-torque")
+
+
+def cases(**changes: np.ndarray | float) -> Parameters:
+    """200 cases about Table 1, without spin."""
+    values = {name: getattr(TABLE_1, name) * factor for name, factor in FACTORS.items()}
+    return TABLE_1.replace(**{**values, "k": K, "alpha": ALPHA, "phidot0": 0.0, **changes})
+
+
+def volume(model: str, p: Parameters) -> np.ndarray:
+    """V over V* [-]."""
+    return erosion.impact(model, p, derivatives=0).volume / np.asarray(p.volume_scale)
+
+
+# Words that make a sentence a claim, and the sentences that have them: what is said, and why it is so.
+WORDS = re.compile(
+    r"\b(more|most|less|least|longer|shorter|greater|larger|smaller|steeper|shallower|softer|earlier|later|falls?|grows?|"
+    r"always|never|only|every|all|no|none|half|about|at most|at least|same|proportional|above all|than|fair|much)\b"
+)
+CLAIMS = {
+    "q1": (
+        "every point of the erodent",
+        "differ only by the factor",
+        "far more than the assumption",
+        "no forward speed",
+        "without knowing the solution",
+    ),
+    "q2": (
+        "falls vertically",
+        "the earlier",
+        "at least −1",
+        "no real",
+        "has no",
+        "solution is complex",
+    ),
+    "q3": (
+        "give the same number",
+        "no forward speed",
+        "leaves none",
+        "square of the number",
+    ),
+    "q4": (
+        "only falls with the angle",
+        "depends on $k$ only",
+        "The same angle follows",
+        "known to a factor",
+        "about",
+        "never meets",
+        "times as much as",
+    ),
+    "q5": (
+        "$V_\\text{max}/v_0^2$ is the",
+        "says the same",
+        "at every speed",
+        "square of the speed",
+    ),
+    "q6": (
+        "at the same angle",
+        "no effect",
+        "at every angle",
+        "as each grain",
+        "is not in the equations",
+    ),
+    "q7": (
+        "the softer the metal",
+        "stays the same",
+        "all metals",
+    ),
+    "q8": (
+        "below 45° for every $k$",
+        "is removed at the best angle",
+        "off by about",
+        "The same for",
+    ),
+    "a1": (
+        "moves backward at contact",
+        "times as much",
+        "earlier or later",
+        "best of all",
+        "has no jump",
+        "no solution",
+        "removes the most",
+        "no longer hold",
+        "no derivative",
+        "The cut ends when",
+    ),
+    "a2": (
+        "only falls",
+        "never reaches",
+        "no angle reaches",
+        "cut always ends",
+        "more is removed",
+        "at every angle",
+        "no maximum",
+        "in fact there is none",
+        "throws no",
+        "is no",
+        "at every instant",
+        "tip never enters",
+        "nothing is cut",
+    ),
+    "a3": (
+        "never turns",
+        "at every angle",
+        "both models have the same",
+        "no digit",
+    ),
+    "slips": ("only falls",),
+    "models": (
+        "remove most as",
+        "no model has",
+        "for every model",
+    ),
+}
+
+
+def sentences(key: str) -> list[str]:
+    """The words of a text: without formulas, fields, comments and tables."""
+    text = text_file(key).read_text(encoding="utf-8")
+    for left in (r"\{#.*?#\}", r"\$\$.*?\$\$", r"(?m)^(\||Table:|!\[).*$", r"\{%.*?%\}", r"\{\{.*?\}\}"):
+        text = re.sub(left, "", text, flags=re.S if not left.startswith("(?m)") else 0)
+    parts = (" ".join(part.split()) for part in re.split(r"(?<=[.:;?])\s|\n\n+", text))
+    return [part for part in parts if WORDS.search(part) and not part.startswith("#")]
+
+
+@pytest.mark.parametrize("key", QUESTIONS)
+def test_every_sentence_with_a_direction_or_a_size_is_known(key: str) -> None:
+    unknown = [sentence for sentence in sentences(key) if not any(claim in sentence for claim in CLAIMS[key])]
+    assert not unknown, f"{text_file(key).name}: {unknown}"
+
+
+def test_spin_has_no_direction_that_holds_in_every_case() -> None:
+    """A tip that runs ahead may cut less or more, shorter or longer, and so may one that lags."""
+    for model in ROTATING:
+        cuts = [
+            erosion.impact(model, cases(phidot0=s * cases().v0 / cases().r), derivatives=0) for s in (-0.3, 0.0, 0.3)
+        ]
+        for values in ([cut.volume for cut in cuts], [cut.t_c for cut in cuts]):
+            lagging, still, ahead = (np.asarray(value) for value in values)
+            assert np.any(ahead < still)
+            assert np.any(ahead > still)
+            assert np.any(lagging > still)
+            assert np.any(lagging < still)
+
+
+def test_a_small_turn_does_not_make_the_linearization_fair() -> None:
+    large = TABLE_1.replace(r=1000 * TABLE_1.r)
+    cut = path(load_model("rotating"), large)
+    assert abs(cut.turn) < np.deg2rad(1)
+    assert abs(cut.volume / float(LinearizedCut().volume(large)) - 1) > 0.1
+
+
+@pytest.mark.parametrize("model", ROTATING)
+def test_nothing_is_cut_where_the_tip_moves_backward_and_only_there(model: str) -> None:
+    p = cases(phidot0=S * cases().v0 / cases().r)
+    cut = volume(model, p)
+    backward = np.cos(ALPHA) + S <= 0
+    assert 10 < backward.sum() < N - 10
+    assert np.all(cut[backward] == 0)
+    assert np.all(cut[~backward] > 0)
+    for s in (-1.0, -1.5):
+        assert np.all(volume(model, cases(phidot0=s * cases().v0 / cases().r)) == 0)
+    # At 90° spin alone decides.
+    assert np.all((volume(model, cases(alpha=np.pi / 2, phidot0=S * cases().v0 / cases().r)) > 0) == (S > 0))
+
+
+@pytest.mark.parametrize("model", ["linearized", *ROTATING])
+def test_all_parameters_act_through_omega_k_and_s(model: str) -> None:
+    reach = np.asarray(cases().r * cases().rate / cases().v0)
+    plain = TABLE_1.replace(k=K, alpha=ALPHA, phidot0=0.0)
+    r = reach * np.asarray(plain.v0 / plain.rate)
+    spins = S if model != "linearized" else 0 * S
+    one = volume(model, cases(phidot0=spins * cases().v0 / cases().r))
+    other = volume(model, plain.replace(r=r, phidot0=spins * plain.v0 / r))
+    # The engine's tolerance is 1e-9 a step; at a graze of an end it decides where the cut ends.
+    assert np.mean(np.abs(one - other) < 1e-7) > 0.98
+
+
+def test_the_linearized_model_has_the_stated_laws() -> None:
+    exact, p = LinearizedCut(), cases()
+    best = np.arctan(K) / 2
+    v_max = np.asarray(exact.volume(p.replace(alpha=best))) / np.asarray(p.volume_scale)
+    assert v_max == pytest.approx((np.sqrt(1 + K**2) - 1) / K**2, rel=1e-9)
+    assert np.all(np.asarray(exact.volume(p)) / np.asarray(p.volume_scale) <= v_max * (1 + 1e-12))
+    order = np.argsort(K)
+    assert np.all(np.diff(best[order]) > 0)
+    assert np.all(best < np.pi / 4)
+    assert np.all(np.diff(v_max[order]) < 0)  # "the less is removed at the best angle, and the steeper it is"
+    steeper = p.replace(alpha=ALPHA + 0.5 * (np.pi / 2 - ALPHA))
+    stops = np.tan(ALPHA) >= K / 2
+    assert np.all(np.asarray(exact.volume(steeper))[stops] < np.asarray(exact.volume(p))[stops])
+    # "the curvature jumps there": V″ k/(2 V*) of the rebound and V″/V* of the stop at the cusp, times 1 + k²/4.
+    assert np.all(-3 - 4 / K**2 < -(1 - K**2 / 4))
+    # "if k is off by a tenth, the angle is off by about"
+    assert np.abs(np.arctan(1.1 * K) / 2 - best) == pytest.approx(K / (1 + K**2) / 20, rel=0.1)
+    halved = {"m": 1, "v0": 2, "sigma": -1, "psi": -1, "r": 0}
+    for name, power in halved.items():
+        twice = np.asarray(exact.volume(p.replace(**{name: 2 * getattr(p, name)})))
+        assert twice == pytest.approx(2.0**power * np.asarray(exact.volume(p)), rel=1e-12)
+
+
+def test_along_the_line_of_impact_the_volume_only_falls_and_every_cut_stops() -> None:
+    p, exact = cases(), StraightCut()
+    assert volume("tan-alpha", p) == pytest.approx(np.cos(ALPHA) ** 2 / 2, abs=1e-8)
+    assert set(np.asarray(exact.ended_by(p))) == {"stop"}
+    order = np.argsort(ALPHA)
+    length = (np.cos(ALPHA) / np.sqrt(np.tan(ALPHA)))[order]
+    depth = (np.sin(ALPHA) / np.sqrt(np.tan(ALPHA)))[order]
+    assert np.all(np.diff(length) < 0)  # "an ever longer groove"
+    assert np.all(np.diff(depth[np.sort(ALPHA) < np.pi / 4]) > 0)  # "which below 45° becomes ever shallower"
+    assert np.any(np.diff(depth) < 0)  # but not above
+
+
+@pytest.mark.parametrize("end", ["tan-alpha", "tan-alpha-full-torque"])
+def test_a_force_against_the_motion_is_one_along_the_line_of_impact(end: str) -> None:
+    names = [f"rotating-{end}", f"rotating-{end.replace('tan-alpha', 'velocity-aligned')}"]
+    fixed, aligned = (volume(name, cases()) for name in names)
+    assert np.mean(np.abs(fixed - aligned) < 1e-7) > 0.98
+    assert volume("tan-alpha", cases()) == pytest.approx(volume("velocity-aligned", cases()), abs=1e-7)
+
+
+def test_the_midpoint_rule_errs_by_the_square_of_its_panels() -> None:
+    p = cases()
+    for i in range(0, N, 10):
+        case = Case(TABLE_1.replace(k=K[i], alpha=ALPHA[i]), "random")
+        few, many = (midpoint_rule(case, panels) / case.volume - 1 for panels in (50, 100))
+        assert few / many == pytest.approx(4, rel=0.05)
+    assert p.k.size == N
