@@ -128,7 +128,8 @@ def test_means_of_several_models_have_their_units(table, capsys, monkeypatch):
     models = ["--model", "linearized,linearized-deformation", "--free", "psi,threshold"]
     prior = ["--prior", "threshold=uniform(0, 500)", "--starts", "1"]
     assert _status(["calibrate", str(table), "--posterior", "--draws", "125", *models, *prior]) == 0
-    assert re.search(r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ ± [\d.]+ in/s$", capsys.readouterr().out, re.MULTILINE)
+    # The draws of the threshold crowd at zero: it has its median, and no deviation.
+    assert re.search(r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ in/s$", capsys.readouterr().out, re.MULTILINE)
 
 
 def test_all_files_of_a_ranking_are_of_one_model(tmp_path, monkeypatch, capsys):
