@@ -12,6 +12,7 @@ import abc
 import dataclasses
 import functools
 import hashlib
+import types
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ Ranges = Mapping[str, tuple[float, float]]
 SHARE = (0.0, 1.0)
 """The range of the share of the particles that cut."""
 
-_DRAWN = 1000  # draws that tell laws apart
+_DRAWN = 4096  # draws that tell laws apart
 _MOST_OUTSIDE = 0.01  # of a law that is cut off without a word
 
 
@@ -251,39 +252,55 @@ class Correlated(JointLaw):
 
 
 def law_digest(law: Any) -> str:
-    """The digest of a law: of its numbers and, whatever its code looks like, of its draws.
+    """The digest of a law: of its numbers and, where it is somebody's own, of its draws, whatever its code looks like.
 
     Args:
         law: a `Distribution`, or a law of somebody's own with `ppf` and `cdf`.
     """
+    if type(law).__module__ == Distribution.__module__:  # its class says the rest
+        return digest(b"".join([type(law).__name__.encode(), *_numbers_of(law, set())]))
     joint = law.joint if isinstance(law, Member) else None
     dimension = 1 if joint is None else joint.dimension
+    # Evenly, at random for several parameters together, and ever nearer to both ends.
+    even = np.repeat((np.arange(_DRAWN)[:, None] + 0.5) / _DRAWN, dimension, axis=1)
     random = np.random.default_rng(0).uniform(2.0**-53, 1 - 2.0**-53, (_DRAWN, dimension))
-    points = np.concatenate([random, np.full((1, dimension), 2.0**-53), np.full((1, dimension), 1 - 2.0**-53)])
+    tail = np.repeat(np.logspace(-15.9, -3.0, 200)[:, None], dimension, axis=1)
+    points = np.concatenate([even, random, tail, 1 - tail])
     own = np.asarray(law.ppf(points[:, 0]), float)
     # A stream cuts laws off at the ends of a parameter's range, by the share that lies below.
     places = np.linspace(-1.5, 1.5, 61) * np.abs(own[:_DRAWN]).max()
     shares = np.array([float(law.cdf(value)) for value in (0.0, 1.0, *places.tolist())])
     drawn = {} if joint is None else joint.draw(points, dict.fromkeys(joint, (0.0, 1.0)))
     pieces = [own, shares, *drawn.values()]
-    return digest(b"".join([*(np.ascontiguousarray(piece).tobytes() for piece in pieces), *_numbers_of(law)]))
+    return digest(b"".join([*(np.ascontiguousarray(piece).tobytes() for piece in pieces), *_numbers_of(law, set())]))
 
 
-def _numbers_of(thing: Any) -> Iterator[bytes]:
-    """The numbers that a law holds, in its fields and in theirs."""
+def _numbers_of(thing: Any, within: set[int]) -> Iterator[bytes]:
+    """The numbers that a law holds, in its attributes, in what its functions hold, and in theirs."""
+    if id(thing) in within:
+        return
+    within = {*within, id(thing)}
     if isinstance(thing, np.ndarray) or (isinstance(thing, (int, float, np.generic)) and not isinstance(thing, bool)):
         array = np.asarray(thing)
         yield f"{array.dtype.str} {array.shape}".encode() + array.tobytes()
     elif isinstance(thing, Mapping) and not isinstance(thing, JointLaw):
         for name in thing:
             yield str(name).encode()
-            yield from _numbers_of(thing[name])
+            yield from _numbers_of(thing[name], within)
     elif isinstance(thing, (list, tuple)):
         for part in thing:
-            yield from _numbers_of(part)
-    elif dataclasses.is_dataclass(thing):
+            yield from _numbers_of(part, within)
+    elif isinstance(thing, types.FunctionType):
+        for cell in thing.__closure__ or ():
+            yield from _numbers_of(cell.cell_contents, within)
+    elif dataclasses.is_dataclass(thing) and not isinstance(thing, type):
+        # Not what it has computed and keeps.
         for field in dataclasses.fields(thing):
-            yield from _numbers_of(getattr(thing, field.name, None))
+            yield from _numbers_of(getattr(thing, field.name, None), within)
+    elif isinstance(thing, Distribution):
+        slots = [name for one in type(thing).__mro__ for name in vars(one).get("__slots__", ())]
+        for name in (*vars(thing), *slots):
+            yield from _numbers_of(getattr(thing, name, None), within)
 
 
 def unused_columns(laws: Mapping[str, Any]) -> list[str]:

@@ -91,6 +91,7 @@ def integrate(
         rtol: relative tolerance of volume, end time and derivatives.
         again: False leaves doubtful lanes as they are.
     """
+    layout = layout.renewed()
     names = tuple(direction for direction in directions if isinstance(direction, str))
     program = _program(layout, order, names, 0 if names else len(directions))
     places = () if names else tuple(np.asarray(direction, float) for direction in directions)

@@ -42,6 +42,8 @@ class Layout:
         equations: of the model.
     """
 
+    units: System
+
     def __init__(
         self,
         structure: Structure,
@@ -60,6 +62,14 @@ class Layout:
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+    def renewed(self) -> "Layout":
+        """The layout of the same model as its code is now; a program of JAX may keep a layout for long."""
+        if self.equations.surroundings.unchanged():
+            return self
+        model, _ = self.joined([np.zeros(struct.shape, struct.dtype) for struct in self.structs()])
+        equations = equations_of(model, self.units)
+        return Layout(self.structure, self.leaves, self.shapes, self.dtypes, self.units, equations)
 
     @functools.cached_property
     def offsets(self) -> list[int]:

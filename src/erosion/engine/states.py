@@ -48,7 +48,7 @@ def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float
     """
     layout, numbers = split(model, p)
     with compiling:
-        program, structure, shapes = _compiled(layout, layout.structure)
+        program, structure, shapes = _compiled(layout, layout.equations.state or layout.structure)
     results = [np.empty((times.size, *shape), dtype) for shape, dtype in shapes]
     leaves = [np.asarray(leaf, float) for leaf in (*numbers, rtol, times)]
     program.run(leaves, np.arange(times.size), results)
@@ -57,7 +57,7 @@ def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float
 
 @functools.lru_cache(maxsize=64)
 def _compiled(
-    layout: Layout, structure_of_model: Structure
+    layout: Layout, its_state: Structure
 ) -> tuple[Compiled, Structure, list[tuple[tuple[int, ...], np.dtype]]]:
     """The program. It gives states of the model's own class, which may differ where layouts are equal."""
 

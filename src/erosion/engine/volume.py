@@ -21,6 +21,7 @@ from erosion.engine.variational import Derivatives
 from erosion.lanes.choice import by_xla
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
+from erosion.models.equations import Equations
 from erosion.models.own_parameters import require_one_impact
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.precision import require_float64
@@ -67,12 +68,12 @@ def _solve(layout: Layout, numbers: Sequence[Number], order: int, places: _Place
             return solve_along(()).volume.value
         return jax.vmap(lambda row: solve_along(tuple(row)).volume)(rows)[1 if order == 1 else 3]
     shape = jax.ShapeDtypeStruct((len(places),) if places else (), np.float64)
-    return jax.pure_callback(_callback(layout, order, places), shape, *numbers, vmap_method="expand_dims")
+    return jax.pure_callback(_callback(layout, layout.equations, order, places), shape, *numbers, vmap_method="expand_dims")
 
 
 @functools.lru_cache(maxsize=256)
-def _callback(layout: Layout, order: int, places: _Places) -> Callable[..., np.ndarray]:
-    """The same object each time: JAX compiles a program for each."""
+def _callback(layout: Layout, equations: Equations, order: int, places: _Places) -> Callable[..., np.ndarray]:
+    """The same object each time, as JAX compiles a program for each; but each model follows its own code."""
     return functools.partial(_on_host, layout, order, places)
 
 

@@ -1,14 +1,16 @@
 """The digest of a traced function: of what it computes, whatever its source looks like.
 
 Each value has a digest, made of its operation and of the digests of what goes in. So the order of statements, names,
-calls of helpers and what no result needs do not count; a number's last bit does. Functions of one digest have the same
-bits in every lane, for the same version of JAX.
+calls of helpers and what no result needs do not count; the order of operands and a number's last bit do. Functions of
+one digest have the same bits in every lane, for the same version of JAX.
 """
 
 import dataclasses
 import hashlib
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -19,12 +21,8 @@ from jaxtyping import PyTree
 
 from erosion.lanes.jax_versions import CALLS, called, expansion
 from erosion.lanes.scalars import Atom, Equation, aval_of
-from erosion.lanes.surroundings import is_own
 
-# The lanes make one operation of a sum and of the first product in it: two products may not change places.
-_NO_PRODUCTS = frozenset({
-    "add", "sub", "div", "sqrt", "rsqrt", "exp", "log", "sin", "cos", "tan", "tanh", "abs", "max", "min", "pow",
-})  # fmt: skip
+_PACKAGE = str(Path(__file__).parents[1]) + os.sep
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")  # of a thing in this process
 _IGNORED = ("weak_type", "sharding", "out_sharding")  # parameters that change no number
 
@@ -56,7 +54,7 @@ def hashed(*parts: bytes | str) -> bytes:
 def digest_of(
     function: Callable[..., PyTree], examples: Sequence[PyTree], labels: Sequence[bytes] | None = None
 ) -> Digest:
-    """The digest of a function, of its derivatives too where it has rules of the user's for them.
+    """The digest of a function, of its derivatives too where it has rules of its own for them.
 
     Args:
         function: takes and returns pytrees of numbers and small arrays; it is traced, not run.
@@ -103,7 +101,6 @@ class _Walk:
     def __init__(self) -> None:
         self.has_rules = False
         self.foreign = ""
-        self._made_by: dict[bytes, str] = {}
 
     def results(self, closed: ClosedJaxpr, labels: Sequence[bytes] | None = None) -> list[bytes]:
         """The digests of a function's results."""
@@ -128,18 +125,17 @@ class _Walk:
         """The digests of what an operation gives."""
         name, params = equation.primitive.name, equation.params
         if name in CALLS:
-            self.has_rules |= name == "custom_jvp_call" and is_own(_file(equation))
+            # Rules of the package's own functions do not change.
+            self.has_rules |= name == "custom_jvp_call" and not _file(equation).startswith(_PACKAGE)
             return self._evaluated(*called(equation), given)
         if (expanded := expansion(equation)) is not None:
             return self._evaluated(expanded.jaxpr, expanded.consts, given)
         if name == "copy" or (name == "convert_element_type" and _is_same(equation)):
             return given
-        if name == "square" or (name == "mul" and given[0] == given[1]):
-            name, params, given = "integer_pow", {"y": 2}, given[:1]
-        elif name == "mul" or (name == "add" and any(self._made_by.get(one, "add") in _NO_PRODUCTS for one in given)):
-            given = sorted(given)
+        if name == "square":
+            name, params = "integer_pow", {"y": 2}
+        # The order of operands counts: which of two products in a sum is contracted depends on it.
         head = hashed(name, *self._parameters(params), *given)
-        self._made_by[head] = name
         several = len(equation.outvars) > 1
         return [hashed(head, str(i)) if several else head for i in range(len(equation.outvars))]
 
@@ -153,7 +149,6 @@ class _Walk:
         if isinstance(value, (ClosedJaxpr, Jaxpr)):
             jaxpr, constants = (value.jaxpr, value.consts) if isinstance(value, ClosedJaxpr) else (value, ())
             given = [hashed("inner argument", str(i), _kind(variable)) for i, variable in enumerate(jaxpr.invars)]
-            self._made_by |= dict.fromkeys(given, "argument")
             return hashed(*self._evaluated(jaxpr, constants, given))
         if isinstance(value, (tuple, list)):
             return hashed("several", *map(self._described, value))
@@ -178,7 +173,7 @@ def _kind(variable: Var) -> str:
     return f"{aval_of(variable).dtype} {aval_of(variable).shape}"
 
 
-def _file(equation: Equation) -> str | None:
+def _file(equation: Equation) -> str:
     """The file of the function that an equation calls."""
     place = str(called(equation)[0].debug_info.func_src_info)  # "relu at /…/functions.py:47"
     return place.partition(" at ")[2].rpartition(":")[0]

@@ -6,162 +6,177 @@ times more than to look whether each of the things that it reads is still the sa
 """
 
 import argparse
+import collections
 import dis
 import functools
 import os
 import sys
 import sysconfig
 import types
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-_PACKAGE = str(Path(__file__).parents[1])
+_PACKAGE = str(Path(__file__).parents[1]) + os.sep
 _LIBRARIES = tuple({str(Path(sysconfig.get_path(name)).resolve()) for name in ("stdlib", "purelib", "platlib")})
 # What Python and dataclasses write into a class, and nothing that is traced reads.
 _NOT_READ = frozenset({
-    "__init__", "__repr__", "__eq__", "__hash__", "__doc__", "__module__", "__dict__", "__weakref__", "__annotations__",
-    "__abstractmethods__", "_abc_impl", "__dataclass_fields__", "__dataclass_params__", "__match_args__", "__slots__",
-    "__firstlineno__", "__static_attributes__", "__abstractvars__", "__abstractclassvars__", "__parameters__",
+    "__repr__", "__doc__", "__module__", "__dict__", "__weakref__", "__annotations__", "__abstractmethods__",
+    "_abc_impl", "__dataclass_fields__", "__dataclass_params__", "__match_args__", "__slots__", "__firstlineno__",
+    "__static_attributes__", "__abstractvars__", "__abstractclassvars__", "__parameters__",
 })  # fmt: skip
+_WRAPPED = ("__wrapped__", "fun", "jvp", "jvps", "pyfunc")  # where objects of libraries keep functions of the user
 _NAMESPACES = (types.SimpleNamespace, argparse.Namespace)
+_CONTAINERS = (tuple, list, set, frozenset, dict, collections.deque)
 _PLAIN = (str, bytes, int, float, complex, bool, type(None))
-_EXACT = 4096  # elements of an array of which each is looked at; of a larger one, as many evenly among them
+_MOST = 4096  # elements of an array or a container that are looked at; of a larger array, as many evenly among them
 
 
 class Surroundings:
     """What functions and classes of the user read, as it was when this was made.
 
-    Code of libraries and of this package does not change while it runs, and is not looked at.
+    Code of libraries and of this package does not change while it runs, and is not looked at. Nor are larger
+    containers, each element of larger arrays, and what is read by other ways than Python's names, such as a file.
 
     Args:
         roots: functions, classes and other callables. What they call is looked at, too.
     """
 
     def __init__(self, roots: Iterable[Any]) -> None:
-        self._reads: list[tuple[Callable[[Any], Any], Any]] = []
-        self._contents: list[tuple[Callable[[], Any], Any]] = []
-        self._seen: dict[tuple[int, str], Any] = {}  # kept, so that no other thing takes an id
-        for root in roots:
-            self._look_at(root, ())
-        self._found = [read(name) for read, name in self._reads]
-        self._ids = [id(one) for one in self._found]
+        self._reads: list[Callable[[], Any]] = []
+        self._checks: list[tuple[Callable[[], Any], Any]] = []
+        self._seen: dict[int, Any] = {}  # kept, so that no other thing takes an id
+        self._asked_for: set[str] = set()  # the names of attributes in all code that is looked at
+        self._searched: dict[int, tuple[Mapping[str, Any], set[str]]] = {}  # where only such names are looked at
+        self._waiting = list(roots)
+        while self._waiting:
+            while self._waiting:
+                self._look_at(self._waiting.pop())
+            self._search()
+        self._values = [read() for read in self._reads]
+        self._ids = [id(value) for value in self._values]
 
     def unchanged(self) -> bool:
         """Whether all is as it was."""
-        if [id(read(name)) for read, name in self._reads] != self._ids:
+        if [id(read()) for read in self._reads] != self._ids:
             return False
-        return all(content() == before for content, before in self._contents)
+        return all(check() == before for check, before in self._checks)
 
-    def _is_new(self, thing: Any, part: str = "") -> bool:
-        if (id(thing), part) in self._seen:
-            return False
-        self._seen[id(thing), part] = thing
-        return True
-
-    def _look_at(self, thing: Any, attributes: Collection[str]) -> None:
-        """Note what a thing consists of, and those of its attributes that code asks for."""
-        if isinstance(thing, _PLAIN):
+    def _look_at(self, thing: Any) -> None:
+        """Note what a thing consists of."""
+        if isinstance(thing, _PLAIN) or id(thing) in self._seen:
             return
+        self._seen[id(thing)] = thing
         if isinstance(thing, types.FunctionType):
             self._look_at_function(thing)
         elif isinstance(thing, type):
             self._look_at_class(thing)
         elif isinstance(thing, types.ModuleType):
             if is_own(getattr(thing, "__file__", None)):
-                self._look_at_attributes(thing, vars(thing), attributes)
-        elif isinstance(thing, (list, tuple, set, frozenset, Mapping)):
-            self._look_at_container(thing, attributes)
+                self._searched[id(thing)] = vars(thing), set()
+                self._check(vars(thing).__len__)  # an attribute that is new
+        elif isinstance(thing, _CONTAINERS):
+            self._look_at_container(thing)
         elif isinstance(thing, np.ndarray):
-            if self._is_new(thing):
-                self._note_content(functools.partial(_elements, thing))
+            self._check(functools.partial(_elements, thing))
+        elif isinstance(thing, types.MethodType):
+            self._waiting += [thing.__func__, thing.__self__]
+        elif isinstance(thing, functools.partial):
+            self._waiting += [thing.func, thing.args, thing.keywords]
+        elif isinstance(thing, property):
+            self._waiting.append(thing.fget)
+        elif isinstance(thing, (staticmethod, classmethod)):
+            self._waiting.append(thing.__func__)
         else:
-            self._look_at_object(thing, attributes)
+            self._look_at_object(thing)
 
     def _look_at_function(self, function: types.FunctionType) -> None:
-        if not self._is_new(function) or not is_own(function.__code__.co_filename):
-            return
-        read = functools.partial(getattr, function)
-        self._reads += [(read, name) for name in ("__code__", "__defaults__", "__kwdefaults__")]
-        names = _Names(function.__code__)
-        attributes = names.attributes
-        for default in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()):
-            self._look_at(default, attributes)
         for cell in function.__closure__ or ():
-            self._reads.append((functools.partial(_content, cell), ""))
-            self._look_at(_content(cell), attributes)
-        for name, namespace in [
-            *((name, function.__globals__) for name in names.of_globals),
-            *((name, sys.modules) for name in names.imported),
-        ]:
-            self._reads.append((namespace.get, name))
-            self._look_at(namespace.get(name), attributes)
-        if not attributes.isdisjoint({"environ", "getenv"}):
-            for text in names.texts:
-                self._note_content(functools.partial(os.environ.get, text))
+            self._read(functools.partial(_content, cell))
+        if not is_own(function.__code__.co_filename):
+            self._waiting.append(getattr(function, "__wrapped__", None))  # the user's, of `jax.grad` and others
+            return
+        for name in ("__code__", "__defaults__", "__kwdefaults__"):
+            self._read(functools.partial(getattr, function, name))
+        self._look_at_attributes(vars(function))
+        names = _Names(function.__code__)
+        self._asked_for |= names.attributes
+        space = function.__globals__
+        for name in {*names.of_globals, *(text for text in names.texts if text in space)}:
+            self._read(functools.partial(space.get, name))
+        for name in names.imported:
+            self._read(functools.partial(sys.modules.get, name))
+        if not {"environ", "getenv"}.isdisjoint({*names.attributes, *names.of_globals}):
+            self._check(functools.partial(dict, getattr(os.environ, "_data", os.environ)))
 
     def _look_at_class(self, owner: type) -> None:
-        for one in owner.__mro__:
-            if not _is_own_class(one) or not self._is_new(one):
+        for one in filter(_is_own_class, owner.__mro__):
+            if one is not owner:
+                self._waiting.append(one)
                 continue
-            namespace = vars(one)
-            self._note_content(namespace.__len__)  # an attribute that is new
-            for name, value in list(namespace.items()):
-                if name not in _NOT_READ:
-                    self._reads.append((namespace.get, name))
-                    self._look_at(value, ())
+            self._check(vars(one).__len__)
+            for name in vars(one).keys() - _NOT_READ:
+                self._read(functools.partial(vars(one).get, name))
 
-    def _look_at_attributes(self, thing: Any, namespace: Mapping[str, Any], attributes: Collection[str]) -> None:
-        for name in attributes:
-            if name in namespace and self._is_new(thing, name):
-                self._reads.append((namespace.get, name))
-                self._look_at(namespace[name], attributes)
-
-    def _look_at_container(self, thing: Any, attributes: Collection[str]) -> None:
-        if not self._is_new(thing):
+    def _look_at_container(self, container: Any) -> None:
+        if len(container) > _MOST:
+            self._check(container.__len__)
             return
-        parts = [*thing.keys(), *thing.values()] if isinstance(thing, Mapping) else list(thing)
-        if not isinstance(thing, (tuple, frozenset)):
-            self._note_content(functools.partial(_parts, thing))
-            self._seen[id(parts), ""] = parts
-        for part in parts:
-            self._look_at(part, attributes)
+        if not isinstance(container, (tuple, frozenset)):
+            parts = list(_parts(container))
+            self._seen[id(parts)] = parts
+            self._check(lambda: [id(part) for part in _parts(container)])
+        self._waiting += _parts(container)
 
-    def _look_at_object(self, thing: Any, attributes: Collection[str]) -> None:
-        """An object by its attributes that are asked for; a wrapper by what it wraps."""
-        for name in ("__wrapped__", "__func__", "__self__", "func", "args", "keywords", "fget", "method"):
-            try:
-                inner = getattr(thing, name, None)
-            except Exception:  # noqa: BLE001 - an object of the user may do anything when it is asked
-                continue
-            if inner is not None and self._is_new(thing, name):
-                self._look_at(inner, attributes)
-        if hasattr(thing, "__dict__"):
-            # What a function of the user is given is read there; of a library's object only what is asked for here.
-            asked = list(vars(thing)) if _is_own_class(type(thing)) or type(thing) in _NAMESPACES else attributes
-            self._look_at_attributes(thing, vars(thing), asked)
-        slots = {name for one in type(thing).__mro__ for name in _slots(one)}
-        for name in slots.intersection(attributes):
-            if hasattr(thing, name) and self._is_new(thing, name):
-                self._reads.append((functools.partial(getattr, thing), name))
-                self._look_at(getattr(thing, name), attributes)
-        self._look_at_class(type(thing))
+    def _look_at_object(self, thing: Any) -> None:
+        """The attributes of an object: all of the user's own, of another those that code asks for."""
+        self._waiting.append(type(thing))
+        space = getattr(thing, "__dict__", None)
+        if _is_own_class(type(thing)) or type(thing) in _NAMESPACES:
+            self._look_at_attributes({} if space is None else space)
+            for name in {name for one in type(thing).__mro__ for name in _slots(one)}:
+                if hasattr(thing, name):
+                    self._read(functools.partial(getattr, thing, name))
+        elif isinstance(space, dict):
+            self._searched[id(thing)] = space, set()
+            for name in _WRAPPED:
+                if name in space:
+                    self._read(functools.partial(space.get, name))
+            self._waiting += [value for value in space.values() if isinstance(value, np.ndarray)]
 
-    def _note_content(self, content: Callable[[], Any]) -> None:
-        self._contents.append((content, content()))
+    def _look_at_attributes(self, space: Mapping[str, Any]) -> None:
+        if isinstance(space, dict):
+            self._check(space.__len__)
+        for name in list(space):
+            self._read(functools.partial(space.get, name))
 
+    def _search(self) -> None:
+        """Look at the attributes of modules and other objects that code asks for."""
+        for space, done in self._searched.values():
+            for name in self._asked_for.intersection(space) - done:
+                done.add(name)
+                self._read(functools.partial(space.get, name))
 
-def _is_own_class(owner: type) -> bool:
-    if owner.__module__ in sys.builtin_module_names:
-        return False
-    return is_own(getattr(sys.modules.get(owner.__module__), "__file__", ""))
+    def _read(self, read: Callable[[], Any]) -> None:
+        self._reads.append(read)
+        self._waiting.append(read())
+
+    def _check(self, check: Callable[[], Any]) -> None:
+        self._checks.append((check, check()))
 
 
 def is_own(file: str | None) -> bool:
     """Whether code is the user's; code of no file was typed."""
     return file is not None and not file.startswith((_PACKAGE, *_LIBRARIES, "<frozen"))
+
+
+def _is_own_class(owner: type) -> bool:
+    is_python = bool(owner.__flags__ & 1 << 9)  # made by a class statement, or as one is
+    if not is_python or (owner.__module__ in sys.builtin_module_names and owner.__module__ != "builtins"):
+        return False
+    return is_own(getattr(sys.modules.get(owner.__module__), "__file__", ""))
 
 
 class _Names:
@@ -180,35 +195,37 @@ class _Names:
                 self.imported.add(instruction.argval)
             elif instruction.opname.startswith(("LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR", "IMPORT_FROM")):
                 self.attributes.add(instruction.argval)
-        for constant in code.co_consts:
+        self._add_constants(code.co_consts)
+
+    def _add_constants(self, constants: Iterable[Any]) -> None:
+        for constant in constants:
             if isinstance(constant, types.CodeType):
                 self._add(constant)
+            elif isinstance(constant, (tuple, frozenset)):
+                self._add_constants(constant)
             elif isinstance(constant, str):
                 self.texts.add(constant)
                 self.attributes.add(constant)  # what `getattr` asks for
 
 
-def _content(cell: Any, _: str = "") -> Any:
+def _content(cell: Any) -> Any:
     try:
         return cell.cell_contents
     except ValueError:  # it is empty
         return None
 
 
-def _parts(container: Any) -> list[int]:
-    parts = [*container.keys(), *container.values()] if isinstance(container, Mapping) else container
-    return [id(part) for part in parts]
+def _parts(container: Any) -> Iterator[Any]:
+    yield from container
+    if isinstance(container, dict):
+        yield from container.values()
 
 
 def _elements(array: np.ndarray) -> tuple[Any, ...]:
-    step = -(-array.size // _EXACT) or 1
-    return (
-        array.shape,
-        array.dtype,
-        array.reshape(-1)[::step].tobytes() if array.flags.c_contiguous else array.tobytes(),
-    )
+    step = -(-array.size // _MOST) or 1
+    return array.shape, array.dtype, array.flat[::step].tobytes()
 
 
-def _slots(owner: type) -> Collection[str]:
+def _slots(owner: type) -> Iterable[str]:
     given = vars(owner).get("__slots__", ())
-    return (given,) if isinstance(given, str) else tuple(given)
+    return (given,) if isinstance(given, str) else given

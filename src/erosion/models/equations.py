@@ -7,10 +7,15 @@ that is defined anew gives another digest; an edited docstring gives the same.
 
 import contextlib
 import dataclasses
+import functools
 import struct
+import sys
 import traceback
+import types
 import weakref
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,7 +34,8 @@ from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
 from erosion.parameters.units import System, shown
 
 _PACKAGE = Path(__file__).parents[1]
-_MANY = 1024  # kinds of models that are remembered
+_PLAIN_NODES = (tuple, list, dict, type(None))  # of pytrees
+_MANY = 256  # kinds of models that are remembered
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,6 +48,7 @@ class Equations:
         foreign: what in them holds only in this process, such as a callback into Python; mostly "".
         surroundings: what the model's methods read beside their arguments.
         numbers: shape and type of each leaf of the model that is a number, for one impact.
+        state: the structure of the model's state; None of a model of the package's parts alone.
     """
 
     flaw: str | None
@@ -49,6 +56,7 @@ class Equations:
     foreign: str
     surroundings: Surroundings
     numbers: tuple[jax.ShapeDtypeStruct, ...]
+    state: Structure | None
 
 
 def equations_of(model: CuttingModel, units: System = "inch-pound") -> Equations:
@@ -64,7 +72,7 @@ def equations_of(model: CuttingModel, units: System = "inch-pound") -> Equations
     kind = _Kind(model, units)
     known = _known.get(kind)
     if known is None or not known.surroundings.unchanged():
-        known = _keep(kind, kind.traced())
+        known = _traced(kind, known)
     _remember(model, units, known)
     return known
 
@@ -74,7 +82,11 @@ _known: "dict[_Kind, Equations]" = {}
 _recent: "dict[tuple[int, System], tuple[weakref.ref[CuttingModel], Equations]]" = {}
 
 
-def _keep(kind: "_Kind", equations: Equations) -> Equations:
+def _traced(kind: "_Kind", before: Equations | None) -> Equations:
+    """The equations as the code is now, which are remembered."""
+    if before is not None and not before.surroundings.unchanged():
+        jax.clear_caches()  # JAX, too, remembers what functions within the model have computed
+    equations = kind.traced()
     _known.pop(kind, None)
     _known[kind] = equations
     while len(_known) > _MANY:
@@ -99,7 +111,7 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
     units = units_within(model, p)
     kind = _Kind(model, units)
     # As the code is now, also where something changed that `Surroundings` does not see, such as a file that is read.
-    equations = _keep(kind, kind.traced())
+    equations = _traced(kind, _known.get(kind))
     _remember(model, units, equations)
     if equations.flaw is not None:
         raise ValueError(f"Argument `model` must be a model, but {equations.flaw}.")
@@ -112,7 +124,7 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
     labels, values = [], []
     for i, leaf in enumerate(jax.tree.leaves(model)):
         if is_number(leaf):
-            number = np.asarray(leaf, float if i in own else None)
+            number = np.asarray(leaf, float if i in own else _struct(leaf).dtype)
             content = hashed(number.dtype.str, str(number.shape), number.tobytes())
             labels.append(hashed("own parameter", own[i]) if i in own else hashed("number", content))
             values += [hashed(own[i], content)] if i in own else []
@@ -181,15 +193,22 @@ class _Kind:
         """The equations, as the code is now."""
         numbers = tuple(self.numbers)
         nodes, functions = list(_nodes(self.structure)), [leaf for leaf in self.leaves if leaf is not None]
-        if not functions and all(kind.__module__.startswith(("erosion.", "builtins")) for kind, _ in nodes):
-            # Of the package's parts alone: their code does not change, and to trace it takes a short command too long.
-            return Equations(None, _digits("package", repr(self._key)), "", Surroundings(()), numbers)
-        surroundings = Surroundings([*functions, *(thing for node in nodes for thing in node)])
+        if not functions and all(kind in _PLAIN_NODES or _is_of_package(kind) for kind, _ in nodes):
+            # The package's code does not change, and a short command need not wait for its trace.
+            return Equations(None, _digits("package", repr(self._key)), "", Surroundings(()), numbers, None)
+        things = [*functions, *(thing for node in nodes for thing in node)]
         try:
             trace = _trace(self.model, numbers, self.units)
         except _FlawError as error:
-            return Equations(str(error), _digits("flaw", str(error)), "", surroundings, numbers)
-        return Equations(None, _digits(*trace.pieces, trace.foreign), trace.foreign, surroundings, numbers)
+            return Equations(str(error), _digits("flaw", str(error)), "", Surroundings(things), numbers, None)
+        # After the trace, which may change what it reads, such as a counter.
+        surroundings, digest = Surroundings(things), _digits(*trace.pieces, trace.foreign)
+        return Equations(None, digest, trace.foreign, surroundings, numbers, trace.state)
+
+
+def _is_of_package(kind: type) -> bool:
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return file is not None and Path(file).is_relative_to(_PACKAGE)
 
 
 def _struct(leaf: Number) -> jax.ShapeDtypeStruct:
@@ -219,14 +238,19 @@ def _exactly(value: Any) -> Hashable:
         return kind, value.tobytes() if isinstance(value, np.generic) else value
     if kind in (float, complex):
         return kind, struct.pack("<2d", value.real, value.imag)
-    if isinstance(value, (tuple, list)):
+    if isinstance(value, (tuple, list, set, frozenset)):
         return kind, *map(_exactly, value)
-    if isinstance(value, (set, frozenset)):
-        return kind, frozenset(map(_exactly, value))
+    if isinstance(value, (Fraction, Decimal)):
+        return kind, repr(value)
+    if isinstance(value, types.MethodType):
+        return kind, value.__func__, _exactly(value.__self__)
+    if isinstance(value, functools.partial):
+        return kind, *map(_exactly, (value.func, value.args, value.keywords))
     if isinstance(value, Mapping):
         return kind, *((_exactly(key), _exactly(part)) for key, part in value.items())
     if dataclasses.is_dataclass(value) and not isinstance(value, (type, eqx.Module)):
-        return kind, *(_exactly(getattr(value, field.name, None)) for field in dataclasses.fields(value))
+        slots = [name for one in kind.__mro__ for name in vars(one).get("__slots__", ()) if hasattr(value, name)]
+        return kind, *((name, _exactly(getattr(value, name))) for name in (*getattr(value, "__dict__", ()), *slots))
     return _Same(value)
 
 
@@ -251,10 +275,11 @@ class _FlawError(Exception):
 
 
 class _Trace(NamedTuple):
-    """The digests of what a model's methods give, and what in them holds only in this process."""
+    """The digests of what a model's methods give, what holds only in this process, and the state's structure."""
 
     pieces: list[str]
     foreign: str
+    state: Structure
 
 
 def _trace(
@@ -272,7 +297,7 @@ def _trace(
         labels: what each number is; its place without it.
     """
     case = dataclasses.replace(TABLE_1, units=units)
-    named = labels or [hashed("model", str(i)) for i in range(len(numbers))]
+    named = labels if labels is not None else [hashed("model", str(i)) for i in range(len(numbers))]
     digests: list[Digest] = []
 
     def given(name: str, method: Callable[..., PyTree], *state: PyTree) -> PyTree:
@@ -289,8 +314,9 @@ def _trace(
 
     state = given("initial_state", lambda model, p: model.initial_state(p))
     _require_scalars("initial_state", state)
+    given("derivative", lambda model, p, state: model.derivative(state, p), state)
     # Each compiled program, of values or derivatives, traces the rates once more.
-    rate, _ = (given("derivative", lambda model, p, state: model.derivative(state, p), state) for _ in range(2))
+    rate = given("derivative", lambda model, p, state: model.derivative(state, p), state)
     if jax.tree.structure(rate) != jax.tree.structure(state):
         raise _FlawError("`derivative` must give what `initial_state` gives, its rate, but gives something else")
     _require_scalars("derivative", rate)
@@ -303,7 +329,7 @@ def _trace(
     _require("removed_at_contact", given("removed_at_contact", lambda model, p: model.removed_at_contact(p)), None)
     _require("scales", given("scales", lambda model, p: model.scales(p)), Scales)
     foreign = next((digest.foreign for digest in digests if digest.foreign), "")
-    return _Trace([digest.text for digest in digests] + sorted(events), foreign)
+    return _Trace([digest.text for digest in digests] + sorted(events), foreign, jax.tree.structure(state))
 
 
 def _said(error: BaseException) -> str:

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, TypeGuard, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -10,6 +10,8 @@ from jaxtyping import PyTree
 
 from erosion.models.base import CuttingModel
 from erosion.models.equations import equations_of
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import System
 
 _Function = TypeVar("_Function", bound=Callable[..., PyTree])
 
@@ -28,14 +30,12 @@ def seldom_run(function: _Function) -> _Function:
     @functools.wraps(function)
     def call(*arguments: PyTree) -> PyTree:
         # JAX knows a model by its class and fields. Its code may have been defined anew.
-        parts = jax.tree.leaves(arguments, is_leaf=_is_model)
-        return program()([equations_of(part).digest for part in parts if _is_model(part)], *arguments)
+        parts = jax.tree.leaves(arguments, is_leaf=lambda part: isinstance(part, (CuttingModel, Parameters)))
+        units: set[System] = {part.units for part in parts if isinstance(part, Parameters)} or {"inch-pound"}
+        models = [part for part in parts if isinstance(part, CuttingModel)]
+        return program()([equations_of(model, one).digest for model in models for one in units], *arguments)
 
     return cast(_Function, call)
-
-
-def _is_model(part: object) -> TypeGuard[CuttingModel]:
-    return isinstance(part, CuttingModel)
 
 
 @functools.cache
