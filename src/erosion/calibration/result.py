@@ -234,7 +234,8 @@ class Calibration(Result):
         groups = conditions(self.data)
         tests = find_patterns(self.data, self.residuals / self.problem.deviation, groups)
         scatter = None
-        if self.data.uncertainty is None:
+        # A robust loss lets rows be far off, which a test of variances takes for a miss.
+        if self.data.uncertainty is None and self.problem.loss == "linear":
             scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
         return tests if scatter is None else (scatter, *tests)
 
