@@ -1,5 +1,6 @@
 """Models that cannot have the data's pattern are not ranked, and nothing is ranked by a number that is not known."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,17 @@ def test_an_interval_that_is_lopsided_is_shown_without_a_standard_error():
     ends = [float(end) for end in row.meaning.partition(";")[0].removeprefix("95%: ").split(" … ")]
     assert ends[0] < float(row.value) < ends[1]
     assert "±" not in row.value
+
+
+def test_an_end_at_a_bound_has_the_digits_of_the_interval():
+    bounds = {"energy_ratio": (0.02, 3.1)}
+    free = ["k", "psi", "energy_ratio"]
+    fit = calibrate("linearized-deformation", P, WEIGHED, free, density=DENSITY, starts=4, bounds=bounds)
+    meaning = next(row.meaning for row in fit.rows() if row.name == "energy_ratio")
+    assert "3.10 (upper bound)" in meaning
+    assert all(len(number) < 7 for number in re.findall(r"[\d.]+", str(fit.rows())))
+    for name, (low, high) in fit.intervals().items():
+        assert fit.bounds[name][0] <= low < high <= fit.bounds[name][1]
 
 
 def test_errors_say_what_they_hold():
