@@ -1,6 +1,7 @@
 """Models that cannot have the data's pattern are not ranked, and nothing is ranked by a number that is not known."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,10 @@ from erosion.advice.result import FIT
 from erosion.calibration import calibrate, rank_models
 from erosion.calibration.conditions import conditions
 from erosion.calibration.doubts import is_beyond_scatter
+from erosion.calibration.export import to_case
 from erosion.calibration.measurements import read_measurements
 from erosion.calibration.patterns import beyond_scatter, variances_differ
+from erosion.distributions import read_distribution
 
 P = TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
 # Six weighings with the maximum at 30° and wear at 90°, as a shop has them.
@@ -77,6 +80,16 @@ def test_an_end_at_a_bound_has_the_digits_of_the_interval():
     assert all(len(number) < 7 for number in re.findall(r"[\d.]+", str(fit.rows())))
     for name, (low, high) in fit.intervals().items():
         assert fit.bounds[name][0] <= low < high <= fit.bounds[name][1]
+
+
+def test_the_laws_of_a_case_file_hold_the_intervals_that_the_fit_prints(ranking):
+    advice = tomllib.loads(to_case(ranking.best))["advise"]
+    for name, (low, high) in ranking.best.intervals().items():
+        law = read_distribution(advice["uncertain"][name], name, "1", "si")
+        assert law is not None
+        ends = law.ppf(np.array([0.025, 0.975]))
+        assert ends[0] <= low * (1 + 1e-9)
+        assert ends[1] >= high * (1 - 1e-9)
 
 
 def test_errors_say_what_they_hold():
