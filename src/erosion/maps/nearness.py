@@ -141,9 +141,12 @@ class Nearness:
         """That the rows would lie as well on smaller surfaces."""
         surface = self._surface
         times = f"{'up to ' * (len(smaller) > 1)}{1 / smaller[0]:.4g}"
+        unit = "If it is in metres, Argument `unit` must be 'm'."
+        if smaller != [0.5]:
+            unit = _as_units(surface, [*smaller, 1.0])
         return (
             f"The impacts reach over {self._extent():.3g} m of the {surface.length:.3g} m of {surface.title}, and "
-            f"would lie as well on one that is {times} × smaller. {_as_units(surface, [*smaller, 1.0])}"
+            f"would lie as well on one that is {times} × smaller. {unit}"
         )
 
     def far_in_words(self, rows: Sequence[str]) -> str:

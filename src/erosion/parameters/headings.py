@@ -141,7 +141,7 @@ def read_heads(
     ignore: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
     also: Sequence[Dimension] = (),
-    leave_out: str = "name it in `ignore`",
+    leave_out: str = "name it in Argument `ignore`",
 ) -> Heads:
     """What the columns of a table mean.
 
@@ -278,7 +278,7 @@ def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
         if not named:
             there = ", ".join(head.strip() for head in heads)
             raise HeaderError(
-                None, f"has no column {shown(text)}, which `ignore` names; its columns are {shown(there)}"
+                None, f"has no column {shown(text)}, which Argument `ignore` names; its columns are {shown(there)}"
             )
         ignored |= named
     return ignored
@@ -299,11 +299,12 @@ def _doubt(text: str, unit: str, known: Mapping[str, Known], also: Collection[Di
     if dimension is not None and dimension in used and dimension not in _HARMLESS_DIMENSIONS:
         meant = [own for own, entry in known.items() if dimension in entry.dimensions]
         return (
-            f"has the unit of {_article(dimension)}, but a name that is not understood, as {_listed(meant, known)} are"
+            f"has the unit of {_article(dimension)}, but a name that is not understood; names that are: "
+            f"{_listed(meant, known)}"
         )
     words = set[str]() if dimension is not None else _words(name)
     meant = [own for own, entry in known.items() if any(re.fullmatch(entry.words, word) for word in words)]
-    return "" if not meant or words & _HARMLESS else f"is not understood, as {_listed(meant, known)} are"
+    return "" if not meant or words & _HARMLESS else f"is not understood; names that are: {_listed(meant, known)}"
 
 
 def _dimension(unit: str, dimensions: Iterable[Dimension]) -> Dimension | None:
