@@ -138,6 +138,12 @@ def test_parquet_that_cannot_be_used_is_refused(tmp_path):
         list(read_impacts(path).blocks(1))
 
 
+def test_places_may_have_their_unit_after_an_underscore(tmp_path):
+    text = GRAINS.format("density [kg/m^3],x_m,y_mm,z_m", "2650,1,2000,3")
+    (block,) = read_impacts(written(tmp_path / "a.csv", text)).blocks(10)
+    np.testing.assert_allclose(np.asarray(block.position), [(1, 2, 3)], rtol=1e-15)
+
+
 GRAINS = "speed [m/s],angle [deg],diameter [um],{}\n50,30,100,{}\n"
 
 

@@ -253,8 +253,9 @@ def _ended(name: str) -> Iterator[tuple[str, str]]:
     for ending, unit in _ENDINGS.items():
         rest = name.removesuffix(ending)
         start = re.sub(r"[\s_]+in$", "", rest.rstrip(" _/"))
-        # "d_m" may be a mean diameter, "v_g" the velocity of a gas.
-        if rest not in (name, rest.rstrip(" _")) and (len(start) > 1 or len(ending) > 1):
+        # "d_m" may be a mean diameter, "v_g" the velocity of a gas; "x_m" is a place.
+        is_long = len(start) > 1 or len(ending) > 1 or (start.lower() in ("x", "y", "z") and ending == "m")
+        if rest not in (name, rest.rstrip(" _")) and is_long:
             yield start, unit
 
 
