@@ -239,6 +239,16 @@ def test_nothing_of_the_users_is_taken_for_a_draft(tmp_path: Path) -> None:
     assert all(folder.is_dir() for folder in own)
 
 
+def test_a_link_with_the_name_of_a_draft_is_not_followed(tmp_path: Path) -> None:
+    path, elsewhere = tmp_path / "s.csv", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "s.csv").write_bytes(b"measured")
+    (tmp_path / _name_of_draft(path, "0" * 32)).symlink_to(elsewhere)
+    write_whole(path, b"new")
+    assert (elsewhere / "s.csv").read_bytes() == b"measured"
+    assert path.read_bytes() == b"new"
+
+
 def test_what_someone_puts_into_a_draft_stays(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     with written_whole(path) as draft:

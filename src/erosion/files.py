@@ -230,6 +230,8 @@ def _remove_draft(folder: Path, target: Path) -> None:
     """Remove a draft and its folder; what anyone else has put there stays."""
     draft = folder / target.name
     with contextlib.suppress(OSError):
+        if folder.is_symlink():
+            return
         if draft.is_dir() and not draft.is_symlink():
             shutil.rmtree(draft, ignore_errors=True)
         else:

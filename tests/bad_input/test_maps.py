@@ -36,6 +36,7 @@ TABLES = {
     "diameter < 0": (with_number(GOOD, "diameter", -1e-4), "row 5: `diameter` must be positive and finite"),
     "count < 0": (with_number(GOOD, "count", -1.0), "row 5: `count` must be a number of at least 0, but is -1.0."),
     "count NaN": (with_number(GOOD, "count", np.nan), "row 5: `count` must be a number of at least 0, but is nan."),
+    "no weights": (GOOD.replace(count=np.zeros(20)), "table: every row has the weight 0"),
     "velocity NaN": (with_number(GOOD, "velocity", np.nan), "row 5: `velocity` must be finite"),
     "spin infinite": (with_number(GOOD.replace(spin=np.zeros(20)), "spin", np.inf), "row 5: `spin` must be finite"),
     "speed < 0": (with_number(AIMED, "speed", -1.0), "row 5: `speed` must be a number of at least 0, but is -1.0."),

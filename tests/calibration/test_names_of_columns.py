@@ -35,7 +35,7 @@ DOUBTFUL_AMOUNTS = [
 ]  # fmt: skip
 DOUBTFUL = [
     "v", "speed", "u [m/s]", "w [m/s]", "jet velocity [m/s]", "gas speed [m/s]", "v_rel [m/s]", "v1 [m/s]", "rpm",
-    "velocity_ms", "Geschwindigkeit [m/s]", "test speed",
+    "velocity_ms", "Geschwindigkeit [m/s]", "test speed", "feed rate [g/min]", "sand flow [kg/s]", "impacts [1/s]",
     "theta [deg]", "nozzle angle [deg]", "incidence angle [deg]", "angle std [deg]", "tilt [deg]",
     "size [um]", "d [um]", "diameter [um]", "d50 [um]", "particle size (um)", "size", "radius [mm]", "diameter_um",
     "density [kg/m^3]", "particle density [g/cm^3]", "spin [rad/s]",
@@ -45,7 +45,7 @@ DOUBTFUL = [
 ]  # fmt: skip
 FOREIGN = [
     "note", "run", "sample", "date", "erodent", "material", "repeat", "time [s]", "temperature [K]", "pressure [bar]",
-    "feed rate [g/min]", "humidity [%]", "hardness [GPa]", "test duration [min]", "operator", "sand flow [kg/s]",
+    "humidity [%]", "hardness [GPa]", "test duration [min]", "operator",
 ]  # fmt: skip
 
 
@@ -118,5 +118,5 @@ def test_other_columns_are_left_out_and_named(table, name):
 
 
 def test_only_columns_that_are_there_can_be_ignored(table):
-    with pytest.raises(MeasurementError, match="has no column 'v_gas', which `ignore` names"):
+    with pytest.raises(MeasurementError, match="has no column 'v_gas', which Argument `ignore` names"):
         read(table, "angle [deg],volume [mm^3]", "30,5", ignore=("v_gas",))

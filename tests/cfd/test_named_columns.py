@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.named_columns import NamedImpacts
 from erosion.cfd.read import read_impacts
 
 VECTORS = """\
@@ -135,3 +136,49 @@ def test_parquet_that_cannot_be_used_is_refused(tmp_path):
         ImpactsError, match=r"row 2: column `mass \[kg\]` has no number|row 2: column `diameter \[m\]` has no"
     ):
         list(read_impacts(path).blocks(1))
+
+
+def test_places_may_have_their_unit_after_an_underscore(tmp_path):
+    text = GRAINS.format("density [kg/m^3],x_m,y_mm,z_m", "2650,1,2000,3")
+    (block,) = read_impacts(written(tmp_path / "a.csv", text)).blocks(10)
+    np.testing.assert_allclose(np.asarray(block.position), [(1, 2, 3)], rtol=1e-15)
+
+
+GRAINS = "speed [m/s],angle [deg],diameter [um],{}\n50,30,100,{}\n"
+
+
+@pytest.mark.parametrize("column", ["density [kg/m^3]", "mass [ug]"])
+def test_a_density_beside_that_of_the_table_is_refused(tmp_path, column):
+    path = written(tmp_path / "a.csv", GRAINS.format(column, 1.2))
+    with pytest.raises(ImpactsError, match=r"Argument `particle_density` .* Argument `ignore`"):
+        read_impacts(path, particle_density=2650)
+    (block,) = read_impacts(path, particle_density=2650, ignore=(column,)).blocks(10)
+    np.testing.assert_allclose(block.mass, [2650 * math.pi / 6 * 1e-12], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("column", "number", "sentence"),
+    [
+        ("density [kg/m^3]", "1.2", "a density of 1.2 kg/m³, less than any grain"),
+        ("density [kg/m^3],mass [ng]", "2650,500", "in 1 rows the density is not that of mass and diameter"),
+        ("density [kg/m^3]", "4000", "a density of 4000 kg/m³, which counts, but the particle that is named has 2650"),
+        ("density [kg/m^3],mass [ng]", "2650,1387.537", None),
+    ],
+)
+def test_a_density_of_no_grain_is_said(tmp_path, column, number, sentence):
+    impacts = read_impacts(written(tmp_path / "a.csv", GRAINS.format(f"count,{column}", f"1,{number}")))
+    assert isinstance(impacts, NamedImpacts)
+    impacts.expected = 2650.0 if number in ("4000", "2650,1387.537") else None
+    for _ in range(2):
+        list(impacts.blocks(10))
+        assert len(impacts.notes) == (sentence is not None)
+    assert sentence is None or sentence in impacts.notes[0]
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_numbers_of_rows_are_no_numbers_of_particles(tmp_path, first):
+    rows = "".join(f"{first + row},100,2650,50,30\n" for row in range(20))
+    path = written(tmp_path / "a.csv", f"count,diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n{rows}")
+    with pytest.raises(ImpactsError, match=r"column 'count' counts the rows, .* Argument `ignore`"):
+        list(read_impacts(path).blocks(10))
+    assert sum(block.rows for block in read_impacts(path, ignore=("count",)).blocks(10)) == 20

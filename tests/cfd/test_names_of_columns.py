@@ -29,7 +29,8 @@ DOUBTFUL_WEIGHTS = [
     "mass_flow", "frequency", "n", "N", "np", "particles", "parcel count", "rate", "rate [1/s]", "flow rate [kg/s]",
     "flow rate", "volume flow rate [m^3/s]", "mass flux [kg/m^2/s]", "weight [kg]", "weight factor", "hits",
     "statistical weight", "total mass [kg]", "strength [1/s]", "Anzahl", "Massenstrom [kg/s]", "weight %", "m [kg]",
-    "impact frequency [1/s]", "particle number", "number/s", "freq", "mass0", "wt", "kg/s", "npart",
+    "impact frequency [1/s]", "particle number", "number/s", "freq", "mass0", "wt", "kg/s", "npart", "number",
+    "Number", "weight",
 ]  # fmt: skip
 SPEEDS = {
     "speed [m/s]": 50, "v [m/s]": 50, "V [m/s]": 50, "velocity [m/s]": 50, "speed (m/s)": 50, "v0 [m/s]": 50,
@@ -192,7 +193,7 @@ def test_only_columns_that_are_there_can_be_ignored(tmp_path):
     for name in ("Impact Frequency [1/s]", "impact_frequency"):
         impacts = read_impacts(path, ignore=(name,))
         assert (block_of(path, ignore=(name,)).count, impacts.notes) == ([3], ())
-    with pytest.raises(ImpactsError, match="has no column 'flow', which `ignore` names"):
+    with pytest.raises(ImpactsError, match="has no column 'flow', which Argument `ignore` names"):
         read_impacts(path, ignore=("flow",))
     sample = tmp_path / "wall.dpm"
     sample.write_text("(wall 13)\n(x y z u v w diameter t mass-flow mass frequency time name)\n")

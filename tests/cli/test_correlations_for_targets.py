@@ -89,3 +89,12 @@ def test_the_density_of_another_metal_is_refused_beside_a_correlation(capsys: py
         assert "Option `--density` must be that of the target of dnv, 7800 kg/m³" in capsys.readouterr().err
         assert _status([*VERBS[verb], "--model", "dnv:aluminium", "--density", "2.71 g/cm^3"]) == 0
         capsys.readouterr()
+
+
+def test_the_density_of_another_metal_is_named_by_where_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    body = "particle = 'quartz sand 0.2 mm'\ntarget = 'carbon steel 1018'\nk = 2\nalpha = '20 deg'\nphidot0 = 0\n"
+    Path("own.toml").write_text(f"units = 'si'\n{body}v0 = '30 m/s'\ndensity = '2.7 g/cm^3'\n")
+    assert _status(["run", "own.toml", "--model", "dnv"]) == 2
+    assert "own.toml: the density must be that of the target of dnv:carbon-steel, 7800 kg/m³" in capsys.readouterr().err
+    assert _status(["run", *SI, "--model", "dnv", "--target", "aluminium 6061", "--set", "density=5000"]) == 2
+    assert "The density of `--target` must be that of the target of" in capsys.readouterr().err

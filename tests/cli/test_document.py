@@ -100,9 +100,12 @@ def test_calibrate(document, tmp_path) -> None:
     rows = "\n".join(f"{angle}, {volume:.6g}" for angle, volume in zip(angles, volumes, strict=True))
     data.write_text(f"angle [deg], volume [mm^3]\n{rows}\n")
     printed = document("calibrate", str(data), "--case", CASE, "--model", "linearized,finnie")
-    assert [model["name"] for model in printed["model"]] == ["linearized", "finnie"]
+    # Both have the same curve, `finnie` at three times the k; rounding of the rows decides which is first.
+    first, second = (model["name"] for model in printed["model"])
+    assert {first, second} == {"linearized", "finnie"}
+    k = {"linearized": 2.0, "finnie": 6.0}[first]
     estimates = printed["result"]["estimates"]
-    assert estimates["k"] == {"value": pytest.approx(2.0, rel=1e-3), "unit": "1"}
+    assert estimates["k"] == {"value": pytest.approx(k, rel=1e-3), "unit": "1"}
     assert printed["result"]["leave_one_out"]["unit"] == "m^3"
 
 

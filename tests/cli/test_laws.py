@@ -262,7 +262,7 @@ def test_draws_are_read_in_other_units() -> None:
 MAP, STREAM = "map impacts.csv --case sand.toml", "stream sand.toml --v0 'normal(25, 1)' --r 'normal(0.1 mm, 0.01 mm)'"
 BAD = [
     (f"{MAP} --uncertain nowhere.nc", "Option `--uncertain`: nowhere.nc: is not there."),
-    (f"{MAP} --uncertain tests.csv", "Option `--uncertain` must have columns of parameters in tests.csv"),
+    (f"{MAP} --uncertain tests.csv", "must be left out: each row of the table has its own."),
     (f"{MAP} --uncertain wrong.nc", "wrong.nc: must hold the draws of a posterior, but cannot be read as such."),
     (f"{MAP} --uncertain other-tool.nc", "the draws of a posterior of this program, but holds something else."),
     (f"{MAP} --uncertain post.nc --model rotating", "the parameters of linearized, but Option `--model` is rotating."),

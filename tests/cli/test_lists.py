@@ -1,6 +1,7 @@
 """Lists and models on the command line, and the option names of before."""
 
 import inspect
+from pathlib import Path
 
 import pytest
 
@@ -60,3 +61,14 @@ def test_help_has_present_names_and_no_line_that_80_columns_would_fold(verb, cap
     assert "--models" not in printed
     assert "--out " not in printed
     assert max(map(len, inspect.cleandoc(app[verb].default_command.__doc__ or "").splitlines())) <= 80
+
+
+@pytest.mark.parametrize("verb", ["compare", "calibrate tests.csv"])
+def test_two_names_of_one_model_are_refused(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("tests.csv").write_text("angle [deg],mass_loss [mg/kg]\n10,2\n30,3\n60,2.5\n")
+    names = ["--model", "dnv,dnv:carbon-steel", "--target", "carbon steel 1018", "--units", "si"]
+    assert _status([*verb.split(), *names]) == 2
+    assert "`dnv` and `dnv:carbon-steel` are the same here" in capsys.readouterr().err

@@ -67,7 +67,7 @@ def test_a_fit_has_the_speeds_of_its_rows_or_is_refused(capsys: pytest.CaptureFi
     assert status == 2
     assert "column 3 (jet velocity [m/s])" in err
     assert "`speed`" in err
-    assert "`ignore`" in err
+    assert "Option `--ignore`" in err
     status, _, err = said_by(capsys, "calibrate", "a.csv", *free, "--ignore", "jet velocity")
     assert status == 0
     assert "not used" not in err

@@ -50,7 +50,7 @@ def _fill(folder: Path, scale: float) -> None:
     folder.mkdir(exist_ok=True)
     (folder / "plug.py").write_text(PLUG_IN.format(softness=scale))
     (folder / "grit.toml").write_text(f"[particles.slag]\ndensity = {2800 * scale}\n")
-    (folder / "mt.toml").write_text(f'[targets.mine]\nflow_stress = "{scale} GPa"\ndensity = {7000 * scale}\n')
+    (folder / "mt.toml").write_text(f'[targets.mine]\nflow_stress = "{scale} GPa"\npsi = 2\ndensity = {7000 * scale}\n')
     (folder / "jet.csv").write_text(f"phidot0 [rad/s]\n{scale}\n{2 * scale}\n")
     (folder / "rows.csv").write_text(f"v0 [m/s]\n{100 * scale}\n{110 * scale}\n")
     (folder / "draws.csv").write_text(f"psi\n{scale}\n{1.5 * scale}\n")

@@ -73,10 +73,9 @@ def test_several_models_as_json(table, capsys):
     assert _status([*arguments, "--draws", "125", "--json"]) == 0
     printed = result_of(capsys.readouterr().out)
     assert printed["posterior"]["model"] == "linearized"
-    assert [part["model"] for part in printed["posteriors"]] == ["linearized", "tan-alpha"]
-    first, second = printed["posteriors"]
-    assert first["log_evidence"] > second["log_evidence"] + 10
-    assert first["probability"] + second["probability"] == pytest.approx(1)
+    # What misses the data is not drawn.
+    assert [part["model"] for part in printed["posteriors"]] == ["linearized"]
+    assert printed["posteriors"][0]["probability"] == pytest.approx(1)
     assert printed["ranking"][0]["model"] == "linearized"
 
 

@@ -61,7 +61,7 @@ def test_a_surface_in_another_unit(tmp_path: Path, name: str, suffix: str, scale
         with pytest.raises(ImpactsError, match=f"part.*{max(scale, 1 / scale):.4g} × ") as raised:
             wear(TABLES[name], surface)
         assert "`unit`" in str(raised.value) or scale not in UNITS
-        assert scale not in UNITS or f"must then be '{UNITS[scale]}'" in str(raised.value)
+        assert scale not in UNITS or repr(UNITS[scale]) in str(raised.value)
 
 
 @pytest.mark.parametrize("scale", SCALES)
@@ -249,3 +249,22 @@ def test_sentences_do_not_depend_on_the_blocks() -> None:
     cut, other = wear(table, surface)
     assert one == other != []
     assert whole.identical(cut)
+
+
+@pytest.mark.parametrize("cells", [1, 120])
+def test_where_several_units_fit_all_are_named_and_none_must_be(cells: int) -> None:
+    surface = Surface(**{**vars_of(plate(0.137 / 0.0254, cells)), "unit": None})
+    if cells == 1:
+        with pytest.raises(ImpactsError, match="may be in another unit") as raised:
+            wear(spot(plate(), (0, 0, 0), 0.03), surface)
+        message = str(raised.value)
+    else:
+        _, (message,) = wear(spot(plate(), (0, 0, 0), 0.03), surface)
+    assert all(repr(unit) in message for unit in ("in", "dm", "ft", "m"))
+    assert "must then" not in message
+
+
+def test_a_plate_in_metres_is_not_said_to_be_in_a_unit_that_no_file_has() -> None:
+    _, (sentence,) = wear(spot(plate(), (0, 0, 0), 0.025), Surface(**{**vars_of(plate()), "unit": None}))
+    assert "2 × smaller" in sentence
+    assert "2.54" not in sentence

@@ -174,6 +174,12 @@ def test_other_objectives():
     assert deepest.volume == pytest.approx(cut.volume, rel=1e-8)
 
 
+def test_a_tip_that_stops_where_it_is_deepest_has_a_certified_depth():
+    deepest = erosion.alpha_max("tan-alpha", P, objective="depth")
+    assert (deepest.certified, deepest.ended_by) == (True, "stop")
+    assert deepest.alpha == pytest.approx(np.pi / 4, abs=1e-8)
+
+
 def test_the_end_time_grows_without_bound_as_alpha_falls():
     longest = erosion.alpha_max("tan-alpha", P, objective="t_c")
     assert (longest.kind, longest.value, longest.attained) == ("boundary", np.inf, False)

@@ -11,6 +11,7 @@ from erosion.models import Linearized
 from erosion.models.base import Broadcast
 from erosion.models.deformation import Deformation
 from erosion.models.trigonometry import sincos
+from erosion.optimum.objectives import OBJECTIVES
 from tests.kinked_laws import Breaking, model_of
 
 P = erosion.TABLE_1
@@ -134,3 +135,28 @@ def test_a_case_is_the_same_alone_and_among_others():
             if field.name not in ("model", "p", "objective", "least", "integrand"):
                 # The text of a float is its bits, and NaN is NaN.
                 assert repr(getattr(alone, field.name)) == repr(getattr(together, field.name)[i]), field.name
+
+
+def test_a_kink_is_one_also_where_the_kept_side_bends_upward():
+    random, cases = np.random.default_rng(0), 24
+    p = P.replace(k=np.exp(random.uniform(-3, 2, cases)), phidot0=random.uniform(-1, 1, cases) * P.v0 / P.r)
+    best = erosion.alpha_max("rotating-full-torque", p, objective="t_c")
+    assert {*best.kind} == {"jump", "interior", "kink"}
+    kinks = best.kind == "kink"
+    assert kinks.sum() == 5
+    assert np.isfinite(best.sensitivities["k"][kinks]).all()
+    at = p.replace(k=p.k[kinks], phidot0=p.phidot0[kinks])
+    end_time = OBJECTIVES["t_c"](erosion.load_model("rotating-full-torque"))
+    below, above = (
+        erosion.impact(end_time, at.replace(alpha=best.alpha[kinks] + aside), derivatives=1, rtol=1e-11).dvolume
+        for aside in (-1e-7, 1e-7)
+    )
+    assert (below > 1e-3 * best.value[kinks]).all()
+    assert (above < -1e-3 * best.value[kinks]).all()
+
+
+def test_the_motion_of_such_a_kink_is_its_difference():
+    p = P.replace(k=4.777 * np.array([1, 1 - 1e-5, 1 + 1e-5]), phidot0=0.301 * P.v0 / P.r)
+    best = erosion.alpha_max("rotating-full-torque", p, objective="t_c")
+    assert best.kind[0] == "kink"
+    assert best.sensitivities["k"][0] == pytest.approx((best.alpha[2] - best.alpha[1]) / (2e-5 * 4.777), rel=1e-5)

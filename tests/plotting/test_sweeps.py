@@ -76,7 +76,11 @@ def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     nozzle = NozzleAngle(best, top, False, angles, curve, curve / 10, 0.5, "jump", angles, curve)
     ax = plot_nozzle_angle(new_axes()[1], nozzle, "inch-pound")
     labels = [str(line.get_label()) for line in ax.lines]
-    assert labels == ["one typical particle, greatest at 28.65°", "mean of the stream", "greatest at 40.00° ± 1.00°"]
+    assert labels == [
+        "one typical particle, greatest at 28.65°",
+        "mean of the stream",
+        "greatest at 40.00° ± 1.00° (sampling alone)",
+    ]
     band = ax.collections[0].get_paths()[0].get_extents()
     assert band.y0 == pytest.approx(2 * (1 - 0.196))
     assert band.y1 == pytest.approx(2 * (1 + 0.196))

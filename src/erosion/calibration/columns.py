@@ -55,8 +55,8 @@ _KNOWN: Mapping[str, Known] = {
     "speed": Known(("speed",), (*SPEEDS, "v"), f"{SPEED_WORDS}|rpm"),
     "mass": Known(("mass",), (*MASSES, "erodent mass", "mass of erodent", "grain mass"), f"{MASS_WORDS}|{SIZE_WORDS}"),
 }
-_ALSO: Sequence[Dimension] = ("length", "density", "angular speed")
-"""Conditions of a row that are the case's: sizes, densities, spins."""
+_ALSO: Sequence[Dimension] = ("length", "density", "angular speed", "mass flow", "rate")
+"""Conditions of a row that are the case's: sizes, densities, spins, feeds."""
 
 _EXAMPLES = {
     "angle": "angle [deg]", "volume": "volume [mm^3]", "mass_loss": "mass_loss [mg/g]", "erosion": "erosion [-]",
@@ -113,7 +113,7 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         raise HeaderError(None, "has no column `angle [deg]`")
     if len(removals) != 1:
         present = f"has {' and '.join(removals)}" if removals else "has none"
-        remedy = "; name the others in `ignore`" if removals else ""
+        remedy = "; name the others in Argument `ignore`" if removals else ""
         raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
     at = next(i for i, head in enumerate(heads) if head is not None and head.name == removals[0])
     removal = _column(at, heads[at], REMOVALS[removals[0]], units)

@@ -18,7 +18,7 @@ LEVEL = 0.95  # of the intervals that standard errors are compared with
 _FACTOR = 1.5  # by which the two may differ without a warning
 _OPEN = np.log(20.0)  # width of an interval in θ, from which on a parameter is not decided
 _TOGETHER = 0.9  # correlation of parameters that are left open together
-_TOUCH = 1e-6  # of θ
+_TOUCH = 1e-6  # of θ, and of an interval
 _ANOTHER_ORDER = 100.0  # by which rows are far from all tests: measured ones may well be outside by a few
 POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
 
@@ -67,8 +67,9 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
     touched = bounds_touched(fit, level).get(name, ())
     distances = estimate - low, high - estimate
     alike = _is_alike(np.sqrt(fit.rise(level)) * error, distances)
-    # Each end to the digits of its own distance, so that the estimate is seen to lie between them.
-    sizes = (high - low, high - low) if alike else distances
+    # Each end to the digits of its own distance, so that the estimate is seen to lie between them; but the distance to
+    # a bound that the estimate touches is rounding.
+    sizes = [high - low if alike or distance < _TOUCH * (high - low) else distance for distance in distances]
     ends = [
         ("not known" if np.isnan(end) else rounded(end, size_of_end, 2))
         + (f" ({side} bound)" if f"interval at {side}" in touched else "")
@@ -83,7 +84,7 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
         if f"estimate at {side}" in touched:
             return rounded(estimate, np.inf), f"at its {side} bound; {interval}"
     if not alike:
-        nearest = min((distance for distance in distances if distance > 0), default=np.inf)
+        nearest = min((size_of_end for size_of_end in sizes if size_of_end > 0), default=np.inf)
         return rounded(estimate, nearest), f"{interval}; a ± of the slopes at the fit would mislead"
     return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import stats
 
 from erosion.calibration.conditions import MOST, conditions
+from erosion.calibration.doubts import LEVEL
 from erosion.calibration.forward import SCALE
 from erosion.calibration.result import Calibration
 from erosion.engine.impact import impact
@@ -203,6 +204,8 @@ def _laws(calibration: Calibration) -> dict[str, str]:
     problem, theta = calibration.problem, calibration.solution.theta
     # The errors of exact data are rounding, which may be nothing at all.
     errors = np.maximum(errors, _SHARP * np.maximum(1.0, np.abs(theta)))
+    # Few rows and lopsided intervals reach further than 1.96 errors: each law holds the interval that the fit prints.
+    errors = np.fmax(errors, np.abs(calibration.ends(LEVEL)).max(axis=1) / stats.norm.ppf((1 + LEVEL) / 2))
     for i, name in enumerate(calibration.names):
         if name == SCALE:
             continue
@@ -210,7 +213,7 @@ def _laws(calibration: Calibration) -> dict[str, str]:
         outside = stats.norm.cdf([(problem.lower[i] - theta[i]) / errors[i], (theta[i] - problem.upper[i]) / errors[i]])
         low, high = calibration.intervals()[name]
         if outside.max() < _CUT:
-            error = errors[i] if log else calibration.standard_errors[name]
+            error = errors[i] * (1.0 if log else problem.forward.slopes(theta)[i])
             laws[name] = f"{log}normal({calibration.estimates[name]!r}, {float(error)!r})"
         elif np.isfinite([low, high]).all() and low < high:
             laws[name] = f"{log}uniform({low!r}, {high!r})"

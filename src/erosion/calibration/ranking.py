@@ -30,6 +30,7 @@ from erosion.tables import Record, Result, format_number, to_plain
 
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
+_FEW_PER_CENT = 0.05  # of the greatest erosion: residuals that erosion tests seldom go below
 
 
 @dataclasses.dataclass(frozen=True)
@@ -278,10 +279,11 @@ def rank_models(
 
 def _reasons(fits: Sequence[Calibration]) -> list[str]:
     """Why fits are not ranked, a clause for each; "" for those that are."""
-    groups, reasons = conditions(fits[0].data), [""] * len(fits)
-    for at, misses in enumerate(_misses(fits)):
-        if misses:
-            reasons[at] = f"misses the data: {worst_row(fits[at].data, fits[at].fitted, groups)}"
+    groups, misses = conditions(fits[0].data), [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
+    reasons = [_beside_others(fit, fits) for fit in fits]
+    for at, fit in enumerate(fits):
+        if misses[at] and not all(misses):
+            reasons[at] = f"misses the data: {worst_row(fit.data, fit.fitted, groups)}"
     if any(fit.aicc < np.inf and not reason for fit, reason in zip(fits, reasons, strict=True)):
         for at, fit in enumerate(fits):
             if not reasons[at] and fit.aicc == np.inf:
@@ -289,17 +291,26 @@ def _reasons(fits: Sequence[Calibration]) -> list[str]:
     return reasons
 
 
-def _misses(fits: Sequence[Calibration]) -> list[bool]:
-    """Whether a fit's misfit is no noise while another's is."""
-    misses = [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
-    if all(misses):
-        misses = [False] * len(fits)
-    if fits[0].data.uncertainty is not None:
-        return misses
-    erosion = fits[0].data.erosion / fits[0].problem.deviation
-    sizes = [(fit.variance, fit.degrees_of_freedom) for fit in fits]
-    by_others = [min(variances_differ(size, other, erosion)[1] for other in sizes) < RARE for size in sizes]
-    return [one or other for one, other in zip(misses, by_others, strict=True)]
+def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> str:
+    """A clause on the fit whose residuals are so much less that this one's are no noise; "" without one.
+
+    Another model may fit a few rows too well by chance, so residuals of usual noise are no reason. A robust loss lets
+    rows be far off: then variances say nothing.
+    """
+    linear = fit.data.uncertainty is None and fit.problem.loss == "linear"
+    if not linear or fit.rms <= _FEW_PER_CENT * float(np.abs(fit.data.erosion).max()):
+        return ""
+    erosion, curves = fit.data.erosion / fit.problem.deviation, _curves(fits)
+    tests = [
+        (*variances_differ(
+            (fit.variance, fit.degrees_of_freedom), (other.variance, other.degrees_of_freedom), erosion
+        ), other) for other in fits
+    ]  # fmt: skip
+    ratio, probability, other = min(tests, key=lambda test: test[1])
+    # The more curves a fit is compared with, the better the best of them is by chance (Bonferroni).
+    if probability * max(len(curves) - 1, 1) >= RARE:
+        return ""
+    return f"its residuals are {format_number(np.sqrt(ratio), 2)} times those of {model_name(other.model)}"
 
 
 def models_with_free(
@@ -355,6 +366,11 @@ def _at_bound(fit: Calibration, name: str) -> str:
 
 def _ties(fits: Sequence[Calibration]) -> tuple[tuple[str, ...], ...]:
     """Groups of two or more models, by name, with the same curve."""
+    return tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(fits) if len(group) > 1)
+
+
+def _curves(fits: Sequence[Calibration]) -> list[list[Calibration]]:
+    """The fits in groups of the same curve."""
     near = _SAME * float(np.sqrt(np.mean(fits[0].data.erosion ** 2)))
     groups: list[list[Calibration]] = []
     for fit in fits:
@@ -363,4 +379,4 @@ def _ties(fits: Sequence[Calibration]) -> tuple[tuple[str, ...], ...]:
             groups.append([fit])
         else:
             group.append(fit)
-    return tuple(tuple(model_name(fit.model) for fit in group) for group in groups if len(group) > 1)
+    return groups

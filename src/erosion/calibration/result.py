@@ -120,10 +120,15 @@ class Calibration(Result):
         """
         values = self.problem.forward.from_theta
         with np.errstate(over="ignore"):
-            return {
+            ends = {
                 name: (float(values(name, theta + low)), float(values(name, theta + high)))
                 for name, theta, (low, high) in zip(self.names, self.solution.theta, self.ends(level), strict=True)
             }
+        # An end at a bound is off by rounding.
+        for name, (lower, upper) in self.bounds.items():
+            if name not in self.undetermined:
+                ends[name] = max(ends[name][0], lower), min(ends[name][1], upper)
+        return ends
 
     def rise(self, level: float = LEVEL) -> float:
         """The rise of χ² from the minimum to the ends of the intervals of `level`."""
@@ -234,7 +239,8 @@ class Calibration(Result):
         groups = conditions(self.data)
         tests = find_patterns(self.data, self.residuals / self.problem.deviation, groups)
         scatter = None
-        if self.data.uncertainty is None:
+        # A robust loss lets rows be far off, which a test of variances takes for a miss.
+        if self.data.uncertainty is None and self.problem.loss == "linear":
             scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
         return tests if scatter is None else (scatter, *tests)
 

@@ -3,7 +3,8 @@
 import csv
 import dataclasses
 import io
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,9 @@ from erosion.parameters.units import about
 
 SUFFIXES = (".csv", ".parquet")
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
+_NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
+_SAME = 1.1  # ratio of densities of one solid
+_LIGHTEST = 100.0  # kg/m³, below that of any grain
 _EXAMPLES: Mapping[str, str] = {
     "mass": "kg", "mass flow": "kg/s", "rate": "1/s", "density": "kg/m^3", "length": "m", "speed": "m/s",
     "angle": "deg", "angular speed": "rad/s", "time": "s",
@@ -48,12 +52,13 @@ _COMPONENTS = [
      *(f"{word}{colon}{axis}" for word in ("u", "velocity") for colon in ("", ":")))
     for axis, letter in enumerate("xyz")
 ]  # fmt: skip
-# Other names that codes and their post-processors give to the same columns.
+# Other names that codes and their post-processors give to the same columns. A "number" may be that of the row, and a
+# "weight" a share: both are refused.
 _KNOWN: Mapping[str, Known] = {
     "count": Known(
         ("1",),
-        ("nparticle", "nparticles", "n particles", "number", "number of particles", "num particles", "particle count",
-         "particles per parcel", "particles in parcel", "number in parcel", "n in parcel", "weight"),
+        ("nparticle", "nparticles", "n particles", "number of particles", "num particles", "particle count",
+         "particles per parcel", "particles in parcel", "number in parcel", "n in parcel"),
         _WEIGHT_WORDS,
     ),
     "parcel_mass": Known(("mass",), ("mass of parcel", "mass per parcel", "mass in parcel"), MASS_WORDS),
@@ -94,23 +99,41 @@ class NamedImpacts(Impacts):
     density: float | None
     duration: float | None
     notes: tuple[str, ...] = ()
+    expected: float | None = None
+    """The density of the particle that the user names [kg/m³], where the table has its own."""
 
     def __post_init__(self) -> None:
         self.mesh_faces = "mesh_face" in self.columns
+        self._notes = self.notes
 
     def identity(self) -> str:
         """See `Impacts`."""
         return digest_of([self.path], f"{self.density} {self.duration} {self.columns}")
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
-        """See `Impacts`."""
-        first = 0
+        """See `Impacts`; after the last block `notes` has what is doubtful in its numbers."""
+        first, densities = 0, _Densities()
         for batch in self._batches():
             columns = {name: self._numbers(batch, name, first) for name in self.columns}
-            yield from blocks(self.title, first, columns, rows, self.density, self.duration)
+            if not first:
+                self._require_weights(columns)
+            for block in blocks(self.title, first, columns, rows, self.density, self.duration):
+                own = columns["density"][block.first - first :][: block.rows] if "density" in columns else None
+                densities.add(block, own)
+                yield block
             first += batch.num_rows
+        self.notes = (*self._notes, *densities.sentences(self.path.name, self.expected))
         if not first:
             raise ImpactsError(f"{self.path}: has no rows.")
+
+    def _require_weights(self, columns: Mapping[str, np.ndarray]) -> None:
+        """Refuse numbers of rows as numbers of particles."""
+        count = columns.get("count", np.zeros(0))
+        if len(count) >= _NUMBERED and count[0] in (0, 1) and (np.diff(count) == 1).all():
+            raise ImpactsError(
+                f"{self.path}: column {self.columns['count'].name!r} counts the rows, {count[0]:g}, {count[1]:g}, "
+                f"{count[2]:g}, …, not the particles of a row; name it in Argument `ignore`."
+            )
 
     def _numbers(self, batch: Any, name: str, first: int) -> np.ndarray:
         column = self.columns[name]
@@ -134,11 +157,14 @@ def open_named(path: Path, density: float | None, duration: float | None, ignore
     Raises:
         ImpactsError: for a file that cannot be read, and columns or units that cannot be used.
     """
-    if path.suffix == ".parquet":
-        heads, units, rows = _parquet_head(path)
-    else:
-        heads, units, rows = _csv_head(path), {}, None
-    columns, unused = _columns(path, heads, units, ignore)
+    columns, unused, rows = _head(path, ignore)
+    if density is not None and _gives_density(columns):
+        own = [columns[name].name for name in ("density", "mass", "diameter") if name in columns]
+        raise ImpactsError(
+            f"{path}: Argument `particle_density` gives the density of the particles, but so does "
+            f"{own[0]!r}{f' with {own[1]!r}' if 'density' not in columns else ''}; leave one out. "
+            f"If that is none of the particles, name {own[0]!r} in Argument `ignore`."
+        )
     require_columns(str(path), columns, has_density=density is not None)
     if rows == 0:
         raise ImpactsError(f"{path}: has no rows.")
@@ -147,9 +173,63 @@ def open_named(path: Path, density: float | None, duration: float | None, ignore
     return NamedImpacts(path, columns, str(path), rows, density, duration, notes)
 
 
+def gives_density(path: Path, ignore: Sequence[str]) -> bool:
+    """Whether this is a table with named columns that has the density of its particles; errors as of `open_named`."""
+    return is_named(path) and _gives_density(_head(path, ignore)[0])
+
+
+def _gives_density(columns: Collection[str]) -> bool:
+    return "density" in columns or {"mass", "diameter"} <= set(columns)
+
+
+class _Densities:
+    """The densities of the particles of a table, by their masses and diameters."""
+
+    def __init__(self) -> None:
+        self._least, self._greatest, self._contradictions = math.inf, 0.0, 0
+
+    def add(self, block: ImpactBlock, own: np.ndarray | None) -> None:
+        """Take note of a block; `own` are the densities that the table gives."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            density = block.mass / (math.pi / 6 * block.diameter**3)
+            if own is not None:
+                self._contradictions += int((np.abs(np.log(density / own)) > math.log(_SAME)).sum())
+        finite = density[np.isfinite(density) & (density > 0)]
+        self._least = min(self._least, float(finite.min(initial=math.inf)))
+        self._greatest = max(self._greatest, float(finite.max(initial=0.0)))
+
+    def sentences(self, table: str, expected: float | None) -> list[str]:
+        """What is doubtful in them, where `expected` is the density of the particle that the user names [kg/m³]."""
+        said, low, high = list[str](), self._least, self._greatest
+        if low > high:
+            return said
+        between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
+        if low < _LIGHTEST:
+            said.append(f"{table}: its particles have a density of {between}, less than any grain; is it a fluid's?")
+        if self._contradictions:
+            said.append(
+                f"{table}: in {self._contradictions:,} rows the density is not that of mass and diameter, which count."
+            )
+        if expected is not None and (low * _SAME < expected or high > _SAME * expected):
+            said.append(
+                f"{table}: its particles have a density of {between}, which counts, but the particle that is named "
+                f"has {expected:g} kg/m³."
+            )
+        return said
+
+
 def is_named(path: Path) -> bool:
     """Whether the name is one of a CSV file, compressed or not, or a Parquet file."""
     return path.suffix in SUFFIXES or path.name.endswith(".csv.gz")
+
+
+def _head(path: Path, ignore: Sequence[str]) -> tuple[dict[str, Column], tuple[str, ...], int | None]:
+    """The columns as `_columns` has them, and the number of rows where it is known."""
+    if path.suffix == ".parquet":
+        heads, units, rows = _parquet_head(path)
+    else:
+        heads, units, rows = _csv_head(path), {}, None
+    return *_columns(path, heads, units, ignore), rows
 
 
 def _columns(

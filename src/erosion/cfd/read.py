@@ -67,7 +67,9 @@ def read_impacts(
         raise ImpactsError(f"Argument `duration` must be positive and finite, but is {duration!r}.")
     seconds = None if duration is None else float(duration)
     if ignore and not named_columns.is_named(path):
-        raise ImpactsError(f"{path}: is no table with named columns (.csv, .parquet), so `ignore` must be left out.")
+        raise ImpactsError(
+            f"{path}: is no table with named columns (.csv, .parquet), so Argument `ignore` must be left out."
+        )
     if path.is_dir() or openfoam_impacts.is_table(path):
         return openfoam_impacts.open_openfoam(path, case, kilograms, seconds)
     if named_columns.is_named(path):

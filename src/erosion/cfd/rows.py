@@ -72,18 +72,20 @@ def weigh(source: str, names: Collection[str], duration: float | None) -> tuple[
     if len(weights) > 1:
         raise ImpactsError(
             f"{source}: the columns {' and '.join(weights)} all give the weight of a row; keep one, and name others in "
-            "`ignore`."
+            "Argument `ignore`."
         )
     if weights[0] not in _RATES:
         return duration, ()
     if "time" in names:
         raise ImpactsError(
             f"{source}: has the column {weights[0]}, of a steady run, but also the `time` of each impact; if this is "
-            "the age of a particle, name it in `ignore`."
+            "the age of a particle, name it in Argument `ignore`."
         )
     if duration is not None:
         return duration, ()
-    return 1.0, (f"{name} is of a steady run, so its rows are what hits in 1 s; `duration` sets another time.",)
+    return 1.0, (
+        f"{name} is of a steady run, so its rows are what hits in 1 s; Argument `duration` sets another time.",
+    )
 
 
 def blocks(

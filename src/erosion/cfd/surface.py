@@ -13,7 +13,9 @@ from erosion.cfd.rows import GREATEST
 from erosion.extras import library
 from erosion.parameters.units import about, read_quantity
 
-METRES: Mapping[str, float] = {"mm": 1e-3, "cm": 0.01, "in": 0.0254, "dm": 0.1, "ft": 0.3048, "m": 1.0}
+METRES: Mapping[str, float] = {
+    "um": 1e-6, "mm": 1e-3, "cm": 0.01, "in": 0.0254, "dm": 0.1, "ft": 0.3048, "m": 1.0,
+}  # fmt: skip
 """Units that files of surfaces are in."""
 
 _SHARP = np.pi / 3

@@ -12,7 +12,7 @@ from erosion.cli.errors import InputError, user_errors
 from erosion.cli.fit_files import FitFiles
 from erosion.cli.fit_options import FitOptions
 from erosion.cli.kept_programs import start_engine
-from erosion.cli.lists import IgnoreOption, ModelsOption, chosen_models
+from erosion.cli.lists import IgnoreOption, ModelsOption, chosen_models, refuse_same
 from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table
 from erosion.cli.per_mass import weighing
@@ -63,6 +63,7 @@ def calibrate(
     from erosion.parameters.headings import unused_note
 
     chosen = [load_set(names[0], given, options, p.units)] if len(names) == 1 else list(map(options.load, names))
+    refuse_same(dict(zip(names, chosen, strict=True)))
     for each in chosen:
         weighing(each, fit, options)  # refuses the density of another metal than a correlation's
     output = Output("calibrate", p, options.case, json=json, seed=draw.seed_used)

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
-from erosion.cli.lists import LISTED, ModelsOption, chosen_models
+from erosion.cli.lists import LISTED, ModelsOption, chosen_models, refuse_same
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
 from erosion.cli.per_mass import PerMassOptions, weighing
@@ -94,6 +94,7 @@ def _models(names: list[str] | None, options: CaseOptions) -> "dict[str, Cutting
     chosen = chosen_models(["all"] if names is None else names)
     loaded = {name: options.load(name) for name in chosen}
     models = {called(name, model): model for name, model in loaded.items()}
+    refuse_same(loaded)
     if not chosen or len(models) != len(chosen):
         raise InputError(f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}.")
     return models

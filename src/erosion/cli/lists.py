@@ -1,11 +1,15 @@
 """Lists as options take them: with commas between the items, or the option repeated."""
 
-from collections.abc import Sequence
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli.errors import InputError
 from erosion.files import is_file
+
+if TYPE_CHECKING:
+    from erosion.models.base import CuttingModel
 
 
 def read_list(text: str) -> list[str]:
@@ -50,3 +54,21 @@ def chosen_models(names: Sequence[str] | Any) -> Any:
         return names
     others = [name for name in names if name != "all"]
     return list(dict.fromkeys((*usable_models(), *others)))
+
+
+def refuse_same(models: "Mapping[str, CuttingModel]") -> None:
+    """Refuse two names of one model, as "dnv" and "dnv:carbon-steel" are for a target of steel.
+
+    Args:
+        models: by the names that are given; correlations are made for the target.
+    """
+    from erosion.models import called
+
+    first: dict[str, str] = {}
+    for name, model in models.items():
+        other = first.setdefault(called(name, model), name)
+        if other != name:
+            raise InputError(
+                f"Option `--model` must name different models, but `{other}` and `{name}` are the same here: "
+                f"{called(name, model)}."
+            )

@@ -20,6 +20,7 @@ from erosion.cli.set_option import SetOption
 if TYPE_CHECKING:
     import xarray as xr
 
+    from erosion.cfd.impacts import Impacts
     from erosion.cfd.surface import Surface
     from erosion.maps.job import MapJob
     from erosion.maps.options import MapOptions
@@ -78,16 +79,29 @@ class _Rows:
         str | None, Parameter(help='Where no column gives it, nor --particle: "2650 kg/m^3".')
     ] = None
 
-    def density_of_particles(self, case: EachRow, impacts: Path) -> float | None:
-        """Of the option, or of the particle that is named [kg/m³]."""
-        from erosion.cfd.fluent import SUFFIXES
+    def table(self, impacts: Path, of_mesh: Path | None, p: "Parameters", named: float | None) -> "Impacts":
+        """The table of impacts.
 
-        if self.particle_density is not None:
-            return density_option("particle-density", self.particle_density)
-        grit, _ = case.materials()
+        Args:
+            impacts: its file.
+            of_mesh: the OpenFOAM case of its faces.
+            p: the case.
+            named: density of the particle that is named [kg/m³], for a table that does not have it.
+        """
+        from erosion.cfd.fluent import SUFFIXES
+        from erosion.cfd.named_columns import NamedImpacts, gives_density
+        from erosion.cfd.read import read_impacts
+
+        density = density_option("particle-density", self.particle_density)
+        duration, ignore = self.number("duration", "time", p), self.ignore or ()
+        has_own = impacts.is_file() and gives_density(impacts, ignore)
         # Samples of Fluent hold masses, and take no density.
-        in_fluent = impacts.name.removesuffix(".gz").endswith(SUFFIXES)
-        return None if grit is None or in_fluent else grit.density
+        if density is None and not (has_own or impacts.name.removesuffix(".gz").endswith(SUFFIXES)):
+            density = named
+        table = read_impacts(impacts, case=of_mesh, particle_density=density, duration=duration, ignore=ignore)
+        if isinstance(table, NamedImpacts) and has_own:
+            table.expected = named
+        return table
 
     def options(
         self, p: "Parameters", laws: dict[str, Any], uncertain: dict[str, Any], share: float, per_mass: "PerMass"
@@ -260,9 +274,9 @@ def map_(
     # A share that is uncertain has its law alone, if no option gives it too.
     share = 1.0 if "cutting_fraction" in uncertain and abrasive.cutting_fraction is None else per_mass.cutting_fraction
     made = rows.options(sand.p, varied, uncertain, share, per_mass)
-    grains = rows.density_of_particles(options, impacts)
+    grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
-        job = _job(impacts, target, rows, grains, made, (sand.reference, sand.numbers))
+        job = _job(impacts, target, rows, None if grit is None else grit.density, made, (sand.reference, sand.numbers))
         picture.check_surface(job.surface)
         dataset = _computed(job)
     if output is not None:
@@ -300,12 +314,12 @@ def _job(
     impacts: Path,
     target: _Surface,
     rows: _Rows,
-    particle_density: float | None,
+    named_density: float | None,
     options: "MapOptions",
     model: "tuple[str | CuttingModel, dict[str, float]]",
 ) -> "MapJob":
     """Open the table and the surface, and check the map."""
-    from erosion.cfd.read import read_impacts, read_surface
+    from erosion.cfd.read import read_surface
     from erosion.maps.erosion_map import prepare_map
 
     name, p = target.surface, options.bodies.p
@@ -317,9 +331,7 @@ def _job(
             None if name is None else read_surface(name, target.patch, unit=target.surface_unit, reverse=target.reverse)
         )
         case = name if name is not None and name.is_dir() else None
-        duration = rows.number("duration", "time", p)
-        ignore = rows.ignore or ()
-        table = read_impacts(impacts, case=case, particle_density=particle_density, duration=duration, ignore=ignore)
+        table = rows.table(impacts, case, p, named_density)
         return prepare_map(model[0], table, surface, options, model[1])
 
 

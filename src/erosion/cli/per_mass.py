@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from erosion.cli.errors import reading, user_errors
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import CaseOptions
 
 if TYPE_CHECKING:
@@ -65,6 +65,12 @@ def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseO
     """
     from erosion.models.correlated import per_mass_of
 
-    per_mass = (given or PerMassOptions()).per_mass(options)
-    with user_errors():
+    given = given or PerMassOptions()
+    per_mass = given.per_mass(options)
+    try:
         return per_mass_of(model, per_mass)
+    except ValueError as error:
+        source = "Option `--density`"
+        if given.density is None:
+            source = f"{options.case}: the density" if options.target is None else "The density of `--target`"
+        raise InputError(str(error).replace("Argument `density`", source)) from error

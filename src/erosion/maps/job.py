@@ -248,6 +248,8 @@ class MapJob:
         title = self.impacts.title
         if not tally.rows:
             raise ImpactsError(f"{title}: must hold impacts, but holds none.")
+        if not tally.lost_mass.any():  # with that of the rows that hit
+            raise ImpactsError(f"{title}: every row has the weight 0, so there are no particles.")
         self._require_right_way(tally.fates)
         if tally.hits:
             return

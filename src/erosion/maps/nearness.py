@@ -20,7 +20,9 @@ _ABSURD = 0.04
 _NAMES = {"in": "inches", "ft": "feet"}
 _RATIOS = {float(f"{a / b:.9g}") for a in METRES.values() for b in METRES.values() if 1e-3 <= a / b <= 1e3}
 # Units that people confuse, and half as large, for surfaces that are larger than what is hit.
-_FACTORS = sorted(_RATIOS | {0.5, 2.0})
+_FACTORS = sorted(_RATIOS | {0.5, 2.0} | {*METRES.values()})
+_OF_METRES = {0.5, *METRES.values()}
+"""The factors of a surface that nobody gave a unit: its numbers are of one of these units, or it is large."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +93,8 @@ class Nearness:
             return
         surface, shares = self._surface, self._shares()
         best = max(shares.values())
-        factor = min((f for f, share in shares.items() if share > best - _SAME), key=lambda f: abs(math.log(f)))
+        alike = [factor for factor, share in shares.items() if share > best - _SAME]
+        factor = min(alike, key=lambda factor: abs(math.log(factor)))
         is_other = factor != 1 and best > max(0.5, shares[1.0] + _CLEAR)
         lie = "lie on a smaller one"
         if self._far:
@@ -100,7 +103,7 @@ class Nearness:
         if is_other:
             times = f"{1 / factor:.4g} × too large" if factor < 1 else f"{factor:.4g} × too small"
             raise ImpactsError(
-                f"{surface.title}: is {times} for the impacts: {off}.{_as_unit(surface, factor)} "
+                f"{surface.title}: is {times} for the impacts: {off}. {_as_units(surface, alike)} "
                 "Argument `limit` says how far off rows may lie."
             )
         if self._far > self._rows / 2:
@@ -109,7 +112,7 @@ class Nearness:
                 "Argument `limit` says how far off rows may lie."
             )
         smaller = self._smaller()
-        if smaller is not None and smaller < _ABSURD and self._extent() < self._side():
+        if smaller and smaller[0] < _ABSURD and self._extent() < self._side():
             raise ImpactsError(f"{surface.title}: may be in another unit. {self._spot(smaller)}")
 
     def sentences(self) -> list[str]:
@@ -122,25 +125,28 @@ class Nearness:
             )
         if not self._rows and surface.unit is None and surface.mesh_face is None:
             said.append(f"{surface.title} is taken in metres: it has no unit, and the rows have no positions.")
-        if self._rows and (smaller := self._smaller()) is not None:
+        if self._rows and (smaller := self._smaller()):
             said.append(self._spot(smaller))
         return said
 
-    def _smaller(self) -> float | None:
-        """The least factor of a surface on which the rows would lie as well; None where the size is sure."""
+    def _smaller(self) -> list[float]:
+        """The factors of smaller surfaces on which the rows would lie as well, rising; none where it is sure."""
         if self._surface.unit is not None:
-            return None
+            return []
         shares = self._shares()
-        alike = (factor for factor, share in shares.items() if factor < 1 and share > max(0.5, shares[1.0] - _SAME))
-        return min(alike, default=None)
+        least = max(0.5, shares[1.0] - _SAME)
+        return sorted(factor for factor in _OF_METRES if factor < 1 and shares[factor] > least)
 
-    def _spot(self, factor: float) -> str:
-        """That the rows would lie as well on a smaller surface."""
+    def _spot(self, smaller: Sequence[float]) -> str:
+        """That the rows would lie as well on smaller surfaces."""
         surface = self._surface
+        times = f"{'up to ' * (len(smaller) > 1)}{1 / smaller[0]:.4g}"
+        unit = "If it is in metres, Argument `unit` must be 'm'."
+        if smaller != [0.5]:
+            unit = _as_units(surface, [*smaller, 1.0])
         return (
             f"The impacts reach over {self._extent():.3g} m of the {surface.length:.3g} m of {surface.title}, and "
-            f"would lie as well on one that is {1 / factor:.4g} × smaller.{_as_unit(surface, factor)} "
-            "If it is in metres, Argument `unit` must be 'm'."
+            f"would lie as well on one that is {times} × smaller. {unit}"
         )
 
     def far_in_words(self, rows: Sequence[str]) -> str:
@@ -190,10 +196,18 @@ def _between(least: float, greatest: float) -> str:
     return f"{low} m" if low == high else f"{low} to {high} m"
 
 
-def _as_unit(surface: Surface, factor: float) -> str:
-    """The unit in which the surface would fit."""
-    wanted = factor * (1.0 if surface.unit is None else metres_of(surface.unit))
-    for unit, metres in METRES.items():
-        if math.isclose(wanted, metres, rel_tol=1e-3):
-            return f" In {_NAMES.get(unit, unit)} it would fit: Argument `unit` must then be {unit!r}."
-    return " Are its numbers, or those of the positions, in another unit?"
+def _as_units(surface: Surface, factors: Sequence[float]) -> str:
+    """The units in which the surface would fit, of which only the user knows the right one."""
+    own = 1.0 if surface.unit is None else metres_of(surface.unit)
+    units = [unit for unit, metres in METRES.items()
+             if any(math.isclose(factor * own, metres, rel_tol=1e-3) for factor in factors)]  # fmt: skip
+    if not units:
+        return "Are its numbers, or those of the positions, in another unit?"
+    names = _either([_NAMES.get(unit, unit) for unit in units])
+    if len(units) == 1:
+        return f"In {names} it would fit: Argument `unit` must then be {units[0]!r}."
+    return f"In {names} it would fit: Argument `unit` must say which, {_either([repr(unit) for unit in units])}."
+
+
+def _either(words: Sequence[str]) -> str:
+    return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)

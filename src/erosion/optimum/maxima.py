@@ -231,6 +231,8 @@ class Search:
         bends = best.curve < -_LEVEL * scanned.size[best.case]
         # An angle known to some 1e-11 leaves that much of the curvature in the slope.
         flat = np.abs(best.slope) <= 1e-6 * scanned.size[best.case] + 1e-10 * np.abs(best.curve)
+        # At a kink the side whose node is kept may be bent upward: its slope falls through zero at once.
+        bends |= ~flat
         bends &= ~(np.abs(best.alpha - self._nearest_jump(best, scanned, jumped)) < _BESIDE * reach(best.alpha))
         return [
             (int(case), self._candidate(best, i, kind="interior" if flat[i] else "kink", steps=int(steps[i])))

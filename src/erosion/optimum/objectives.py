@@ -14,6 +14,8 @@ from erosion.array_types import Broadcast, ModelState
 from erosion.models.base import CuttingModel, Events, Scales, Tip
 from erosion.parameters.parameters import Parameters
 
+_HAIR = 1e-8  # of the first speed into the depth
+
 
 class SameMotion(CuttingModel):
     """A model's motion with another integrand, `removal_rate`."""
@@ -72,7 +74,10 @@ class Depth(SameMotion):
 
     def events(self, state: ModelState, p: Parameters) -> Events:
         scales = self.scales(p)
-        return {**self.motion.events(state, p), "deepest": self.tip(state, p).vdepth * scales.time / scales.length}
+        # A hair later than it is, so that rounding does not choose where the cut ends at this instant anyway: the depth
+        # changes by the square of it.
+        vdepth = self.tip(state, p).vdepth + _HAIR * self.tip(self.initial_state(p), p).vdepth
+        return {**self.motion.events(state, p), "deepest": vdepth * scales.time / scales.length}
 
     def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         return self.tip(state, p).vdepth

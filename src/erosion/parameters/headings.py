@@ -141,7 +141,7 @@ def read_heads(
     ignore: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
     also: Sequence[Dimension] = (),
-    leave_out: str = "name it in `ignore`",
+    leave_out: str = "name it in Argument `ignore`",
 ) -> Heads:
     """What the columns of a table mean.
 
@@ -253,8 +253,9 @@ def _ended(name: str) -> Iterator[tuple[str, str]]:
     for ending, unit in _ENDINGS.items():
         rest = name.removesuffix(ending)
         start = re.sub(r"[\s_]+in$", "", rest.rstrip(" _/"))
-        # "d_m" may be a mean diameter, "v_g" the velocity of a gas.
-        if rest not in (name, rest.rstrip(" _")) and (len(start) > 1 or len(ending) > 1):
+        # "d_m" may be a mean diameter, "v_g" the velocity of a gas; "x_m" is a place.
+        is_long = len(start) > 1 or len(ending) > 1 or (start.lower() in ("x", "y", "z") and ending == "m")
+        if rest not in (name, rest.rstrip(" _")) and is_long:
             yield start, unit
 
 
@@ -278,7 +279,7 @@ def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
         if not named:
             there = ", ".join(head.strip() for head in heads)
             raise HeaderError(
-                None, f"has no column {shown(text)}, which `ignore` names; its columns are {shown(there)}"
+                None, f"has no column {shown(text)}, which Argument `ignore` names; its columns are {shown(there)}"
             )
         ignored |= named
     return ignored
@@ -299,11 +300,12 @@ def _doubt(text: str, unit: str, known: Mapping[str, Known], also: Collection[Di
     if dimension is not None and dimension in used and dimension not in _HARMLESS_DIMENSIONS:
         meant = [own for own, entry in known.items() if dimension in entry.dimensions]
         return (
-            f"has the unit of {_article(dimension)}, but a name that is not understood, as {_listed(meant, known)} are"
+            f"has the unit of {_article(dimension)}, but a name that is not understood; names that are: "
+            f"{_listed(meant, known)}"
         )
     words = set[str]() if dimension is not None else _words(name)
     meant = [own for own, entry in known.items() if any(re.fullmatch(entry.words, word) for word in words)]
-    return "" if not meant or words & _HARMLESS else f"is not understood, as {_listed(meant, known)} are"
+    return "" if not meant or words & _HARMLESS else f"is not understood; names that are: {_listed(meant, known)}"
 
 
 def _dimension(unit: str, dimensions: Iterable[Dimension]) -> Dimension | None:
