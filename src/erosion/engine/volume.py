@@ -68,7 +68,9 @@ def _solve(layout: Layout, numbers: Sequence[Number], order: int, places: _Place
             return solve_along(()).volume.value
         return jax.vmap(lambda row: solve_along(tuple(row)).volume)(rows)[1 if order == 1 else 3]
     shape = jax.ShapeDtypeStruct((len(places),) if places else (), np.float64)
-    return jax.pure_callback(_callback(layout, layout.equations, order, places), shape, *numbers, vmap_method="expand_dims")
+    return jax.pure_callback(
+        _callback(layout, layout.equations, order, places), shape, *numbers, vmap_method="expand_dims"
+    )
 
 
 @functools.lru_cache(maxsize=256)
