@@ -13,7 +13,7 @@ from tests.explorer.conftest import served
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-CHANNEL = ROOT / "tests" / "cfd" / "openfoam" / "serial"
+CHANNEL = shlex.quote(str(ROOT / "tests" / "cfd" / "openfoam" / "serial"))
 JET = "--particle 'garnet 0.3 mm' --target 'aluminium 6061' --v0 '100 m/s'"
 FIT = "calibrate sand.csv --model linearized --density '2700 kg/m^3'"
 

@@ -113,7 +113,7 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         raise HeaderError(None, "has no column `angle [deg]`")
     if len(removals) != 1:
         present = f"has {' and '.join(removals)}" if removals else "has none"
-        remedy = "; name the others in Argument `ignore`" if removals else ""
+        remedy = "; Argument `ignore` may name the others" if removals else ""
         raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
     at = next(i for i, head in enumerate(heads) if head is not None and head.name == removals[0])
     removal = _column(at, heads[at], REMOVALS[removals[0]], units)

@@ -380,7 +380,7 @@ class Calibration(Result):
 
     @functools.cached_property
     def variance(self) -> float:
-        """Variance of the weighted residuals: 1 with uncertainties, else estimated from the residuals."""
+        """The variance of the weighted residuals, 1 with uncertainties, else estimated from the residuals."""
         if self.data.uncertainty is not None:
             return 1.0
         return 2 * self.solution.cost / self.degrees_of_freedom

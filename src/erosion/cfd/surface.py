@@ -162,7 +162,7 @@ class Surface:
 
     @functools.cached_property
     def width(self) -> float:
-        """Area over length [m]: of a strip its width, of a pipe its circumference."""
+        """The area over the length [m], of a strip its width, of a pipe its circumference."""
         return float(self.area.sum()) / self.length
 
     @functools.cached_property
