@@ -17,7 +17,7 @@ HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
         (HEAD, ": has a header, but no rows of data."),
         ("volume [in^3]\n1\n", ", line 1, the header has no column `angle [deg]`."),
         ("angle [deg]\n1\n", "must have one column of erosion (volume, mass_loss, erosion), but has none."),
-        ("angle [deg],volume [in^3],erosion [-]\n1,1,1\n", "but has volume and erosion; Argument `ignore` may name the others."),
+        ("angle [deg],volume [in^3],erosion [-]\n1,1,1\n", "Argument `ignore` may name the others."),
         ("angle [deg],temperature [K]\n1,1\n", "one column of erosion (volume, mass_loss, erosion), but has none."),
         ("angle [deg],angle [deg],erosion\n1,1,1\n", "column 2 (angle [deg]): gives `angle`, but so does 'angle"),
         ("angle [deg],volume\n1,1\n", "(volume): `volume` must carry its unit in brackets, as `volume [mm^3]`."),
