@@ -40,6 +40,7 @@ _RHO: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
     "cauchy": np.log1p,
     "arctan": np.arctan,
 }  # of scipy.optimize.least_squares
+_NOISES, _SAME_NOISE = 10, 0.01  # rounds of a robust fit and its noise; the relative change that ends them
 _MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 
 
@@ -178,15 +179,42 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
     # Valleys whose depths differ by rounding are the same; the first start is the first guess.
     least = min(solution.cost for solution in solutions)
     best = next(solution for solution in solutions if solution.cost <= least * (1 + rough) + 1e-20)
-    if loss != "linear":
-        noise = 1.0
-        if problem.data.uncertainty is None:
-            noise = max(_MAD * float(np.median(np.abs(problem.residuals(best.theta)[0]))), 1e-12)
-        problem = dataclasses.replace(problem, loss=loss, noise=noise)
-    whole = settle(problem, best.theta)
-    if whole is None:
-        raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
+    problem = dataclasses.replace(problem, loss=loss)
+    if loss == "linear" or problem.data.uncertainty is not None:
+        return problem, _settled(problem, best.theta)
+    # What plain least squares finds, far rows may have moved to another valley, or to where most residuals are great.
+    begins = [*begins, *(solution.theta for solution in solutions)]
+    few = dataclasses.replace(few, loss=loss, noise=float(np.nanmin([_noise(few, theta) for theta in begins])))
+    robust = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
+    best = min(robust, key=lambda solution: solution.cost)
+    problem, whole = with_noise(problem, best.theta, _noise(problem, best.theta))
+    for _ in range(_NOISES):
+        noise = _noise(problem, whole.theta)
+        if abs(noise - problem.noise) < _SAME_NOISE * problem.noise:
+            break
+        problem, whole = with_noise(problem, whole.theta, noise)
     return problem, whole
+
+
+def with_noise(problem: Problem, theta: np.ndarray, noise: float) -> tuple[Problem, Solution]:
+    """The problem with another noise of its robust loss, and the minimum near θ."""
+    problem = dataclasses.replace(problem, noise=noise)
+    return problem, _settled(problem, theta)
+
+
+def _noise(problem: Problem, theta: np.ndarray) -> float:
+    """The standard deviation of most residuals; the least of them may be zero, as many as there are parameters."""
+    residuals = np.sort(np.abs(problem.residuals(theta)[0]))
+    free = min(len(theta), len(residuals) - 1)
+    return max(_MAD * float(np.median(residuals[free:])), 1e-12)
+
+
+def _settled(problem: Problem, theta: np.ndarray) -> Solution:
+    """The deepest of the valleys about θ, where impacts must not fail."""
+    solution = settle(problem, theta)
+    if solution is None:
+        raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
+    return solution
 
 
 def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:

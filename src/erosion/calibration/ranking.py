@@ -17,7 +17,7 @@ from erosion.calibration.conditions import conditions
 from erosion.calibration.doubts import LEVEL, is_beyond_scatter, is_poor
 from erosion.calibration.fitting import calibrate
 from erosion.calibration.forward import FRACTION
-from erosion.calibration.least_squares import CalibrationError
+from erosion.calibration.least_squares import CalibrationError, with_noise
 from erosion.calibration.measurements import read_measurements
 from erosion.calibration.patterns import RARE, variances_differ, worst_row
 from erosion.calibration.result import Calibration
@@ -251,12 +251,15 @@ def rank_models(
         progress: called before each fit with "fitting" and the model's name, how many models are done, and how
             many there are.
         bounds: as for `calibrate`; in each model those of its free parameters.
-        options: `density`, `cutting_fraction`, `loss` and `starts` of `calibrate`.
+        options: `density`, `cutting_fraction`, `loss` (but "arctan") and `starts` of `calibrate`. A robust loss has the
+            same noise for all models, the least of their fits: what is far off is the same for all.
 
     Raises:
         ValueError: for arguments or data that cannot be used.
         CalibrationError: if no model could be fitted.
     """
+    if options.get("loss") == "arctan":
+        raise ValueError('Argument `loss` must have a likelihood to rank models, as "cauchy" has, but is "arctan".')
     measured = read_measurements(data, p.units)
     fits, failures = [], []
     ranked = models_with_free(models, free)
@@ -270,11 +273,21 @@ def rank_models(
             failures.append(f"{model_name(model)}: {error}")
     if not fits:
         raise CalibrationError(" ".join(failures))
+    fits = _of_one_noise(fits)
     reasons = _reasons(fits)
     # Models of the same curve differ by rounding: they keep their order.
     order = sorted(range(len(fits)), key=lambda at: (reasons[at] != "", round(fits[at].aicc, 3), fits[at].variance))
     fits = [fits[at] for at in order]
     return Ranking(tuple(fits), _ties(fits), tuple(failures), tuple(reasons[at] for at in order if reasons[at]))
+
+
+def _of_one_noise(fits: list[Calibration]) -> list[Calibration]:
+    """The fits by one error distribution: robust losses of several noises are not comparable, so the least is taken."""
+    noise = min(fit.problem.noise for fit in fits)
+    return [
+        fit if fit.problem.noise == noise else Calibration(*with_noise(fit.problem, fit.solution.theta, noise))
+        for fit in fits
+    ]
 
 
 def _reasons(fits: Sequence[Calibration]) -> list[str]:

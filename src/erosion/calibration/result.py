@@ -172,15 +172,17 @@ class Calibration(Result):
     def aicc(self) -> float:
         """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
 
-        Infinite for fewer rows than `rows_for_aicc`.
+        A robust loss is the likelihood of errors of a given size, the noise. So fits are compared at the same noise, as
+        `rank_models` does (Ronchetti 1985, robust model selection in regression). "arctan" is no likelihood: its rows
+        far off cost the same wherever they are. Infinite for it, and for fewer rows than `rows_for_aicc`.
         """
-        rows, free = len(self.data), self._counted
-        if self.data.uncertainty is None:
+        rows, free, noise = len(self.data), self._counted, self.problem.noise
+        if self.data.uncertainty is None and self.problem.loss == "linear":
             with np.errstate(divide="ignore"):
                 misfit = rows * float(np.log(2 * self.solution.cost / rows))
         else:
-            misfit = 2 * self.solution.cost
-        if rows < self.rows_for_aicc:
+            misfit = 2 * (self.solution.cost / noise**2 + rows * float(np.log(noise)))
+        if rows < self.rows_for_aicc or self.problem.loss == "arctan":
             return np.inf
         return misfit + 2 * free + 2 * free * (free + 1) / (rows - free - 1)
 
@@ -335,7 +337,9 @@ class Calibration(Result):
             )
         criterion, meaning = format_number(self.aicc, 5), "Akaike's criterion, for few data"
         if self.aicc == np.inf:
-            criterion, meaning = "–", f"{meaning}: needs at least {self.rows_for_aicc} rows for these parameters"
+            needs = f"at least {self.rows_for_aicc} rows for these parameters"
+            needs = 'another loss than "arctan"' if self.problem.loss == "arctan" else needs
+            criterion, meaning = "–", f"{meaning}: needs {needs}"
         rows.append(Row("aicc", "", criterion, "", meaning))
         return rows
 
