@@ -125,11 +125,11 @@ def test_a_gross_outlier_does_not_put_a_wrong_model_first(loss):
         assert len({fit.problem.noise for fit in ranking.fits}) == 1
         assert ranking.best.problem.noise * np.sqrt(np.mean(volume**2)) < 0.06 * exact.max()
         assert ranking.best.estimates == pytest.approx({"k": 1.4, "psi": 0.08}, rel=0.1)
-    with pytest.raises(ValueError, match=r"^Argument `loss` must have a likelihood"):
-        rank_models(case, rows, ["k", "psi"], models=["tan-alpha", "linearized"], starts=2, loss="arctan")
 
 
 def test_a_loss_without_a_likelihood_has_no_criterion():
+    with pytest.raises(ValueError, match=r"^Argument `loss` must have a likelihood"):
+        rank_models(P, WEIGHED, ["psi"], models=MODELS, density=DENSITY, loss="arctan")
     fit = calibrate("linearized", P, WEIGHED, ["psi"], density=DENSITY, starts=2, loss="arctan")
     assert fit.aicc == np.inf
     assert next(row.meaning for row in fit.rows() if row.name == "aicc").endswith('needs another loss than "arctan"')

@@ -182,3 +182,45 @@ def test_numbers_of_rows_are_no_numbers_of_particles(tmp_path, first):
     with pytest.raises(ImpactsError, match=r"column 'count' counts the rows, .* Argument `ignore`"):
         list(read_impacts(path).blocks(10))
     assert sum(block.rows for block in read_impacts(path, ignore=("count",)).blocks(10)) == 20
+
+
+HEADER = "note,diameter [um],density [kg/m^3],Velocity [ m s^-1 ],angle [deg]\n"
+ROW = "a,100,2650,50,30\n"
+PART = f"\n[Name]\nWall, 1\n\n[Data]\n{HEADER}{ROW}"
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize(
+    "text",
+    [f"# by me\n\n#x, y\n{HEADER}{ROW}", f'"# by, me"\n{HEADER}# half, way\n{ROW}', PART, f"# by me\n{PART}"],
+    ids=["comments", "comments among rows", "CFD-Post", "both"],
+)
+def test_comments_and_what_cfd_post_writes_above_a_table(tmp_path, text, end):
+    path = tmp_path / "a.csv"
+    path.write_text(text, newline=end)
+    (block,) = read_impacts(path).blocks(10)
+    np.testing.assert_array_equal(np.asarray(block.speed), [50])
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (PART + PART, r"\[Name\] begins another part"),
+        (f"{PART}\n[Faces]\n0, 1, 2, 3, 4\n", r"\[Faces\] begins another part"),
+        (f"# {HEADER}{ROW.replace('a', '1')}", r"line 2 must name the columns, but is '1,100,2650,50,30'"),
+        ("# a\n#b\n", "no line that names columns"),
+        (f"[Name]\nw\n{HEADER}{ROW}", r"\[Data\] is missing"),
+        (f"{HEADER}{ROW}#a,100,2650,50,30\n", "column 'note': rows begin with #"),
+        (f"# by me\n{HEADER}{ROW}a,x,2650,50,30\n", r"row 2: column `diameter \[um\]` must be a number, but is 'x'"),
+    ],
+)
+def test_parts_and_comments_that_leave_a_doubt(tmp_path, text, named):
+    with pytest.raises(ImpactsError, match=named):
+        list(read_impacts(written(tmp_path / "a.csv", text)).blocks(10))
+
+
+@pytest.mark.parametrize("name", ["depth_m", "distance m", "arc length m"])
+def test_a_name_that_ends_in_metres_is_taken_for_no_mass(tmp_path, name):
+    text = f"{HEADER.rstrip()},{name}\n{ROW.rstrip()},1\n"
+    with pytest.raises(ImpactsError, match=f"{name}.*the unit of a length"):
+        read_impacts(written(tmp_path / "a.csv", text))

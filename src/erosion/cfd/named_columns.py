@@ -3,7 +3,9 @@
 import csv
 import dataclasses
 import io
+import itertools
 import math
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -280,22 +282,55 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
 
 
 def _csv_head(path: Path) -> list[str]:
-    text = beginning(path).decode(errors="replace")
+    return _csv_header(path)[1]
+
+
+def _csv_header(path: Path) -> tuple[int, list[str]]:
+    """How many lines stand before the header, and its cells.
+
+    Empty lines, comments (#) and what CFD-Post writes before "[Data]" stand before it.
+    """
+    lines = beginning(path).decode(errors="replace").splitlines(keepends=True)
+    first, in_data = -1, True
+    for number, line in enumerate(lines):
+        text = line.strip()
+        if re.fullmatch(r"\[\w+\]", text):
+            in_data = text == "[Data]"
+        elif in_data and not re.match(r'"?\s*#|$', text):
+            first = number
+            break
+    if first < 0:
+        raise ImpactsError(f"{path}: has no line that names columns{'' if in_data else ', for [Data] is missing'}.")
     try:
-        heads = next(csv.reader(io.StringIO(text, newline="")))
+        heads = next(csv.reader(io.StringIO("".join(lines[first:]), newline="")))
     except csv.Error as error:
         raise ImpactsError(f"{path}: is no CSV file ({error}).") from error
     if len(heads) == 1 and (";" in heads[0] or "\t" in heads[0]):
         raise ImpactsError(f"{path}: must have commas between its columns, and points in its numbers.")
-    return heads
+    if first and all(_is_number(head) for head in heads):
+        raise ImpactsError(
+            f"{path}: line {first + 1} must name the columns, but is {lines[first].strip()[:60]!r}; what begins with # "
+            "is a comment, not a header."
+        )
+    return first, heads
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
     arrow, reader = library("pyarrow", "cfd"), library("pyarrow.csv", "cfd")
-    heads = _csv_head(path)
+    first, heads = _csv_header(path)
+    begins = [heads[0]] if heads[0] not in wanted and heads.count(heads[0]) == 1 else []
     wrong: list[Any] = []
 
     def refuse(row: Any) -> str:
+        if row.text.lstrip(' "').startswith("#"):
+            return "skip"
         wrong.append(row)
         return "error"
 
@@ -303,28 +338,41 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
         try:
             batches = reader.open_csv(
                 arrow.PythonFile(file, mode="r"),
-                reader.ReadOptions(column_names=heads, skip_rows=1, block_size=_BLOCK),
+                reader.ReadOptions(column_names=heads, skip_rows=first + 1, block_size=_BLOCK),
                 reader.ParseOptions(invalid_row_handler=refuse, newlines_in_values=False),
                 reader.ConvertOptions(
-                    include_columns=list(wanted), column_types=dict.fromkeys(wanted, arrow.float64())
+                    include_columns=[*wanted, *begins],
+                    column_types=dict.fromkeys(wanted, arrow.float64()) | dict.fromkeys(begins, arrow.string()),
                 ),
             )
-            yield from batches
+            for batch in batches:
+                for name in begins:
+                    if any(text and text.startswith("#") for text in batch.column(name).unique().to_pylist()):
+                        raise ImpactsError(
+                            f"{path}: column {name!r}: rows begin with # as comments do; take these rows away."
+                        )
+                yield batch
         except arrow.ArrowInvalid as error:
             if wrong:
                 row = wrong[0]
+                if re.fullmatch(r"\[\w+\]", row.text.strip()):
+                    raise ImpactsError(
+                        f"{path}: {row.text.strip()} begins another part; keep the table alone, to the line before."
+                    ) from error
                 raise ImpactsError(
                     f"{path}: the row {row.text[:60]!r} has {row.actual_columns} fields, but the header names "
                     f"{row.expected_columns}."
                 ) from error
-            raise ImpactsError(f"{path}: {_wrong_number(path, heads, wanted)}.") from error
+            raise ImpactsError(f"{path}: {_wrong_number(path, first, heads, wanted)}.") from error
 
 
-def _wrong_number(path: Path, heads: Sequence[str], wanted: Sequence[str]) -> str:
-    """The first field that is no number."""
+def _wrong_number(path: Path, first: int, heads: Sequence[str], wanted: Sequence[str]) -> str:
+    """The first field that is no number, below a header with `first` lines before it."""
     places = {heads.index(name): name for name in wanted}
     with open_table(path) as file:
-        for row, fields in enumerate(csv.reader(line.decode(errors="replace") for line in file)):
+        for row, fields in enumerate(
+            csv.reader(line.decode(errors="replace") for line in itertools.islice(file, first, None))
+        ):
             for place, name in places.items():
                 try:
                     _ = float(fields[place]) if row and fields else 0.0

@@ -288,6 +288,8 @@ def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
 def _doubt(text: str, unit: str, known: Mapping[str, Known], also: Collection[Dimension]) -> str:
     """Why a column that is not understood may be one of those that are known; empty where it is none."""
     name, own_unit = head_parts(text)
+    if not (own_unit or unit) and (start := re.sub(r"[\s_]+m$", "", name)) != name:
+        name, own_unit = start, "m"  # "depth_m" is in metres, no mass
     unit = own_unit or unit or (name if "/" in name else "")  # a unit alone, "kg/s"
     used: list[Dimension] = [dimension for entry in known.values() for dimension in entry.dimensions]
     dimension = None if unit in NO_UNIT else _dimension(unit, dict.fromkeys((*used, *also, *_DIMENSIONS)))
