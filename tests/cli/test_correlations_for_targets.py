@@ -56,6 +56,20 @@ def test_the_member_for_the_target_is_chosen_and_named_or_the_target_is_refused(
         assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb not in ("calibrate", "compare")])
+def test_a_density_that_is_set_beside_a_target_is_blamed(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [*VERBS[verb], "--model", "dnv", "--target", "aluminium 6061"]
+    assert _status([*words, "--set", "density=7800"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("erosion: Parameter `density` of dnv:aluminium is set to 7800 kg/m³ (`--set`")
+    assert "`--target` is 2700 kg/m³" in error
+    assert error.count("\n") == 1
+    # Another density is not set: the option alone is wrong.
+    if verb != "export":
+        assert _status([*words, "--density", "7.8 g/cm^3"]) == 2
+        assert capsys.readouterr().err.startswith("erosion: Option `--density` must be that of the target")
+
+
 def test_a_case_files_target_and_model_are_decided_in_the_same_way(capsys: pytest.CaptureFixture[str]) -> None:
     case = 'particle = "garnet 0.3 mm"\ntarget = "{}"\nmodel = "{}"\nk = 2\nv0 = "30 m/s"\nalpha = "20 deg"\n'
     Path("case.toml").write_text(case.format("stainless steel 316", "oka"))
@@ -97,4 +111,4 @@ def test_the_density_of_another_metal_is_named_by_where_it_stands(capsys: pytest
     assert _status(["run", "own.toml", "--model", "dnv"]) == 2
     assert "own.toml: the density must be that of the target of dnv:carbon-steel, 7800 kg/m³" in capsys.readouterr().err
     assert _status(["run", *SI, "--model", "dnv", "--target", "aluminium 6061", "--set", "density=5000"]) == 2
-    assert "The density of `--target` must be that of the target of" in capsys.readouterr().err
+    assert "the density of `--target` is 2700 kg/m³: leave one of them out" in capsys.readouterr().err

@@ -13,7 +13,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import AllAngles, CaseFile, JsonOption, LangOption, read_option, with_file
 from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions
+from erosion.cli.per_mass import PerMassOptions, weighing
 from erosion.cli.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ def advise(
     abrasive = abrasive or PerMassOptions()
     uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
     per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
+    for chosen in models.values():
+        weighing(chosen, abrasive, options)  # refuses the density of another metal than a correlation's
     start_engine()
     from erosion.advice.advise import advise_case
     from erosion.joint_laws import unused_columns

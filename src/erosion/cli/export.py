@@ -12,7 +12,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
 from erosion.cli.output import Output, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, density_option
+from erosion.cli.per_mass import PerMassOptions, density_option, weighing
 from erosion.cli.progress import working
 from erosion.cli.set_option import SetOption, in_full, named_model
 from erosion.parameters.quantities import QUANTITIES, RESULTS
@@ -83,6 +83,7 @@ def export(
     with working("computing"):
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
+        weighing(chosen, None, options)  # refuses the density of another metal than a correlation's
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
         particles = _particles(particle_density, cutting_fraction, options)
         require_outputs(*outputs, inputs=(options.case, name))

@@ -73,4 +73,21 @@ def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseO
         source = "Option `--density`"
         if given.density is None:
             source = f"{options.case}: the density" if options.target is None else "The density of `--target`"
-        raise InputError(str(error).replace("Argument `density`", source)) from error
+        raise _set_beside(model, source, per_mass, options) or InputError(
+            str(error).replace("Argument `density`", source)
+        ) from error
+
+
+def _set_beside(model: "CuttingModel", source: str, per_mass: "PerMass", options: CaseOptions) -> InputError | None:
+    """The error where the density was set as an own parameter of a correlation; None where it is the correlation's."""
+    from erosion.models import Correlated
+
+    if not isinstance(model, Correlated):
+        return None
+    usual = options.load(model.label)
+    if not isinstance(usual, Correlated) or float(model.density) == float(usual.density):
+        return None
+    return InputError(
+        f"Parameter `density` of {model.label} is set to {float(model.density):g} kg/m³ (`--set`, or `set` in the case "
+        f"file), but {source[0].lower()}{source[1:]} is {per_mass.density:g} kg/m³: leave one of them out."
+    )

@@ -80,11 +80,11 @@ def sweep(
         outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
         grid = make_grid(_references(chosen, options), p, axes, outputs, paired=together, own=single)
+    weights = _weights(grid, abrasive, options)
     with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
         dataset = job.run(progress)
-    weights = _weights(grid, abrasive, options)
     with user_errors():
         _write(dataset, p, weights, table, plot)
     _print(dataset, grid, output, _output(grid, options, json=json), weights)
