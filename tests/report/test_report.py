@@ -21,6 +21,7 @@ from erosion.report.case import Answer, Case, question
 from erosion.report.figures import fit_on_sheet
 from erosion.report.page import PARTS
 from erosion.report.questions import QUESTIONS, a1, text_file
+from erosion.report.rotation import sensitivities
 from erosion.report.template import write_text
 from erosion.report.text import degrees
 
@@ -177,6 +178,20 @@ def test_rotation_answers_with_the_settled_figures(whole: Path) -> None:
     at_one = again["k"]["values"].index(1.0)
     assert again["k"]["kind"][at_one] == "jump"
     assert np.rad2deg(again["k"]["alpha_max"][at_one]) == pytest.approx(39.99624582, abs=2e-7)
+
+
+def test_the_spin_has_a_sensitivity_where_the_body_spins() -> None:
+    assert "phidot0" not in sensitivities(Case(TABLE_1, "Table 1"))
+    rates = sensitivities(Case(TABLE_1.replace(phidot0=0.1 * TABLE_1.v0 / TABLE_1.r), "spinning"))
+    without, rate = rates["phidot0"]
+    assert without == 0
+    # 0.1 more spin takes α from 22.27° to about 20.4° at 0.25, see above.
+    assert rate is not None
+    assert np.deg2rad(-3) < rate < np.deg2rad(-1)
+    # Of Ω and s alone: the speed moves both, the stress only Ω.
+    (_, speed), (_, stress) = rates["v0"], rates["sigma"]
+    assert stress is not None
+    assert speed == pytest.approx(-2 * stress - rate, rel=1e-6)
 
 
 def test_other_force_ratios_and_the_printed_equations(whole: Path) -> None:

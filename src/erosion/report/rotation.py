@@ -92,6 +92,7 @@ def sensitivities(case: Case) -> dict[str, list[float | None]]:
     rates = {
         name: [case.sensitivity(model, name) for model in ("linearized", MODEL)]
         for name in QUANTITIES
-        if name not in ("alpha", "phidot0")
+        # Where nothing spins, "ten per cent more spin" is none.
+        if name != "alpha" and (name != "phidot0" or case.p.spin != 0)
     }
     return {name: [rate if np.isfinite(rate) else None for rate in pair] for name, pair in rates.items()}
