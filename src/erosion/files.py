@@ -244,8 +244,8 @@ def _name_of_draft(target: Path, token: str) -> str:
 
     By the digest a folder is known that this program made, for this file: nobody else's is named so.
     """
-    digest = hashlib.sha256(b"erosion/" + token.encode() + b"/" + os.fsencode(target.name)).hexdigest()
-    return f".{target.name[:40]}.{token}{digest[:_TOKEN]}.part"
+    of_both = hashlib.sha256(b"erosion/" + token.encode() + b"/" + os.fsencode(target.name)).hexdigest()
+    return f".{target.name[:40]}.{token}{of_both[:_TOKEN]}.part"
 
 
 def _is_draft(name: str, target: Path) -> bool:

@@ -66,20 +66,20 @@ def equations_of(model: CuttingModel, units: System = "inch-pound") -> Equations
         model: numbers among its leaves may be arrays, or JAX's tracers.
         units: the unit system that its methods see; see `units_within`.
     """
-    recent = _recent.get((id(model), units))
+    recent = _by_place.get((id(model), units))
     if recent is not None and recent[0]() is model and recent[1].surroundings.unchanged():
         return recent[1]
     kind = _Kind(model, units)
-    known = _known.get(kind)
+    known = _by_kind.get(kind)
     if known is None or not known.surroundings.unchanged():
         known = _traced(kind, known)
-    _remember(model, units, known)
+    _keep_by_place(model, units, known)
     return known
 
 
-_known: "dict[_Kind, Equations]" = {}
+_by_kind: "dict[_Kind, Equations]" = {}
 # By a model's place in memory: a model does not change, and to tell its kind takes ten times longer.
-_recent: "dict[tuple[int, System], tuple[weakref.ref[CuttingModel], Equations]]" = {}
+_by_place: "dict[tuple[int, System], tuple[weakref.ref[CuttingModel], Equations]]" = {}
 
 
 def _traced(kind: "_Kind", before: Equations | None) -> Equations:
@@ -87,17 +87,17 @@ def _traced(kind: "_Kind", before: Equations | None) -> Equations:
     if before is not None and not before.surroundings.unchanged():
         jax.clear_caches()  # JAX, too, remembers what functions within the model have computed
     equations = kind.traced()
-    _known.pop(kind, None)
-    _known[kind] = equations
-    while len(_known) > _MANY:
-        _known.pop(next(iter(_known)), None)
+    _by_kind.pop(kind, None)
+    _by_kind[kind] = equations
+    while len(_by_kind) > _MANY:
+        _by_kind.pop(next(iter(_by_kind)), None)
     return equations
 
 
-def _remember(model: CuttingModel, units: System, equations: Equations) -> None:
+def _keep_by_place(model: CuttingModel, units: System, equations: Equations) -> None:
     place = id(model), units
     with contextlib.suppress(TypeError):  # of a class with `__slots__` there are no such references
-        _recent[place] = weakref.ref(model, lambda _: _recent.pop(place, None)), equations
+        _by_place[place] = weakref.ref(model, lambda _: _by_place.pop(place, None)), equations
 
 
 def model_digest(model: CuttingModel, p: Parameters) -> str:
@@ -111,8 +111,8 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
     units = units_within(model, p)
     kind = _Kind(model, units)
     # As the code is now, also where something changed that `Surroundings` does not see, such as a file that is read.
-    equations = _traced(kind, _known.get(kind))
-    _remember(model, units, equations)
+    equations = _traced(kind, _by_kind.get(kind))
+    _keep_by_place(model, units, equations)
     if equations.flaw is not None:
         raise ValueError(f"Argument `model` must be a model, but {equations.flaw}.")
     if equations.foreign:
@@ -140,7 +140,7 @@ def flaw(model: CuttingModel) -> str | None:
 
     Its methods are traced, not run: a model of NaN, or one whose cut never ends, passes.
     """
-    recent = _recent.get((id(model), "inch-pound"))
+    recent = _by_place.get((id(model), "inch-pound"))
     is_known = recent is not None and recent[0]() is model
     return (None if is_known else _wrong_part(model)) or equations_of(model).flaw
 
@@ -232,7 +232,7 @@ def _exact_structure(structure: Structure) -> Hashable:
 
 
 def _exactly(value: Any) -> Hashable:
-    """What is equal only for values that no function can tell apart."""
+    """A key that two values share only if no function can tell them apart, as one can 2 and 2.0."""
     kind = type(value)
     if isinstance(value, (np.generic, np.dtype)) or value is None or kind in (str, bytes, bool, int):
         return kind, value.tobytes() if isinstance(value, np.generic) else value

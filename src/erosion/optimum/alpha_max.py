@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,7 @@ _NO_RATES = {
 }
 
 _TOGETHER = 1000  # cases that are searched at once: some 100 MB
+_DISTANCES = 1e-7, 4e-7, 16e-7  # rad, from a jump or a kink; a quotient at it is continued from these
 
 
 @dataclasses.dataclass(frozen=True)
@@ -398,17 +399,11 @@ def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
     # On the side that grazes the cut ends earlier: it is the side that is attained.
     below, attained = (np.ravel(mask)[cases] for mask in (np.asarray(optimum.side) == "below", optimum.attained))
     towards = np.where(below == attained, -1.0, 1.0)
-
-    steepness = []
-
-    def quotient(distance: float) -> np.ndarray:
-        time = along_angle(cases, at + towards * distance).t_c
-        steepness.append(np.abs(time.first[:, 0]))
-        return (-time.other[:, 1:] / time.first[:, :1]).T
-
-    rates = _at_no_distance(quotient)
+    times = [along_angle(cases, at + towards * distance).t_c for distance in _DISTANCES]
+    rates = _at_no_distance([(-time.other[:, 1:] / time.first[:, :1]).T for time in times])
+    nearest, farthest = (np.abs(times[i].first[:, 0]) for i in (0, -1))
     # Beside a graze t_α grows as the root of the distance falls, by 4 here. Another jump leaves no trace beside it.
-    return np.where(steepness[0] > 2 * steepness[-1], rates, np.nan)
+    return np.where(nearest > 2 * farthest, rates, np.nan)
 
 
 def _along_kink(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
@@ -422,9 +417,10 @@ def _along_kink(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
         below, above = (along_angle(cases, alpha + side * distance).volume for side in (-1, 1))
         return (-(above.other - below.other)[:, 1:] / (above.first - below.first)[:, :1]).T
 
-    return _at_no_distance(quotient)
+    return _at_no_distance([quotient(distance) for distance in _DISTANCES])
 
 
-def _at_no_distance(quotient: Callable[[float], np.ndarray]) -> np.ndarray:
-    """A quotient at a place, from those near it: three distances cancel the terms of the distance and of its root."""
-    return (8 * quotient(1e-7) - 6 * quotient(4e-7) + quotient(16e-7)) / 3
+def _at_no_distance(quotients: Sequence[np.ndarray]) -> np.ndarray:
+    """A quotient at a place, from those at `_DISTANCES`, which cancel the terms of the distance and of its root."""
+    nearest, middle, farthest = quotients
+    return (8 * nearest - 6 * middle + farthest) / 3

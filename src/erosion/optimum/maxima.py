@@ -27,7 +27,7 @@ _SAME = 1e-9  # of a function's size: by no more values differ on a plateau
 _LONG = 1e-3  # rad; a plateau is no shorter, or has half of the range
 _ALPHA = list(QUANTITIES).index("alpha")
 _GRID = 64  # first angles between 0.02 rad and π/2
-_SHALLOW = 1e-4  # rad; a series of two terms continues a function from here to 0
+_SERIES = 1e-4  # rad; from here to 0 two terms of a series continue a function
 _CHANGE = 0.01  # of a function: if its slope adds more over the angle, it is a power of the angle
 _BEND = 0.02  # rad; below, the first angles are closer together
 
@@ -291,7 +291,7 @@ class Search:
         """The supremum as α → 0, continued from the shallowest node, or from the next if that is shallow enough."""
         at = (
             second
-            if nodes.alpha[second] <= _SHALLOW
+            if nodes.alpha[second] <= _SERIES
             and abs(nodes.alpha[first] * nodes.slope[first]) <= _CHANGE * abs(nodes.value[first])
             else first
         )
@@ -475,7 +475,7 @@ def _first_angles(low: float, high: float) -> np.ndarray:
     elif low >= _BEND:
         angles = np.linspace(low, high, _GRID)
     else:
-        near_zero = np.geomspace(max(low, _SHALLOW), _BEND, 14)[:-1]
+        near_zero = np.geomspace(max(low, _SERIES), _BEND, 14)[:-1]
         angles = np.concatenate([[low], near_zero, np.linspace(_BEND, high, _GRID)])
     # In the narrowest ranges neighbours are the same number.
     return np.unique(np.clip(angles, low, high))

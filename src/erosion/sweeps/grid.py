@@ -91,10 +91,10 @@ class Outputs:
 
 @dataclasses.dataclass(frozen=True)
 class Named:
-    """A model that any process finds by its name or path, and its digest when the grid was made; "" of a built-in."""
+    """A model that any process finds by its name or path, and its digest when the grid was made; None of a built-in."""
 
     name: str | Path
-    digest: str
+    digest: str | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -335,7 +335,7 @@ def _loaded(model: "CuttingModel | Named") -> CuttingModel:
         return model
     if model not in _known:
         loaded = load_model(model.name)
-        if model.digest not in ("", model_digest(loaded, TABLE_1)):
+        if model.digest is not None and model.digest != model_digest(loaded, TABLE_1):
             raise RuntimeError(f"{model.name}: is another model than that which the sweep was begun with.")
         _known[model] = loaded
     return _known[model]
@@ -351,7 +351,7 @@ def _source(model: Model) -> "CuttingModel | Named":
         return loaded
     # Another process, with another working directory, must find a model's file.
     is_file = str(model).endswith(".py")
-    its_digest = "" if str(model) in BUILT_IN else model_digest(loaded, TABLE_1)
+    its_digest = None if str(model) in BUILT_IN else model_digest(loaded, TABLE_1)
     named = Named(Path(model).absolute() if is_file else str(model), its_digest)
     _known.setdefault(named, loaded)
     return named
