@@ -282,3 +282,21 @@ def test_the_source_of_a_model_is_found_among_files_of_the_same_parts(tmp_path):
     assert model_source(models[1]) == str(files[1])
     assert model_source(load_model("rotating").replace()) == "rotating"
     assert model_source(load_model("dnv:duplex")) == "dnv:duplex"
+
+
+def test_a_model_that_only_seems_equal_has_no_source(tmp_path):
+    file = tmp_path / "typed.py"
+    file.write_text(
+        "import equinox as eqx\nfrom erosion.models import ForceLaw, Linearized\n\n"
+        "class Typed(ForceLaw):\n    n: object = eqx.field(static=True)\n\n"
+        "    def __call__(self, state, tip, p):\n"
+        "        force = -p.stiffness * tip.depth * (1.0 if isinstance(self.n, int) else 0.5)\n"
+        "        return force, p.k * force\n\n"
+        "    def typical_ratio(self, p):\n        return p.k\n\n"
+        "model = Linearized(force=Typed(2))\n"
+    )
+    model = load_model(file)
+    kind: Any = type(model)
+    law = type(vars(model)["force"])
+    assert model_source(model) == model_source(kind(law(2))) == str(file)
+    assert model_source(kind(law(2.0))) is None  # 2 == 2.0, but the law computes another force

@@ -20,7 +20,7 @@ from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, correlated
 from erosion.models.deformation import Deformation, ProportionalDeformationWear
-from erosion.models.equations import flaw, named
+from erosion.models.equations import equations_of, flaw, named
 from erosion.models.finnie import Finnie
 from erosion.models.forces import ForceLaw, TanAlpha, VelocityAligned
 from erosion.models.linearized import Linearized
@@ -248,8 +248,11 @@ def impact_to_dict(model: CuttingModel, p: Parameters, but: Collection[str] = ()
 
 
 def _same_parts(model: CuttingModel, other: CuttingModel) -> bool:
-    """Whether the parts are the same; the values of own parameters may differ."""
-    return jax.tree.structure(model) == jax.tree.structure(other)
+    """Whether the parts compute the same; the values of own parameters may differ."""
+    if jax.tree.structure(model) != jax.tree.structure(other):
+        return False
+    # Structures compare what they hold by ==, for which 2 is 2.0, and do not see code that was defined anew.
+    return equations_of(model).digest == equations_of(other).digest
 
 
 def _listed(name: str, load: Callable[[], tuple[CuttingModel, object]]) -> ModelInfo:
