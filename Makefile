@@ -26,7 +26,7 @@ test-lowest: | $(UV)
 # JAX's newest versions need Python 3.12 or newer: what reads their jaxprs, with such a Python, beside .venv.
 test-newest: | $(UV)
 	UV_PROJECT_ENVIRONMENT=.venv-newest $(UV) sync --locked --all-extras --python $(PYTHON)
-	.venv-newest/bin/pytest --numprocesses 2 --dist worksteal -m "not slow" tests/lanes tests/engine tests/models tests/optimum
+	.venv-newest/bin/pytest --numprocesses 2 --dist worksteal -m "not slow" tests/lanes tests/ode tests/impacts tests/models tests/optimum
 
 # The lines of src/ that no test runs, by file.
 coverage: $(STAMP)

@@ -57,16 +57,16 @@ def in_workshop(workshop, monkeypatch):
 @pytest.fixture
 def no_computing(monkeypatch):
     """What is wrong with the input must be known before the first impact."""
-    import erosion.engine.impact
-    import erosion.optimum.maxima
+    import erosion.impacts.impact
+    import erosion.ode.maxima
     import erosion.trajectory.diffrax_steps
     import erosion.trajectory.path
 
     def computed(*arguments, **options):
         raise AssertionError("computed before the input was checked")
 
-    monkeypatch.setattr(erosion.engine.impact, "integrate", computed)
-    monkeypatch.setattr(erosion.optimum.maxima, "integrate", computed)
+    monkeypatch.setattr(erosion.impacts.impact, "integrate", computed)
+    monkeypatch.setattr(erosion.ode.maxima, "integrate", computed)
     monkeypatch.setattr(erosion.trajectory.path, "states_at", computed)
     monkeypatch.setattr(erosion.trajectory.diffrax_steps, "solve", computed)
 

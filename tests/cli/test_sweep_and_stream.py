@@ -147,8 +147,9 @@ def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, capsys, 
 
 def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monkeypatch):
     from erosion.sweeps import sweep
+    from erosion.sweeps.grid import Grid
 
-    solve = sweep.Grid.solve
+    solve = Grid.solve
     calls: list[Any] = []
 
     def interrupted(grid: Any) -> Any:
@@ -157,7 +158,7 @@ def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monke
             raise KeyboardInterrupt
         return solve(grid)
 
-    monkeypatch.setattr(sweep.Grid, "solve", interrupted)
+    monkeypatch.setattr(Grid, "solve", interrupted)
     monkeypatch.setattr(sweep, "_MEMORY_BLOCK", 4)
     out = tmp_path / "out.nc"
     assert _status(["sweep", case, "-o", str(out)]) == 130
@@ -168,7 +169,7 @@ def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monke
     assert result_of(capsys.readouterr().out)["ended_by"] == {"rebound": 8}
 
 
-@pytest.mark.parametrize(("verb", "part"), [("sweep", "sweeps.sweep.Grid.solve"), ("stream", "streams.stream._tally")])
+@pytest.mark.parametrize(("verb", "part"), [("sweep", "sweeps.grid.Grid.solve"), ("stream", "streams.stream._tally")])
 def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, capsys, monkeypatch, verb, part):
     def broken(*arguments: Any) -> Any:
         raise ValueError("all the king's horses")

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from erosion.engine.impact import impact
 from erosion.explorer import computed as computing
 from erosion.explorer.answers import ANGLES, Answer, Answers
 from erosion.explorer.computed import Computed
@@ -25,6 +24,7 @@ from erosion.explorer.tab import Service
 from erosion.explorer.views.curves import volumes
 from erosion.explorer.views.numbers import numbers
 from erosion.explorer.views.spins import sensitivities
+from erosion.impacts.impact import impact
 from erosion.models import Linearized, load_model
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.case_files import load_per_mass

@@ -87,7 +87,7 @@ def test_ctrl_c_ends_a_model_that_never_ends(impacts, tmp_path):
         import numpy as np
         import erosion
         from erosion.cli import main
-        from erosion.engine import batch
+        from erosion.ode import batch
         from erosion.lanes.lanewise import Lanewise
         usual = Lanewise.run
         Lanewise.run = lambda *arguments: (print("begins", flush=True), usual(*arguments))

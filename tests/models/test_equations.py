@@ -13,10 +13,10 @@ import pytest
 
 import erosion
 from erosion.distributions import Normal
-from erosion.engine.leaves import split
+from erosion.impacts.lanes import split
 from erosion.models.equations import equations_of, model_digest
 from erosion.trajectory.path import path
-from tests.engine.test_force_laws import Table
+from tests.impacts.test_force_laws import Table
 
 P = erosion.TABLE_1
 DEPTHS = np.linspace(0, 1, 5000)
@@ -364,7 +364,7 @@ def test_stores_and_programs_do_not_tell_apart(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["jnp.square", "computed twice", "the order of statements", "a loop of Python"])
 def test_models_of_one_digest_have_the_same_bits(name: str) -> None:
-    from erosion.engine import batch
+    from erosion.ode import batch
 
     impacts = []
     for text in SAME[name]:

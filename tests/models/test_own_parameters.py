@@ -8,10 +8,10 @@ import pytest
 
 import erosion
 from erosion.cli.optimum import _print, _print_sensitivities
-from erosion.engine import batch
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.equations import flaw
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
+from erosion.ode import batch
 from erosion.optimum.objectives import EndTime
 from erosion.verification.checks import Subject
 from tests.reference import closed_form

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.engine.leaves import split
-from erosion.optimum.maxima import Search
-from erosion.optimum.resolve import Cells, Scan, joined
+from erosion.impacts.lanes import split
+from erosion.ode.resolve import Cells, Scan, joined
+from erosion.optimum.maxima import over_angles
 from erosion.tables import to_json
 from tests.reference import closed_form
 
@@ -206,15 +206,15 @@ def test_an_optimum_is_printed_in_degrees():
 
 
 def test_a_jump_known_only_to_a_wide_cell_is_looked_at_from_outside_the_cell():
-    search = Search(*split(erosion.load_model("rotating"), P.replace(k=1.0)), cases=1, least=False)
-    evaluate = search.objective(1e-9)
+    search = over_angles(*split(erosion.load_model("rotating"), P.replace(k=1.0)), 1, 0.0, np.pi / 2, least=False)
+    evaluate = search.loose
     jump = erosion.alpha_max("rotating", P.replace(k=1.0)).jumps[-1].alpha
     # As where cutting begins: 3e-8 wide, and the jump not in its middle.
     cells = Cells(*(evaluate(np.zeros(1, int), np.array([jump + aside])) for aside in (-2.5e-8, 5e-9)))
     scanned = Scan(joined(*cells), cells, cells, cells.low.value, np.zeros(1, int), np.ones(1, int))
     ((case, candidate),) = search.at_jumps(scanned, np.array([True]))
     assert (case, candidate.kind, candidate.side) == (0, "jump", "below")
-    assert candidate.alpha == pytest.approx(jump - 2.5e-8, abs=1e-11)
+    assert candidate.at == pytest.approx(jump - 2.5e-8, abs=1e-11)
     assert candidate.value == pytest.approx(1.77719894e-4, rel=1e-4)  # V rises like a root towards the jump
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from erosion.distributions import Normal, Uniform
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.posteriors import next_experiment, posterior, rank_posteriors

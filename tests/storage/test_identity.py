@@ -46,15 +46,15 @@ def test_a_model_that_was_typed_has_an_identity() -> None:
 
 
 def test_an_edit_of_the_package_itself_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "engine").mkdir()
+    (tmp_path / "ode").mkdir()
     (tmp_path / "cli").mkdir()
-    for name in ("engine/tableau.py", "cli/run.py"):
+    for name in ("ode/tableau.py", "cli/run.py"):
         (tmp_path / name).write_text("order = 8\n")
     monkeypatch.setattr(erosion.storage.identity, "_PACKAGE", tmp_path)
     before = package_digest.__wrapped__()
     (tmp_path / "cli/run.py").write_text("order = 9\n")
     assert package_digest.__wrapped__() == before
-    (tmp_path / "engine/tableau.py").write_text("order = 9\n")
+    (tmp_path / "ode/tableau.py").write_text("order = 9\n")
     assert package_digest.__wrapped__() != before
     assert package_digest() in identity({}, P)["version"]
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from erosion.distributions import LogNormal, Normal, Uniform
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.joint_laws import Correlated, Rows
 from erosion.parameters.parameters import TABLE_1
 from erosion.streams.sensitivity import sobol_indices

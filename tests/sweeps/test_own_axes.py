@@ -9,7 +9,7 @@ import xarray as xr
 
 import erosion
 from erosion.cli import _status
-from erosion.engine import impact as engine
+from erosion.impacts import impact as engine
 from erosion.models import Finnie, Linearized
 from erosion.plotting.sweeps import plot_sweep
 from erosion.sweeps import grid

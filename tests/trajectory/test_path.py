@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.engine.states import States, states_at
+from erosion.impacts.states import States, states_at
 from erosion.trajectory import path as module
 from erosion.trajectory.path import path
 from erosion.trajectory.trajectory import SimulationError

@@ -11,17 +11,17 @@ from erosion.arguments import Progress, no_progress
 from erosion.calibration.forward import FRACTION
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.models import called, load_model
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, correlated, made_for, members, per_mass_of
+from erosion.ode.precision import require_float64
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import QUANTITIES
 from erosion.streams.particles import Particles
 from erosion.trajectory.trajectory import SimulationError

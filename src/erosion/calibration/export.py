@@ -15,12 +15,12 @@ from erosion.calibration.conditions import MOST, conditions
 from erosion.calibration.doubts import LEVEL
 from erosion.calibration.forward import SCALE
 from erosion.calibration.result import Calibration
-from erosion.engine.impact import impact
 from erosion.exports.fluent import AngleTable, angle_table
 from erosion.exports.openfoam import ParticleErosion, coefficients
 from erosion.exports.particle import Particle, commented, particle_of, share_in_words
 from erosion.exports.reach import ANGLES, Reach
 from erosion.files import seen_from
+from erosion.impacts.impact import impact
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from erosion.calibration.measurements import Measurements
-from erosion.engine.impact import Impact, impact
+from erosion.impacts.impact import Impact, impact
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.parameters.parameters import QUANTITIES, Parameters

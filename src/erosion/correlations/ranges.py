@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 
 from erosion.correlations.units import Values
-from erosion.parameters.precision import require_float64, require_xla
+from erosion.ode.precision import require_float64, require_xla
 
 
 class OutOfRangeWarning(UserWarning):

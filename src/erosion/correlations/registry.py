@@ -23,7 +23,7 @@ from erosion.correlations.mclaury import MCLAURY_RANGES, mclaury, mclaury_angle
 from erosion.correlations.oka import OKA_MATERIALS, OKA_RANGES, OkaMaterial, oka, oka_angle
 from erosion.correlations.ranges import Range
 from erosion.correlations.units import Values
-from erosion.parameters.precision import require_xla
+from erosion.ode.precision import require_xla
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-from erosion.engine.impact import impact
 from erosion.exercises.by_hand import at_contact, euler, linearized_rate, rk4
+from erosion.impacts.impact import impact
 from erosion.language import language
 from erosion.models import Linearized
 from erosion.optimum.alpha_max import Optimum, alpha_max

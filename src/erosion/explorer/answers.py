@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.engine.impact import Impact, impact
 from erosion.explorer.single_events import end_times
 from erosion.explorer.state import Case
+from erosion.impacts.impact import Impact, impact
 from erosion.models.base import CuttingModel
 from erosion.optimum.alpha_max import Optimum, alpha_max
 from erosion.trajectory.path import path

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.engine.impact import Impact
 from erosion.explorer.answers import Answer, Answers, Spins
 from erosion.explorer.preparation import Preparation
 from erosion.explorer.state import Case, State
 from erosion.explorer.threads import in_thread
 from erosion.explorer.wording import sentence
+from erosion.impacts.impact import Impact
 from erosion.optimum.alpha_max import Optimum
 from erosion.trajectory.trajectory import Trajectory
 

@@ -6,8 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.engine.impact import impact
-from erosion.engine.outcomes import OTHER_ENDS, end_names
+from erosion.impacts.impact import impact
+from erosion.impacts.outcomes import OTHER_ENDS, end_names
 from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.parameters.parameters import Parameters
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from erosion.arguments import check_unmasked
 from erosion.array_types import Broadcast
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import per_mass_of

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.engine.outcomes import OTHER_ENDS, end_names
-from erosion.engine.states import states_at
 from erosion.exports.particle import ExportError, angles, in_si, particle_of
 from erosion.exports.tables import SHARES, labelled, require_rows
+from erosion.impacts.outcomes import OTHER_ENDS, end_names
+from erosion.impacts.states import states_at
 from erosion.models import model_name
 from erosion.models.base import ZERO, CuttingModel, State
 from erosion.models.correlated import Correlated
+from erosion.ode.precision import require_float64
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.precision import require_float64
 
 _ANGLES = np.deg2rad(np.arange(2.5, 89, 2.5))  # at 90° nothing is cut, and there is no rebound to follow
 _RTOL = 1e-12

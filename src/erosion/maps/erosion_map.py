@@ -22,8 +22,8 @@ from erosion.models import load_model
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
 from erosion.models.own_parameters import require_one_impact
+from erosion.ode.precision import require_float64
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.precision import require_float64
 
 
 def erosion_map(

@@ -13,9 +13,9 @@ import xarray as xr
 from erosion.arguments import Progress, no_progress
 from erosion.cfd.impacts import Impacts, ImpactsError
 from erosion.cfd.surface import Surface
-from erosion.engine.impact import impact
-from erosion.engine.outcomes import end_names
 from erosion.files import digest
+from erosion.impacts.impact import impact
+from erosion.impacts.outcomes import end_names
 from erosion.joint_laws import law_digest
 from erosion.maps.bodies import FRACTION, outside_range
 from erosion.maps.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence

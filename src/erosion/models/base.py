@@ -6,7 +6,7 @@ angle, fits, plots) works for any model without knowing which one it is.
 
 import abc
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,6 +18,9 @@ from erosion.models.own_parameters import check_least, converted, replaced
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import System
 from erosion.tables import abbreviate
+
+if TYPE_CHECKING:
+    from erosion.ode.problem import Problem
 
 Events = Mapping[str, Broadcast]
 """A number for each event, by its name."""
@@ -188,6 +191,21 @@ class CuttingModel(eqx.Module):
     def closed_form(self) -> ClosedForm | None:
         """The exact solution, if there is one."""
         return None
+
+    def problem(self) -> "Problem":
+        """The cut as a problem of `erosion.ode`, whose arguments are the parameters of a case.
+
+        So it can be changed, as by an event that the body survives, and solved by `erosion.ode.solve`:
+
+            end = ode.solve(model.problem(), p, start="end", wrt="alpha")
+            end.integrals["volume"], end.y.omega
+
+        `start="end"` says that an impact which cuts nothing ends at its start; `ended_by` is then "start" for
+        "no-cut". The model's own numbers are part of the problem.
+        """
+        from erosion.models.cut import problem_of
+
+        return problem_of(self)
 
     @property
     def needs_units(self) -> bool:

@@ -23,8 +23,8 @@ from erosion.array_types import Broadcast, Scalar
 from erosion.models.base import NO_CUT, ZERO, ClosedForm, Events, State
 from erosion.models.deformation import Deformation, NoDeformation
 from erosion.models.trigonometry import UPRIGHT
+from erosion.ode.precision import require_xla
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.precision import require_xla
 
 _Method = TypeVar("_Method", bound=Callable[..., Broadcast | State | Events])
 

@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import math
 import typing
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import equinox as eqx
@@ -24,6 +24,8 @@ from erosion.parameters.units import Dimension, System, conversion_factor
 from erosion.tables import abbreviate
 
 _Model = TypeVar("_Model", bound=eqx.Module)
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+_QUANTITY = "_own_quantity"  # the attribute of a method that is declared as a rate
 
 
 class OwnParameter(NamedTuple):
@@ -63,10 +65,51 @@ def own_parameter(
         least: the least value; `CuttingModel.replace` and the commands refuse a smaller one. In an array it
             passes, and the model must make that impact fail by a NaN.
     """
+    return eqx.field(default=default, metadata={"quantity": _declared(symbol, meaning, dimension), "least": least})
+
+
+def own_quantity(symbol: str, meaning: str, dimension: Dimension = "1") -> Callable[[_Method], _Method]:
+    """Declare a method of a model as the rate of a quantity that is integrated along the cut, beside the volume.
+
+        @erosion.own_quantity("W", "work of the tip", "energy")
+        def work(self, state, p):
+            return …
+
+    `erosion.impact(…).quantities["work"]` and sweeps give its integral; the method is named as a quantity is.
+
+    Args:
+        symbol: "W".
+        meaning: "work of the tip".
+        dimension: of the integral: "1", "length", "energy", …
+    """
+    quantity = _declared(symbol, meaning, dimension)
+
+    def declared(method: _Method) -> _Method:
+        vars(method)[_QUANTITY] = quantity
+        return method
+
+    return declared
+
+
+def own_quantities(kind: type[eqx.Module]) -> dict[str, Quantity]:
+    """The quantities that models of a class have of their own, by name; see `own_quantity`."""
+    own: dict[str, Quantity] = {}
+    for base in reversed(kind.__mro__):
+        for name, member in vars(base).items():
+            # Equinox wraps the methods of a module.
+            quantity = getattr(getattr(member, "method", member), _QUANTITY, None)
+            if isinstance(quantity, Quantity):
+                own[name] = quantity
+            else:
+                own.pop(name, None)
+    return own
+
+
+def _declared(symbol: str, meaning: str, dimension: Dimension) -> Quantity:
     known = typing.get_args(Dimension)
     if dimension not in known:
         raise ValueError(f"Argument `dimension` must be one of {', '.join(known)}, but is {dimension!r}.")
-    return eqx.field(default=default, metadata={"quantity": Quantity(symbol, meaning, dimension), "least": least})
+    return Quantity(symbol, meaning, dimension)
 
 
 def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
@@ -206,13 +249,6 @@ def own_in_words(model: eqx.Module, but: Collection[str] = (), units: System | N
         f"{name} = {abbreviate(value) if units is None else quantity.in_words(float(value), units, 6)}"
         for name, (_, _, value, quantity, _) in own.items()
     )
-
-
-def is_number(leaf: object) -> TypeGuard[Number]:
-    """Whether a leaf of a model is a number or an array of numbers; truth values are, too."""
-    if isinstance(leaf, (float, int)):
-        return True
-    return isinstance(leaf, (np.ndarray, np.generic, jax.Array, Tracer)) and np.dtype(leaf.dtype).kind in "fiub"
 
 
 def _is_number(value: object, *, many: bool = False) -> TypeGuard[Number]:

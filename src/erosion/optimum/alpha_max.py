@@ -8,7 +8,6 @@ every jump and of both ends of the range.
 
 import dataclasses
 import functools
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,18 +15,17 @@ from pathlib import Path
 import numpy as np
 
 from erosion.array_types import PerImpact
-from erosion.engine.batch import threads
-from erosion.engine.impact import PairDerivatives, impact, lanes_of, pair_derivatives
-from erosion.interrupts import unawaited_threads
+from erosion.impacts.impact import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
 from erosion.models.registry import impact_to_dict
-from erosion.optimum.maxima import ASIDE as ASIDE
-from erosion.optimum.maxima import TIGHT, Maxima, Search, limit_at_zero, shallowest
+from erosion.ode.maxima import ASIDE as ASIDE
+from erosion.ode.maxima import TIGHT, Maxima, searched
+from erosion.ode.precision import require_float64
+from erosion.optimum.maxima import in_words, limit_at_zero, over_angles, shallowest
 from erosion.optimum.objectives import MEASURES, OBJECTIVES, Objective
 from erosion.parameters.parameters import Parameters, require_parameters, validate
-from erosion.parameters.precision import require_float64
 from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, quantity_row, result_row
 from erosion.parameters.ranges import STEEPEST
 from erosion.parameters.scales import table_scale
@@ -42,7 +40,6 @@ _NO_RATES = {
     "none": "nothing is removed at any angle",
 }
 
-_TOGETHER = 1000  # cases that are searched at once: some 100 MB
 _DISTANCES = 1e-7, 4e-7, 16e-7  # rad, from a jump or a kink; a quotient at it is continued from these
 
 
@@ -252,7 +249,7 @@ def _optimum(
     p = p.replace(alpha=STEEPEST)
     validate(p)
     optima, shape = _searched(integrand, p, low, high, least=least)
-    columns = _columns(optima, shape)
+    columns = in_words(optima, shape)
     volume = columns["value"]
     if integrand is not model:
         volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"], shallowest(high))
@@ -279,40 +276,11 @@ def _searched(
 ) -> tuple[list[Maxima], tuple[int, ...]]:
     """The optima of all cases, and the shape of the cases."""
     layout, numbers, shape = lanes_of(integrand, p)
-    count = int(np.prod(shape, dtype=int))
 
-    def search(begin: int) -> list[Maxima]:
-        leaves = layout.of_lanes(numbers, slice(begin, begin + _TOGETHER))
-        return Search(layout, leaves, min(_TOGETHER, count - begin), least=least).optima(low, high)
+    def search(lanes: slice, cases: int) -> list[Maxima]:
+        return over_angles(layout, layout.of_lanes(numbers, lanes), cases, low, high, least=least).optima()
 
-    # While one thread integrates, another uses Python to choose the next angles.
-    with unawaited_threads(threads()) as pool:
-        return list(itertools.chain.from_iterable(pool.map(search, range(0, count, _TOGETHER)))), shape
-
-
-def _columns(optima: list[Maxima], shape: tuple[int, ...]) -> Record:
-    """The fields of an `Optimum` that are arrays of the shape of the cases."""
-    best = [of_case.candidates[0] for of_case in optima]
-    fields = {
-        "alpha": [candidate.alpha for candidate in best],
-        "low": [candidate.low for candidate in best],
-        "high": [candidate.high for candidate in best],
-        "value": [candidate.value for candidate in best],
-        "dvolume": [candidate.dvalue for candidate in best],
-        "d2volume": [candidate.d2value for candidate in best],
-        "kind": [candidate.kind for candidate in best],
-        "ended_by": [candidate.ended_by for candidate in best],
-        "side": [candidate.side for candidate in best],
-        "attained": [candidate.attained for candidate in best],
-        "iterations": [of_case.rounds + of_case.candidates[0].steps for of_case in optima],
-        "certified": [of_case.certified for of_case in optima],
-    }
-    columns = {key: np.array(column).reshape(shape)[()] for key, column in fields.items()}
-    for key in ("candidates", "jumps", "regimes"):
-        column = np.empty(len(optima), object)
-        column[:] = [getattr(of_case, key) for of_case in optima]
-        columns[key] = column.reshape(shape)[()]
-    return columns
+    return searched(math.prod(shape), search), shape
 
 
 def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:

@@ -23,7 +23,7 @@ System = Literal["inch-pound", "si"]
 Dimension = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
     "rate", "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
-    "mass flux", "mass flow",
+    "mass flux", "mass flow", "energy",
 ]  # fmt: skip
 
 SYSTEMS: tuple[System, ...] = get_args(System)
@@ -38,7 +38,7 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "angular speed": "rad/s", "rate": "1/s", "volume per angle": "inch**3/rad",
             "volume per angle²": "inch**3/rad**2", "density": "slinch/inch**3",
             "volume per mass": "inch**3/slinch", "mass per mass": "slinch/slinch",
-            "mass flux": "slinch/inch**2/s", "mass flow": "slinch/s",
+            "mass flux": "slinch/inch**2/s", "mass flow": "slinch/s", "energy": "inch*lbf",
         },
         "si": {
             "1": "", "length": "m", "area": "m**2", "volume": "m**3", "mass": "kg",
@@ -46,7 +46,7 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
             "angular speed": "rad/s", "rate": "1/s", "volume per angle": "m**3/rad",
             "volume per angle²": "m**3/rad**2", "density": "kg/m**3",
             "volume per mass": "m**3/kg", "mass per mass": "kg/kg",
-            "mass flux": "kg/m**2/s", "mass flow": "kg/s",
+            "mass flux": "kg/m**2/s", "mass flow": "kg/s", "energy": "J",
         },
     }
 )  # fmt: skip
@@ -59,11 +59,11 @@ _INCH_POUND_IN_SI: Mapping[Dimension, float] = types.MappingProxyType(
         "length": _INCH, "area": _INCH**2, "volume": _INCH**3, "mass": _SLINCH, "speed": _INCH,
         "stress": _POUND_FORCE / _INCH**2, "volume per angle": _INCH**3, "volume per angle²": _INCH**3,
         "density": _SLINCH / _INCH**3, "volume per mass": _INCH**3 / _SLINCH,
-        "mass flux": _SLINCH / _INCH**2, "mass flow": _SLINCH,
+        "mass flux": _SLINCH / _INCH**2, "mass flow": _SLINCH, "energy": _INCH * _POUND_FORCE,
     }
 )  # fmt: skip
 
-_SUPERSCRIPTS = {"**2": "²", "**3": "³"}
+_SUPERSCRIPTS = {"**2": "²", "**3": "³", "*": "·"}
 
 
 @contextlib.contextmanager
@@ -97,7 +97,7 @@ def unit_name(dimension: Dimension, system: System) -> str:
 
 def ascii_unit(name: str) -> str:
     """A unit's name as programs read it (UDUNITS, pint): "in^3", "slinch", "1" for a pure number."""
-    return name.replace("²", "^2").replace("³", "^3") or "1"
+    return name.replace("²", "^2").replace("³", "^3").replace("·", "*") or "1"
 
 
 def derivative_unit(of: Dimension, by: Sequence[Dimension], system: System) -> str:

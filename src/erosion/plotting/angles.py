@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.models.base import NO_CUT
 from erosion.optimum.alpha_max import ASIDE, Optimum
 from erosion.optimum.objectives import MEASURES

@@ -1,6 +1,6 @@
 """Labels of figures and pages: the histories of an impact and its kinds of end."""
 
-from erosion.engine.outcomes import OTHER_ENDS
+from erosion.impacts.outcomes import OTHER_ENDS
 from erosion.models.base import NO_CUT
 from erosion.parameters.quantities import Quantity
 

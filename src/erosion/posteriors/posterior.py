@@ -10,8 +10,8 @@ import numpy as np
 from erosion.arguments import Progress, check_whole, no_progress
 from erosion.calibration.fitting import make_forward
 from erosion.models.base import CuttingModel
+from erosion.ode.precision import require_float64
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.precision import require_float64
 from erosion.posteriors.convergence import EFFECTIVE, RHAT, effective, rhats
 from erosion.posteriors.likelihood import Likelihood
 from erosion.posteriors.priors import make_priors

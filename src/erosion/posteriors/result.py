@@ -15,8 +15,8 @@ from erosion.calibration.doubts import LEVEL
 from erosion.calibration.forward import FRACTION, SCALE
 from erosion.calibration.measurements import Measurements
 from erosion.calibration.numbers import rounded
-from erosion.engine.impact import impact
 from erosion.files import require_writable, seen_from, write_whole
+from erosion.impacts.impact import impact
 from erosion.joint_laws import Rows
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel

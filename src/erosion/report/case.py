@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from erosion.engine.impact import Impact, impact
+from erosion.impacts.impact import Impact, impact
 from erosion.models import Linearized
 from erosion.models.base import ClosedForm
 from erosion.optimum.alpha_max import Optimum, alpha_max

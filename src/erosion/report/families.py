@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.optimum.alpha_max import alpha_max
 from erosion.optimum.maxima import Jump
 from erosion.parameters.materials import MATERIALS

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
 from erosion.trajectory.trajectory import SimulationError

@@ -13,9 +13,9 @@ from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.equations import model_digest
 from erosion.models.own_parameters import own_in_words
+from erosion.ode.precision import require_float64
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.precision import require_float64
 from erosion.version import __version__
 
 _PACKAGE = Path(__file__).parents[1]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from erosion.arguments import Progress, no_progress
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.optimum.alpha_max import alpha_max
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Estimate, Points

@@ -14,16 +14,16 @@ import numpy as np
 
 from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
-from erosion.engine.impact import impact
-from erosion.engine.outcomes import end_names
 from erosion.files import Trace, require_writable, trace
+from erosion.impacts.impact import impact
+from erosion.impacts.outcomes import end_names
 from erosion.interrupts import keeping_results
 from erosion.joint_laws import law_digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import require_one_impact
+from erosion.ode.precision import require_float64
 from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.precision import require_float64
 from erosion.storage.identity import identity
 from erosion.storage.netcdf import read_netcdf, write_netcdf
 from erosion.streams.nozzle import best_nozzle_angle

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.streams.particles import Particles
 from erosion.streams.replicates import Points
 

@@ -1,11 +1,68 @@
 """The blocks of a grid, each of which is computed and stored as one piece."""
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""
+
+
+@runtime_checkable
+class AnyGrid(Protocol):
+    """What is computed and stored block by block: a grid of impacts, or of lanes of any problem."""
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions."""
+        ...
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each dimension."""
+        ...
+
+    @property
+    def lengths(self) -> dict[str, int]:
+        """Length of each dimension, by name."""
+        ...
+
+    @property
+    def labels(self) -> dict[str, np.ndarray]:
+        """The values along each dimension, by name."""
+        ...
+
+    @functools.cached_property
+    def identity(self) -> dict[str, str]:
+        """In words, what the numbers depend on."""
+        ...
+
+    def __getitem__(self, region: Region) -> "AnyGrid":
+        """The block of a region."""
+        ...
+
+    def variables(self) -> Mapping[str, Any]:
+        """The arrays, each a `Variable`; `ended_by` comes last, and its code 0 means that nothing is computed."""
+        ...
+
+    def solve(self) -> dict[str, np.ndarray]:
+        """Compute all of it, by name."""
+        ...
+
+    def labelled(self, values: Mapping[str, Any]) -> "xr.Dataset":
+        """Arrays of the grid's shape as a Dataset."""
+        ...
+
+    def require_portable(self) -> None:
+        """Refuse what the workers of a cluster cannot load."""
+        ...
 
 
 def block_shape(

@@ -14,14 +14,14 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_tolerance, check_unmasked
-from erosion.engine.impact import impact
-from erosion.engine.outcomes import end_names
 from erosion.files import digest
+from erosion.impacts.impact import impact
+from erosion.impacts.outcomes import end_names
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.equations import model_digest
-from erosion.models.own_parameters import own_in_words, quantities, require_one_impact, with_values
-from erosion.models.registry import BUILT_IN
+from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
+from erosion.models.registry import BUILT_IN, require_loadable
 from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
@@ -64,6 +64,7 @@ class Outputs:
         derivatives, wrt, rtol: see `erosion.impact`; `wrt` is one parameter.
         optimum: whether the best angle is computed too, over the other dimensions than "alpha".
         at_contact: whether a model removes something beside the cut.
+        own: quantities of the models' own, those that all models have.
 
     Raises:
         ValueError, TypeError: for an output that makes no sense.
@@ -74,12 +75,13 @@ class Outputs:
     rtol: float = 1e-9
     optimum: bool = False
     at_contact: bool = False
+    own: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the numbers of each impact."""
         volumes = ("volume", "volume_at_contact") if self.at_contact else ("volume",)
-        return (*volumes, "t_c", *("dvolume", "d2volume")[: self.derivatives])
+        return (*volumes, *self.own, "t_c", *("dvolume", "d2volume")[: self.derivatives])
 
     def __post_init__(self) -> None:
         if self.derivatives not in (0, 1, 2):
@@ -138,6 +140,22 @@ class Grid:
         """Length of each dimension, by name."""
         return dict(zip(self.dims, self.shape, strict=True))
 
+    @property
+    def labels(self) -> dict[str, np.ndarray]:
+        """The values along each dimension, and of paired axes."""
+        # Python strings: numpy's fixed-length ones have no specification in Zarr.
+        models = {"model": np.array(list(self.models), dtype=object)} if self.compared else {}
+        return {**models, **self.axes}
+
+    def require_portable(self) -> None:
+        """Refuse models that the workers of a cluster cannot load.
+
+        Raises:
+            ValueError: see `require_loadable`.
+        """
+        for label, model in self.models.items():
+            require_loadable(model, f", {label}; `--set` and axes change its own parameters")
+
     def __getitem__(self, region: Region) -> "Grid":
         """The block of this region."""
         along = dict(zip(self.dims, region, strict=True))
@@ -177,8 +195,9 @@ class Grid:
 
     def variables(self) -> dict[str, "Variable"]:
         """The arrays of impacts, and of best angles; `ended_by` comes last."""
+        known = own_quantities(type(next(iter(self.loaded().values())))) | RESULTS
         variables = {
-            name: Variable(self.dims, RESULTS[name], self._derivative_attributes(name)) for name in self.outputs.names
+            name: Variable(self.dims, known[name], self._derivative_attributes(name)) for name in self.outputs.names
         }
         if self.outputs.optimum:
             dims = tuple(dim for dim in self.dims if dim != "alpha")
@@ -200,7 +219,8 @@ class Grid:
         """The variables of one model."""
         outputs = self.outputs
         hits = impact(*self.impacts(model), derivatives=outputs.derivatives, wrt=outputs.wrt, rtol=outputs.rtol)
-        values = {name: np.asarray(getattr(hits, name)) for name in outputs.names}
+        values = {name: np.asarray(getattr(hits, name)) for name in outputs.names if name not in outputs.own}
+        values |= {name: np.asarray(hits.quantities[name]) for name in outputs.own}
         if outputs.optimum:
             best = alpha_max(*self.impacts(model, but="alpha"))
             values["alpha_max"], values["volume_max"] = np.asarray(best.alpha), np.asarray(best.volume)
@@ -230,8 +250,7 @@ class Grid:
     def _coordinates(self) -> dict[str, Any]:
         coordinates: dict[str, Any] = {}
         if self.compared:
-            # Python strings: numpy's fixed-length ones have no specification in Zarr.
-            coordinates["model"] = ("model", np.array(list(self.models), dtype=object), {"long_name": "model"})
+            coordinates["model"] = ("model", self.labels["model"], {"long_name": "model"})
         for name, values in self.axes.items():
             dim = PAIR if name in self.paired else name
             coordinates[name] = (dim, values, self.quantities[name].attributes(self.p.units))
@@ -272,7 +291,9 @@ def make_grid(
     compared = isinstance(model, Sequence) and not isinstance(model, str)
     models = _labelled_models(model if compared else [model])
     beside = any(_loaded(source).removes_at_contact for source in models.values())
-    outputs = dataclasses.replace(outputs or Outputs(), at_contact=beside)
+    own_of = [own_quantities(type(_loaded(source))) for source in models.values()]
+    common = tuple(name for name in own_of[0] if all(name in of_model for of_model in own_of))
+    outputs = dataclasses.replace(outputs or Outputs(), at_contact=beside, own=common)
     for source in models.values():
         require_one_impact(_loaded(source), p, "; give it as an axis")
     parameters = _common(models, (*axes, outputs.wrt))

@@ -20,8 +20,7 @@ from erosion.extras import library
 from erosion.files import claimed, require_writable, trace, written_whole
 from erosion.storage.identity import IDENTITY, StoreError, require_same
 from erosion.storage.netcdf import read_netcdf, write_netcdf
-from erosion.sweeps.chunks import Region, regions
-from erosion.sweeps.grid import Grid
+from erosion.sweeps.chunks import AnyGrid, Region, regions
 
 # zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
 _DRAFT_OF_CHUNK = re.compile(r"(c|\d+)\.[0-9a-f]{12}4[0-9a-f]{3}[89ab][0-9a-f]{15}\.partial")
@@ -59,7 +58,7 @@ class MemoryStore(Store):
         OSError: where no file can be written.
     """
 
-    def __init__(self, grid: Grid, block: Sequence[int], path: Path | None = None) -> None:
+    def __init__(self, grid: AnyGrid, block: Sequence[int], path: Path | None = None) -> None:
         self._grid, self._block, self._path = grid, block, path
         self._since = None if path is None else trace(path)
         if path is not None and self._since is not None:
@@ -103,7 +102,7 @@ class ZarrStore(Store):
         StoreError: for a folder that exists and holds something else, or lacks an array.
     """
 
-    def __init__(self, grid: Grid, block: Sequence[int], path: Path) -> None:
+    def __init__(self, grid: AnyGrid, block: Sequence[int], path: Path) -> None:
         for module in ("dask.array", "zarr"):
             library(module, "dask")
         self._grid, self._block, self._path = grid, block, path
@@ -153,8 +152,7 @@ class ZarrStore(Store):
             shapes = array.metadata.dimension_names, array.shape, array.chunks
             if shapes != (dims, *(tuple(along[dim][i] for dim in dims) for i in (0, 1))) or array.dtype != empty.dtype:
                 raise StoreError(f"{self._path}: its array `{name}` is damaged; the store is left as it is.")
-        labels = {"model": np.array(list(self._grid.models), object)} if self._grid.compared else {}
-        coordinates = {**labels, **self._grid.axes}
+        coordinates = self._grid.labels
         arrays = _arrays(self._path, coordinates)
         for name, values in coordinates.items():
             stored = _chunk(self._path, name, arrays[name], (slice(0, len(values)),))
@@ -228,7 +226,7 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
                 raise
 
 
-def open_store(grid: Grid, block: Sequence[int], path: Path | None) -> Store:
+def open_store(grid: AnyGrid, block: Sequence[int], path: Path | None) -> Store:
     """The store that the suffix of the path names, .zarr or .nc; the memory without a path.
 
     Raises:

@@ -17,12 +17,11 @@ import xarray as xr
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.interrupts import keeping_results
-from erosion.models.registry import require_loadable
+from erosion.ode.precision import require_float64
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.precision import require_float64
 from erosion.storage.identity import code_version, require_code
-from erosion.sweeps.chunks import Region, block_shape
-from erosion.sweeps.grid import Grid, Model, Outputs, make_grid
+from erosion.sweeps.chunks import AnyGrid, Region, block_shape
+from erosion.sweeps.grid import Model, Outputs, make_grid
 from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
 
 _LEAST_BLOCK = 10_000  # impacts
@@ -96,7 +95,7 @@ def sweep(
 
 
 def prepare_sweep(
-    grid: Grid, *, chunks: Mapping[str, int] | None = None, store: str | Path | None = None
+    grid: AnyGrid, *, chunks: Mapping[str, int] | None = None, store: str | Path | None = None
 ) -> "SweepJob":
     """Open the store of a grid, or make one; arguments and errors as of `sweep`."""
     path = None if store is None else check_path("store", store)
@@ -113,7 +112,7 @@ def prepare_sweep(
 class SweepJob:
     """A checked grid, the store of its blocks, those that it lacks, and its path if it is not the memory."""
 
-    grid: Grid
+    grid: AnyGrid
     store: Store
     missing: list[Region]
     path: Path | None
@@ -153,8 +152,7 @@ class SweepJob:
             client = active_client()
             if client is not None:
                 assert self.path is not None
-                for label, model in self.grid.models.items():
-                    require_loadable(model, f", {label}; `--set` and axes change its own parameters")
+                self.grid.require_portable()
                 shared = self.path.resolve()
                 code = code_version()
                 blocks = ((self.grid[region], shared, region, code) for region in missing)
@@ -165,7 +163,7 @@ class SweepJob:
             advance(_size(region))
 
 
-def compute_block(grid: Grid, path: Path, region: Region, code: str) -> int:
+def compute_block(grid: AnyGrid, path: Path, region: Region, code: str) -> int:
     """Compute a block and write it into a Zarr store; returns the number of its impacts.
 
     Raises:

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from erosion.engine.outcomes import OTHER_ENDS, end_names
-from erosion.engine.states import states_at
+from erosion.impacts.outcomes import OTHER_ENDS, end_names
+from erosion.impacts.states import states_at
 from erosion.models import model_name
 from erosion.models.base import NO_CUT, CuttingModel
+from erosion.ode.precision import require_float64
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.precision import require_float64
 from erosion.trajectory.trajectory import SimulationError, Trajectory
 
 _RTOL = 1e-12

@@ -21,12 +21,12 @@ import erosion.trajectory.diffrax_steps as flow
 from erosion.arguments import check_tolerance, check_whole
 from erosion.array_types import Structure
 from erosion.correlations.ranges import OutOfRangeWarning
-from erosion.engine.step_control import LONGEST_CUT
 from erosion.models import load_model, model_name
 from erosion.models.base import NO_CUT, CuttingModel, units_within
 from erosion.models.own_parameters import require_one_impact
+from erosion.ode.precision import require_xla
+from erosion.ode.step_control import LONGEST
 from erosion.parameters.parameters import Parameters, require_concrete, validate
-from erosion.parameters.precision import require_xla
 from erosion.trajectory.events import Fall, find_root, first_fall
 from erosion.trajectory.trajectory import SimulationError, Trajectory, TurnWarning
 
@@ -109,7 +109,7 @@ def _follow(
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
     # Numpy from here: JAX would compile a program for every number of steps.
     problem = flow.Problem(model, p, solver, controller, sizes)
-    ends, states, _, interpolant = flow.solve(problem, start, 0.0 * time, LONGEST_CUT * time)
+    ends, states, _, interpolant = flow.solve(problem, start, 0.0 * time, LONGEST * time)
     ends = np.asarray(ends)
     ends = np.append(0.0, ends[np.isfinite(ends)])
 

@@ -12,9 +12,10 @@ from erosion.array_types import ModelState
 from erosion.models import model_name
 from erosion.models.base import CuttingModel, State
 from erosion.models.registry import impact_to_dict
+from erosion.ode.solution import path_of
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import RESULTS, contact_rows, result_row
-from erosion.tables import Record, Result, Row, abbreviate, to_plain
+from erosion.tables import Record, Result, Row, abbreviate, format_number, to_plain
 
 
 class SimulationError(RuntimeError):
@@ -162,7 +163,23 @@ class Trajectory(Result):
             *contact_rows(self.volume_at_contact, self.p.units),
             *([] if self.dvolume is None else [result_row("dvolume", self.dvolume, self.p.units)]),
             result_row("max_depth", self.max_depth, self.p.units),
-            result_row("turn", self.turn, self.p.units),
+            *self._state_rows(),
+        ]
+
+    def _state_rows(self) -> list[Row]:
+        """How far a rigid body turned; of a state of the model's own, each part at the end."""
+        if isinstance(self.states, State):
+            return [result_row("turn", self.turn, self.p.units)]
+        parts = jax.tree_util.tree_flatten_with_path(self.states)[0]
+        return [
+            Row(
+                ".".join(path_of(keys)) or "state",
+                "",
+                format_number(values[-1]),
+                "",
+                "of the model's own state, at the end",
+            )
+            for keys, values in parts
         ]
 
     def __repr__(self) -> str:

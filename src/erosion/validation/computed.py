@@ -10,7 +10,7 @@ import numpy as np
 from erosion import correlations
 from erosion.array_types import Number
 from erosion.correlations import CORRELATIONS, pipes
-from erosion.engine.impact import impact
+from erosion.impacts.impact import impact
 from erosion.models import Linearized, load_model
 from erosion.models.deformation import DeformationWear
 from erosion.optimum.alpha_max import alpha_max

@@ -1,6 +1,6 @@
 """`against_published`: every fact, and what the package gives for it."""
 
-from erosion.parameters.precision import require_float64
+from erosion.ode.precision import require_float64
 from erosion.validation.computed import COMPUTATIONS
 from erosion.validation.facts import Fact, published_facts
 from erosion.validation.result import Comparison, Validation

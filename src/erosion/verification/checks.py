@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.array_types import Broadcast
-from erosion.engine.impact import Impact, impact, pair_derivatives
+from erosion.impacts.impact import Impact, impact, pair_derivatives
 from erosion.models import (
     CentreOfMassTip,
     ConstantRatio,

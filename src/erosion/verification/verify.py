@@ -8,7 +8,7 @@ from erosion.arguments import Progress, no_progress
 from erosion.interrupts import unawaited_threads
 from erosion.models import available_models, load_model, model_name
 from erosion.models.base import CuttingModel
-from erosion.parameters.precision import require_xla
+from erosion.ode.precision import require_xla
 from erosion.trajectory.trajectory import TurnWarning
 from erosion.verification.checks import Subject
 from erosion.verification.reference_solutions import EQUATIONS_OF, has_heyoka

@@ -74,7 +74,7 @@ def _sentence(cut: Trajectory) -> str:
     if not cut.t_c:
         return NOTHING
     time = readable_scale("time", cut.p.units, cut.t_c)
-    turned = f", the body turned by {np.rad2deg(cut.turn):.0f}°" if cut.turn else ""
+    turned = f", the body turned by {np.rad2deg(cut.turn):.0f}°" if np.isfinite(cut.turn) and cut.turn else ""
     return f"{cut.ended_by} after {cut.t_c / time.size:.4g} {time.unit}{turned}"
 
 

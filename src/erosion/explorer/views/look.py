@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from erosion.engine.impact import Impact
 from erosion.explorer.answers import ANGLES
 from erosion.explorer.sliders import ANGLES as ANGLE_SLIDER
 from erosion.explorer.state import State
+from erosion.impacts.impact import Impact
 from erosion.parameters.parameters import QUANTITIES
 from erosion.plotting.colors import STYLES
 from erosion.plotting.curves import broken

@@ -1,0 +1,315 @@
+"""Impacts, one or millions, with first and second derivatives: `erosion.impact`."""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from erosion.arguments import check_tolerance
+from erosion.array_types import ModelState, Number, PerImpact
+from erosion.impacts.lanes import element_of, lanes_of, layout_of, names_of
+from erosion.impacts.outcomes import NO_DERIVATIVES, end_names
+from erosion.models import load_model, model_name
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_quantities, quantities
+from erosion.models.registry import impact_to_dict
+from erosion.ode.batch import integrate, integrate_along
+from erosion.ode.integrator import LaneEnd
+from erosion.ode.layout import Clock, Layout
+from erosion.ode.precision import require_float64
+from erosion.ode.solution import Solution
+from erosion.ode.solve import Lanes, solution
+from erosion.ode.variational import Derivatives
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
+from erosion.parameters.quantities import RESULTS, contact_rows, derivative_row, quantity_row, result_row
+from erosion.tables import Record, Result, Row, abbreviate, format_number, to_plain
+
+_TINY = 1e-14  # no tolerance is tighter: rounding is near
+
+
+@dataclasses.dataclass(frozen=True)
+class Impact(Result):
+    """Results of a batch of impacts; every array has the broadcast shape of the parameters.
+
+    Args:
+        model, p: what was computed.
+        volume: removed volume [volume], also at contact; NaN only where `ended_by` is "failed" or "unfinished".
+        t_c: end of the cut [s]; 0 where nothing is cut.
+        outcome: how the cut ended, as an index of `end_names(model)`; see `ended_by`.
+        dvolume: ∂V/∂q for q = `wrt` [volume per unit of q], or None; NaN where it does not exist, see
+            `no_derivatives`. With several names there is a last axis over them.
+        d2volume: ∂²V/∂q² [volume per unit of q, squared], or None; with several names there are two
+            last axes, the matrix ∂²V/∂q_i∂q_j.
+        wrt: the parameter(s) of the derivatives.
+        rtol: relative tolerance.
+    """
+
+    model: CuttingModel
+    p: Parameters
+    volume: PerImpact
+    t_c: PerImpact
+    outcome: PerImpact
+    dvolume: PerImpact
+    d2volume: PerImpact
+    wrt: str | tuple[str, ...]
+    rtol: float = 1e-9
+
+    @functools.cached_property
+    def ended_by(self) -> PerImpact:
+        """How the cut ended, "rebound", "stop", "no-cut" (or a plug-in's event), "failed" or "unfinished".
+
+        Words take five times the memory of the numbers, so they are made when asked for.
+        """
+        return np.array(end_names(self.model))[self.outcome]
+
+    @functools.cached_property
+    def volume_at_contact(self) -> PerImpact:
+        """The volume removed at contact by deformation, beside the cut [volume]; computed when first read."""
+        layout, numbers, shape = lanes_of(self.model, self.p)
+
+        def of_one(numbers: Sequence[Number]) -> Array:
+            p, model = layout.args(numbers)
+            return jnp.asarray(model.removed_at_contact(p), float)
+
+        varies = [0 if number.ndim > len(own) else None for number, own in zip(numbers, layout.shapes, strict=True)]
+        removed = jax.vmap(of_one, (varies,))(numbers) if 0 in varies else of_one(numbers)
+        return np.broadcast_to(removed, _count(shape)).reshape(shape)[()]
+
+    @functools.cached_property
+    def end(self) -> Solution:
+        """The end of the cut as a solution of `erosion.ode`: the whole state, with derivatives.
+
+        `end.y` is the model's own state, `end.along("alpha").y` its first derivatives by α and
+        `end.along("alpha", "k").y` second ones, where as many were asked for. NaN where the impact has no result, and
+        where a derivative does not exist. It is computed when first read.
+        """
+        order = 2 if self.d2volume is not None else 1 if self.dvolume is not None else 0
+        _, numbers, shape = lanes_of(self.model, self.p)
+        wide = layout_of(self.model, self.p, whole=True)
+        clock = Clock(0.0, np.inf, np.inf, np.inf)
+        lanes = Lanes(wide, [*numbers, *map(np.asarray, clock)], shape, (*names_of(self.model), *Clock._fields))
+        wrt = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
+        return solution(lanes, wrt if order else (), order, self.rtol)
+
+    @property
+    def state(self) -> ModelState:
+        """The model's own state at the end of the cut, a pytree of arrays; see `end`."""
+        return self.end.y
+
+    @property
+    def quantities(self) -> Mapping[str, PerImpact]:
+        """The quantities of the model's own at the end of the cut, by name; see `erosion.own_quantity` and `end`."""
+        return {name: self.end.integrals[name] for name in own_quantities(type(self.model))}
+
+    @functools.cached_property
+    def no_derivatives(self) -> np.ndarray | np.bool_:
+        """Whether derivatives that were asked for are not known although the volume is; bool.
+
+        They do not exist, or cannot be computed, where the force jumps within the cut or where its rate is
+        infinite. Across a kink they are computed.
+        """
+        missing = np.zeros(np.shape(self.volume), bool)
+        for part in (self.dvolume, self.d2volume):
+            if part is not None:
+                missing |= np.isnan(part).any(axis=tuple(range(np.ndim(self.volume), np.ndim(part))))
+        return (missing & np.isfinite(self.volume))[()]
+
+    def rows(self) -> list[Row]:
+        """The results as rows of a table."""
+        rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
+        rows.append(result_row("volume", self.volume, self.p.units))
+        rows += contact_rows(self.volume_at_contact, self.p.units)
+        own = own_quantities(type(self.model))
+        rows += [quantity_row(name, own[name], value, self.p.units) for name, value in self.quantities.items()]
+        if np.any(self.no_derivatives):
+            share = f"{np.sum(self.no_derivatives):,} of {np.size(self.no_derivatives):,}"
+            rows.append(Row("no_derivatives", "", share, "", NO_DERIVATIVES))
+        if self.wrt == "alpha":
+            derivatives = {"dvolume": self.dvolume, "d2volume": self.d2volume}
+            return rows + [
+                result_row(name, value, self.p.units) for name, value in derivatives.items() if value is not None
+            ]
+        names = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
+        known = quantities(self.model)
+        for name, value, order in (("dvolume", self.dvolume, 1), ("d2volume", self.d2volume, 2)):
+            if value is None:
+                continue
+            for index in itertools.combinations_with_replacement(range(len(names)), order):
+                part = value if isinstance(self.wrt, str) else value[(..., *index)]
+                rows.append(derivative_row(name, part, [known[names[i]] for i in index], self.p.units))
+        return rows
+
+    def __repr__(self) -> str:
+        names = ("t_c", "ended_by", "volume", "dvolume", "d2volume")
+        values = [f"{name}={abbreviate(v)}" for name in names if (v := getattr(self, name)) is not None]
+        return f"Impact({model_name(self.model)!r}, {', '.join(values)}, wrt={self.wrt!r}, p={self.p!r})"
+
+    @property
+    def title(self) -> str:
+        """The model, and how many impacts."""
+        count = np.size(self.volume)
+        return f"{model_name(self.model)}: {count:,} impact{'s' * (count != 1)}"
+
+    def to_dict(self) -> Record:
+        """Model and case, times, volumes, derivatives and outcomes, and the units of times and volumes."""
+        names = ("t_c", "volume", "volume_at_contact", "dvolume", "d2volume", "ended_by", "wrt")
+        numbers = {name: value for name in names if (value := getattr(self, name)) is not None} | dict(self.quantities)
+        units = {name: RESULTS[name].unit(self.p.units) for name in ("t_c", "volume", "volume_at_contact")}
+        units |= {name: quantity.unit(self.p.units) for name, quantity in own_quantities(type(self.model)).items()}
+        return impact_to_dict(self.model, self.p) | to_plain({**numbers, "units": units})
+
+
+def impact(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    derivatives: int = 0,
+    wrt: str | Sequence[str] = "alpha",
+    rtol: float = 1e-9,
+) -> Impact:
+    """Compute many impacts at once: volume, end, and derivatives.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: parameters whose leaves are scalars or arrays that broadcast.
+        derivatives: 0, 1 or 2.
+        wrt: the parameter, or several, of the derivatives: of the case, or the model's own.
+        rtol: relative tolerance of volume, end time and derivatives.
+
+    Returns:
+        Results of the broadcast shape; scalars for scalar parameters.
+
+    Raises:
+        ValueError: for parameters out of range or invalid arguments. NaN or
+            infinity in an array is no error: like run-time failures of single impacts it is
+            an outcome, in `ended_by`, and leaves the other impacts as they are.
+    """
+    require_float64()
+    model = load_model(model)
+    validate(p, batch=True)
+    require_concrete(p)
+    if not isinstance(wrt, (str, Sequence)):
+        raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {wrt!r}.")
+    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    known = quantities(model)
+    for name in names:
+        if not isinstance(name, str) or name not in known:
+            raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {name!r}.")
+    if not names or len(set(names)) != len(names):
+        raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {wrt!r}.")
+    if not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
+        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+    derivatives, rtol = int(derivatives), max(check_tolerance(rtol), _TINY)
+    layout, numbers, shape = lanes_of(model, p)
+    single = isinstance(wrt, str)
+    if derivatives == 0 or (single and wrt in QUANTITIES):
+        places = (element_of(model, names[0]),) if derivatives else ()
+        results = integrate(layout, numbers, _count(shape), derivatives, places, rtol)
+        first, second = volume_of(results).first, volume_of(results).second
+    else:
+        results, first, second = _several(model, layout, numbers, _count(shape), derivatives, names, rtol)
+    tail = () if single else (len(names),)
+    return Impact(
+        model=model,
+        p=p,
+        volume=volume_of(results).value.reshape(shape)[()],
+        t_c=results.time.value.reshape(shape)[()],
+        outcome=results.outcome.reshape(shape)[()],
+        dvolume=first.reshape(shape + tail)[()] if derivatives >= 1 else None,
+        d2volume=second.reshape(shape + tail + tail)[()] if second is not None else None,
+        wrt=wrt if isinstance(wrt, str) else names,
+        rtol=rtol,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class PairDerivatives:
+    """Derivatives of volume and end time along pairs of parameters; see `pair_derivatives`.
+
+    Args:
+        volume, t_c: `value` has the broadcast shape of the parameters; for a pair (q, w)
+            `first` is ∂/∂q, `other` ∂/∂w and `second` ∂²/∂q∂w, with a last axis over pairs.
+        ended_by: as in `Impact`.
+    """
+
+    volume: Derivatives
+    t_c: Derivatives
+    ended_by: PerImpact
+
+
+def pair_derivatives(
+    model: CuttingModel, p: Parameters, pairs: Sequence[tuple[str, str]], rtol: float = 1e-9
+) -> PairDerivatives:
+    """First and second derivatives of volume and end time along pairs of parameters.
+
+    For other modules of the package: arguments are not checked.
+    """
+    layout, numbers, shape = lanes_of(model, p)
+    results = _along(model, layout, numbers, _count(shape), 2, pairs, rtol)
+
+    def shaped(derivatives: Derivatives) -> Derivatives:
+        return Derivatives(*(part.reshape(shape + part.shape[1:]) for part in derivatives))
+
+    ended_by = np.array(end_names(model))[results.outcome].reshape(shape)[()]
+    return PairDerivatives(shaped(volume_of(results)), shaped(results.time), ended_by)
+
+
+def volume_of(results: LaneEnd) -> Derivatives:
+    """The removed volume, the one output of an impact."""
+    return Derivatives(*(None if part is None else part[0] for part in results.outputs))
+
+
+def _count(shape: tuple[int, ...]) -> int:
+    return int(np.prod(shape, dtype=int))
+
+
+def _several(
+    model: CuttingModel,
+    layout: Layout,
+    numbers: list[np.ndarray],
+    lanes: int,
+    order: int,
+    names: tuple[str, ...],
+    rtol: float,
+) -> tuple[LaneEnd, np.ndarray, np.ndarray | None]:
+    """Gradient and Hessian over several parameters."""
+    if order == 1:
+        results = _along(model, layout, numbers, lanes, 1, [(name,) for name in names], rtol)
+        return results, volume_of(results).first, None
+    results = _along(model, layout, numbers, lanes, 2, list(itertools.combinations_with_replacement(names, 2)), rtol)
+    row, column = np.triu_indices(len(names))
+    second = np.empty((lanes, len(names), len(names)))
+    second[:, row, column] = second[:, column, row] = volume_of(results).second
+    return results, volume_of(results).first[:, row == column], second
+
+
+def _along(
+    model: CuttingModel,
+    layout: Layout,
+    numbers: list[np.ndarray],
+    lanes: int,
+    order: int,
+    directions: Sequence[tuple[str, ...]],
+    rtol: float,
+) -> LaneEnd:
+    """The lanes' results, with derivatives (lanes, directions) along names, or along pairs of names."""
+    places = np.array([[element_of(model, name) for name in names] for names in directions], float).T
+    results = integrate_along(layout, numbers, lanes, order, places, rtol)
+    # A lane that fails along one direction fails in all.
+    failed = np.any(layout.has_no_result(results.outcome), axis=1, keepdims=True)
+    outcome = np.where(failed[:, 0], results.outcome.max(axis=1), results.outcome[:, 0])
+
+    def of_lanes(parts: Derivatives) -> Derivatives:
+        value, *rest = parts
+        slopes = (None if part is None else np.where(failed, np.nan, part) for part in rest)
+        return Derivatives(np.where(failed[:, 0], np.nan, value[:, 0]), *slopes)
+
+    outputs = of_lanes(volume_of(results))
+    listed = Derivatives(*(None if part is None else [part] for part in outputs))
+    return results._replace(outcome=outcome, time=of_lanes(results.time), outputs=listed, trials=results.trials[:, 0])

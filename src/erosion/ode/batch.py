@@ -1,0 +1,295 @@
+"""Many lanes through the integrator: similar lanes side by side, one thread a core, doubtful lanes again."""
+
+import concurrent.futures
+import functools
+import threading
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import PyTree
+
+from erosion.array_types import Number, PerLane, Scalar
+from erosion.lanes.choice import Compiled, compile_lanes, threads
+from erosion.lanes.lanewise import WIDTH, number
+from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
+from erosion.ode.layout import Clock, Layout
+from erosion.ode.ordering import alike_together
+from erosion.ode.variational import Direction
+
+_BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
+_REPEATED = 4  # times at most
+_FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
+
+
+class _Batch(NamedTuple):
+    """A program, its arguments, and the arrays that it fills."""
+
+    layout: Layout
+    program: Compiled
+    leaves: list[np.ndarray]
+    results: LaneEnd
+
+    def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
+        """Integrate some lanes with their tolerances."""
+        _compute(self.program, [*self.leaves, rtol], lanes, self.outputs)
+
+    def run_again(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
+        """The same for lanes whose trials are known, by which they are ordered."""
+        order = np.argsort(self.results.trials[lanes], kind="stable")
+        _compute(self.program, [*self.leaves, rtol], lanes[order], self.outputs, ordered=True)
+
+    @property
+    def is_known(self) -> np.ndarray:
+        """Whether all numbers of the arguments of a lane are finite, shape (lanes,)."""
+        known = np.ones(self.results.tolerance.size, bool)
+        clock = len(Clock._fields) if self.layout.options.clock else 0
+        own = len(self.layout.shapes) - clock
+        for leaf, shape in zip(self.leaves[:own], self.program.inputs, strict=False):
+            known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
+        return known
+
+    def values(self, lanes: np.ndarray) -> list[np.ndarray]:
+        """How some lanes ended, and then their outputs and times."""
+        results = self.results
+        return [part[lanes] for part in (results.outcome, *results.outputs.value, results.time.value)]
+
+    def change(self, lanes: np.ndarray, before: list[np.ndarray]) -> np.ndarray:
+        """The greatest relative change of some lanes' values; 1 where they end otherwise."""
+        (old, *before), (outcome, *found) = before, self.values(lanes)
+        with np.errstate(all="ignore"):
+            changes = [np.abs(new - one) / np.abs(new) for new, one in zip(found, before, strict=True)]
+            # At an event a part of the state may be zero by definition, and nothing is known relative to it.
+            states = len(self.results.outputs.value) - len(self.layout.problem.integrals)
+            is_event = outcome < len(self.layout.event_names)
+            changes[:states] = [np.where(is_event, 0.0, change) for change in changes[:states]]
+            change = functools.reduce(np.maximum, changes)
+        return np.where(outcome == old, np.nan_to_num(change, posinf=1.0), 1.0)
+
+    @property
+    def outputs(self) -> list[np.ndarray]:
+        """The arrays in the order of the program's results."""
+        return jax.tree.leaves(self.results)
+
+
+def integrate(
+    layout: Layout,
+    numbers: Sequence[PerLane],
+    lanes: int,
+    order: int,
+    directions: tuple[int | PerLane, ...],
+    rtol: float,
+    *,
+    again: bool = True,
+) -> LaneEnd:
+    """Integrate lanes to their ends, and lanes of doubtful accuracy again.
+
+    Where small errors of the motion may be large errors of the results, the lane is integrated
+    again with a tolerance that is smaller by the same factor, until two integrations agree.
+
+    Args:
+        layout: of problem and arguments.
+        numbers: each an array (lanes,), or of one lane's shape where all lanes share it.
+        lanes: number of lanes.
+        order: 0, 1 or 2 derivatives.
+        directions: the place of an element, see `Variational`, or one or two arrays of places.
+            Arrays of places are numbers, so one program serves all of them.
+        rtol: relative tolerance of outputs, end time and derivatives.
+        again: False leaves doubtful lanes as they are.
+
+    Returns:
+        The lanes' results, arrays of shape (lanes,).
+    """
+    layout = layout.renewed()
+    fixed = tuple(direction for direction in directions if isinstance(direction, int))
+    program, results = _program(layout, order, fixed, 0 if fixed else len(directions))
+    places = () if fixed else tuple(np.asarray(direction, float) for direction in directions)
+    leaves = [*(np.asarray(number, float) for number in numbers), *places]
+    batch = _Batch(layout, program, leaves, _empty(results, lanes, len(directions)))
+    batch.run(np.arange(lanes), np.asarray(rtol))
+    if again:
+        _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
+        _repeat(batch, np.flatnonzero(batch.results.tolerance < rtol), rtol)
+    if order:
+        _with_fewer_derivatives(batch, order, directions, rtol, again=again)
+    return batch.results
+
+
+def _with_fewer_derivatives(
+    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, again: bool
+) -> None:
+    """Integrate lanes that failed with derivatives again with fewer: their outputs may exist although these do not.
+
+    The derivatives that are not computed are NaN.
+    """
+    results = batch.results
+    lost = np.flatnonzero(batch.layout.has_no_result(results.outcome) & batch.is_known)
+    if not lost.size:
+        return
+    numbers = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost)
+    along = tuple(each if isinstance(each, int) or not np.ndim(each) else each[lost] for each in directions)
+    # Along two directions the first derivatives are two integrations.
+    lower = [
+        integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again)
+        for each in ([(direction,) for direction in along] if order == 2 else [()])
+    ]
+    for name in ("outcome", "trials", "count", "at_once"):
+        _put(getattr(results, name), getattr(lower[0], name), lost)
+    for name in ("time", "outputs"):
+        parts, (of_first, *of_other) = getattr(results, name), [getattr(each, name) for each in lower]
+        _put(parts.value, of_first.value, lost)
+        if order == 2:
+            _put(parts.first, of_first.first, lost)
+            for other in of_other:
+                _put(parts.other, other.first, lost)
+
+
+def _put(arrays: PyTree, found: PyTree, lanes: np.ndarray) -> None:
+    """Write what was found into some lanes."""
+    for array, part in zip(jax.tree.leaves(arrays), jax.tree.leaves(found), strict=True):
+        array[lanes] = part
+
+
+def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
+    """Integrate lanes again with a greater tolerance, to know which of them need a smaller one.
+
+    The results stay. The error is proportional to the tolerance, so that of the results follows from the change.
+    """
+    if not lanes.size:
+        return
+    kept, tolerances = [output[lanes] for output in batch.outputs], np.array(batch.results.tolerance)
+    greater = tolerances[lanes]
+    before = batch.values(lanes)
+    batch.run_again(lanes, tolerances)
+    change = batch.change(lanes, before)
+    for output, old in zip(batch.outputs, kept, strict=True):
+        output[lanes] = old
+    error = change * rtol / greater
+    with np.errstate(divide="ignore"):
+        batch.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / error, rtol), TIGHTEST)
+
+
+def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
+    """Integrate doubtful lanes again, each with its own tolerance, until two integrations agree.
+
+    The error is proportional to the tolerance. So the error of the last integration is the change it
+    made, times the ratio of both tolerances. An integration that fails, by rounding, changes no result.
+    """
+    results, outputs = batch.results, batch.outputs
+    used, following = np.full(lanes.size, rtol), results.tolerance[lanes]
+    tolerances = np.array(results.tolerance)
+    for _ in range(_REPEATED):
+        if not lanes.size:
+            return
+        previous = [output[lanes] for output in outputs]
+        before = batch.values(lanes)
+        tolerances[lanes] = following
+        batch.run_again(lanes, tolerances)
+        lost = batch.layout.has_no_result(results.outcome[lanes]) & ~batch.layout.has_no_result(before[0])
+        change = batch.change(lanes, before)
+        for output, old_output in zip(outputs, previous, strict=True):
+            output[lanes[lost]] = old_output[lost]
+        with np.errstate(all="ignore"):
+            wanted = np.maximum(following * rtol / (change * following / used), TIGHTEST)
+            wanted = np.where(lost, np.sqrt(used * following), wanted)
+        again = lost | (wanted < following / 2)
+        used, following, lanes = np.where(lost, used, following)[again], wanted[again], lanes[again]
+
+
+def integrate_along(
+    layout: Layout, numbers: Sequence[PerLane], lanes: int, order: int, places: np.ndarray, rtol: float
+) -> LaneEnd:
+    """Derivatives along several directions.
+
+    Args:
+        layout: as in `integrate`, and so are `numbers`, `lanes` and `rtol`.
+        numbers: of the lanes.
+        lanes: number of lanes.
+        order: 1 or 2 derivatives.
+        places: places of elements, see `Variational`; shape (1 or 2, n).
+        rtol: relative tolerance.
+
+    Returns:
+        Arrays of shape (lanes, n).
+    """
+    count = places.shape[1]
+    repeated = layout.of_lanes(numbers, np.repeat(np.arange(lanes), count))
+    directions = tuple(np.tile(row.astype(float), lanes) for row in places)
+    results = integrate(layout, repeated, lanes * count, order, directions, rtol)
+    return jax.tree.map(lambda part: part.reshape(lanes, count), results)
+
+
+def _compute(
+    program: Compiled,
+    leaves: list[np.ndarray],
+    lanes: np.ndarray,
+    outputs: list[np.ndarray],
+    *,
+    ordered: bool = False,
+) -> None:
+    """Integrate some lanes, and write their results; unless they are `ordered`, similar ones side by side."""
+    each = functools.partial(_compute_block, program, leaves, outputs, ordered)
+    count = threads()
+    if lanes.size <= _FEW or count == 1:
+        for begin in range(0, lanes.size, _BLOCK):
+            each(lanes[begin : begin + _BLOCK])
+        return
+    # Neighbours go to the threads in turn: they are similar, and so are their costs.
+    tables = np.array_split(lanes, -(-lanes.size // (_BLOCK * count)))
+    blocks = [table[i::count] for table in tables for i in range(count)]
+    # Not kept for the next batch: a plug-in's own code may never return a thread.
+    stop = np.zeros(1, np.int64)
+    with concurrent.futures.ThreadPoolExecutor(count) as pool:
+        try:
+            list(pool.map(lambda block: each(block, stop), blocks))
+        except BaseException:
+            # Signals reach the main thread alone. The others would go on, for ever in a loop that never ends.
+            stop[0] = 1
+            raise
+
+
+def _compute_block(
+    program: Compiled,
+    leaves: list[np.ndarray],
+    outputs: list[np.ndarray],
+    ordered: bool,
+    lanes: np.ndarray,
+    stop: np.ndarray | None = None,
+) -> None:
+    if lanes.size > WIDTH and not ordered:
+        inputs = zip(leaves, program.inputs, strict=True)
+        varying = [leaf[lanes] for leaf, shape in inputs if shape == () and leaf.ndim and leaf.strides != (0,)]
+        if varying:
+            lanes = lanes[alike_together(varying, WIDTH)]
+    program.run(leaves, lanes, outputs, stop)
+
+
+def _empty(results: LaneEnd, lanes: int, directions: int) -> LaneEnd:
+    """Arrays to fill, as small as possible: memory that is new to a process is slow to get."""
+    empty = jax.tree.map(lambda leaf: np.empty(lanes, leaf.dtype), results)
+    if directions == 2:
+        return empty
+    # Along one direction both first derivatives are the same, in the same place.
+    time, outputs = (part._replace(other=part.first) for part in (empty.time, empty.outputs))
+    return empty._replace(time=time, outputs=outputs)
+
+
+compiling = threading.RLock()
+"""While one thread compiles, others wait: each program is compiled once."""
+
+
+def _program(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
+    """The compiled integrator, and shapes and types of a lane's results."""
+    with compiling:
+        return _compiled(layout, order, fixed, directions)
+
+
+@functools.lru_cache(maxsize=256)
+def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
+    def lane(numbers: list[Number], places: tuple[Direction, ...], rtol: Scalar) -> LaneEnd:
+        return integrate_lane(layout, numbers, fixed or places, rtol, order=order)
+
+    arguments = (layout.structs(), (number,) * directions, number)
+    program = compile_lanes(lane, arguments)
+    return program, jax.eval_shape(lane, *arguments)

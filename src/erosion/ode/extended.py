@@ -1,0 +1,125 @@
+"""A lane's equations with those of its derivatives, as functions of plain numbers."""
+
+import functools
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+
+from erosion.array_types import Number, Scalar
+from erosion.ode.crossings import Ends
+from erosion.ode.kinks import Rows
+from erosion.ode.layout import Layout
+from erosion.ode.reduction import motion_of
+from erosion.ode.smoothness import may_have_kinks
+from erosion.ode.step_control import Limits
+from erosion.ode.variational import Augmented, Derivatives, Direction, Variational
+
+_SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
+_TINY = 1e-200  # keeps 0/0 away
+_LONGER = 1e3  # times as long as a number of the state takes to change by its own size
+_LEAST = 1e-12  # of the span: a number that is almost zero says little
+
+
+class Extended:
+    """A lane's equations with those of its derivatives, as functions of plain numbers.
+
+    Args:
+        layout, numbers: of problem and arguments.
+        order, directions: see `Variational`.
+    """
+
+    def __init__(
+        self, layout: Layout, numbers: Sequence[Number], order: int, directions: tuple[Direction, ...]
+    ) -> None:
+        self.layout, self.numbers, self.options = layout, list(numbers), layout.options
+        motion = motion_of(layout)
+        self.order, self.rough = order, may_have_kinks(layout)
+        fixed = all(isinstance(direction, int) for direction in directions)
+        places = () if fixed else directions
+
+        def equations(numbers: Sequence[Number], places: tuple[Direction, ...]) -> Variational:
+            return Variational(layout, numbers, order, directions if fixed else places, motion)
+
+        self.equations = equations(self.numbers, places)
+        here = self.equations.at(self.numbers)
+        self.clock, self.directions = here.clock, layout.problem.directions(layout.args(self.numbers))
+        self.chains = [i for i, reset in enumerate(layout.problem.resets()) if reset is not None]
+        self.initial: Rows = jax.tree.leaves(self.equations.initial())
+        state, integrals = jax.eval_shape(here.initial)
+        self._member = jax.tree.structure(Augmented(state, integrals))
+        self.width, self.integrals = self._member.num_leaves, len(integrals)
+        given = self.options.sizes or ()
+        self.sizes = [_TINY] * (len(state) - len(given)) + list(given) + [_TINY] * self.integrals
+        scaled, clocked = layout.problem.time_scale is not None, self.options.clock
+        self.limits = Limits(self.options.max_steps, scaled and (not clocked or jnp.isinf(self.clock.t1)))
+
+        # Each is traced once for all the places where it is called.
+        @jax.jit
+        def rate(numbers: Sequence[Number], places: tuple[Direction, ...], rows: Rows) -> Rows:
+            return jax.tree.leaves(equations(numbers, places).rate(self.members(rows)))
+
+        @jax.jit
+        def rate_and_events(
+            numbers: Sequence[Number], places: tuple[Direction, ...], rows: Rows
+        ) -> tuple[Rows, list[Ends]]:
+            extended, state = equations(numbers, places), self.members(rows)
+            flow = extended.rate(state)
+            motion_here = extended.at(numbers)
+            values, rates = jax.jvp(motion_here.events, (state[0],), (flow[0],))
+            return jax.tree.leaves(flow), [Ends(*pair) for pair in zip(values, rates, strict=True)]
+
+        @jax.jit
+        def events(numbers: Sequence[Number], rows: Rows) -> list[Scalar]:
+            return motion(numbers).events(self.members(rows)[0])
+
+        @jax.jit
+        def motion_rate(numbers: Sequence[Number], rows: Rows) -> Rows:
+            return jax.tree.leaves(motion(numbers).rate(self.members(rows)[0]))
+
+        self.motion_rate = functools.partial(motion_rate, self.numbers)
+        self.events = functools.partial(events, self.numbers)
+        self.rate = functools.partial(rate, self.numbers, places)
+        self.rate_and_events = functools.partial(rate_and_events, self.numbers, places)
+
+    def members(self, rows: Rows) -> tuple[Augmented, ...]:
+        """Value and derivatives of a state."""
+        parts = [rows[i : i + self.width] for i in range(0, len(rows), self.width)]
+        return tuple(jax.tree.unflatten(self._member, part) for part in parts)
+
+    @property
+    def time_scale(self) -> Scalar:
+        """A typical time of the motion."""
+        given, args = self.layout.problem.time_scale, self.layout.args(self.numbers)
+        if given is not None:
+            return given(args)
+        span = self.clock.t1 - self.clock.t0
+        # A lane that has no time ends where it starts, in any scale.
+        return jnp.where(span == 0, 1.0, _SPAN * span)
+
+    def scale_at_start(self, initial: Rows, slope: Rows) -> Scalar:
+        """The time scale where a motion begins, for its first step: the span says little where it is far too long."""
+        scale = self.time_scale
+        if self.layout.problem.time_scale is not None:
+            return scale
+        motion = zip(initial[: self.width], slope[: self.width], strict=True)
+        times = (jnp.where(u == 0, jnp.inf, jnp.abs(u) / jnp.maximum(jnp.abs(k), _TINY)) for u, k in motion)
+        shortest = functools.reduce(jnp.minimum, times)
+        return jnp.minimum(scale, jnp.maximum(_LONGER * shortest, _LEAST * scale))
+
+    def scale_near(self, step: Scalar, first: float) -> Scalar:
+        """The time scale at a step: where the problem names none, no longer than such that `first` of it is the step.
+
+        Args:
+            step: the length that the error control would like.
+            first: the first step, of the time scale.
+        """
+        scale = self.time_scale
+        return scale if self.layout.problem.time_scale is not None else jnp.minimum(scale, step / first)
+
+    @property
+    def until(self) -> Derivatives:
+        """How long a lane without an event goes on, with derivatives; the value is None where it does."""
+        if not self.options.clock:
+            return Derivatives(None, None, None, None)
+        return self.equations.of(lambda _, motion: motion.clock.t1 - motion.clock.t0, ())

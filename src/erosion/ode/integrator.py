@@ -1,0 +1,573 @@
+"""One lane from its start to its end: an error-controlled Runge-Kutta method that ends exactly at an event.
+
+Plain JAX for one lane's numbers. `erosion.lanes` compiles it for many at a time, `jax.vmap` for a GPU.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import PyTree
+
+from erosion.array_types import Flag, Number, PerImpact, Scalar
+from erosion.ode import event_steps, step_control, waiting
+from erosion.ode.crossings import Ends
+from erosion.ode.extended import Extended
+from erosion.ode.kinks import Rows, corrected, is_broken
+from erosion.ode.layout import Layout
+from erosion.ode.problem import OTHER_ENDS
+from erosion.ode.step_control import (
+    ARRIVED,
+    ENDED,
+    NOT_BEGUN,
+    UNFINISHED,
+    Control,
+    eighth_root,
+)
+from erosion.ode.tableau import B_CHECK, B_ERROR, A, B
+from erosion.ode.variational import AtEvent, Augmented, Derivatives, Direction, Motion, at_event
+from erosion.ode.waiting import Watched
+
+_SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
+# By order, where states are wanted, too: at an event they err by the error of its time as well. Measured on the six
+# problems of benchmarks/ode_accuracy.py.
+_SLACK_WHOLE = (1.0, 0.7, 4.0)
+_CHECK = 0.1  # of the second estimate, brought to the first one's order; docs/performance.md
+_FIRST_STEP = 0.17  # of the time scale
+_LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
+_DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
+_GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
+TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
+_MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
+_ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
+_SOON = 1e-3  # of the time scale: what a row changes within it counts as its size
+_MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start is taken this much later
+_ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
+_INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
+_ACCUMULATED = (
+    1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
+)
+_ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
+_SHARE = 0.98  # of the way to it is a step, by Newton's method
+_LEAST = 1e-8  # of the greatest size that a row has had: a smaller one need not be known relative to itself
+
+
+class Lane(NamedTuple):
+    """A lane under way: its control, and the events, state and slopes at the start of its next step.
+
+    An event of the last step is one that counted where that step began: `watched`.
+    `greatest` is the greatest size so far of each row of the motion itself, where the whole state is wanted.
+    """
+
+    control: Control
+    events: list[Ends]
+    state: Rows
+    slope: Rows
+    watched: list[Watched]
+    greatest: Rows
+
+
+class LaneEnd(NamedTuple):
+    """The results of a lane: numbers, and after the batch arrays of shape (lanes,).
+
+    Args:
+        outcome: an index of `Layout.end_names`.
+        tolerance: the tolerance that the lane needs for results as exact as asked for; a greater one than asked for
+            where an integration with that would tell whether it needs a smaller one.
+        time: from the start to the end, with derivatives.
+        outputs: what is wanted there, with derivatives; see `erosion.ode.reduction`.
+        trials: number of steps tried.
+        count: number of events on the way, that at the end included.
+        at_once: for each event whether it happens at the end.
+    """
+
+    outcome: PerImpact
+    tolerance: PerImpact
+    time: Derivatives
+    outputs: Derivatives
+    trials: PerImpact
+    count: PerImpact  # pyright: ignore[reportIncompatibleMethodOverride]
+    at_once: Sequence[PerImpact] = ()
+
+
+def integrate_lane(
+    layout: Layout, numbers: Sequence[Number], directions: tuple[Direction, ...], rtol: Scalar, *, order: int = 0
+) -> LaneEnd:
+    """Integrate one lane to its end.
+
+    Args:
+        layout: of problem and arguments.
+        numbers: of this lane.
+        directions: of the derivatives; see `Variational`.
+        rtol: of outputs, end time and derivatives.
+        order: 0, 1 or 2 derivatives.
+    """
+    problem = Extended(layout, numbers, order, directions)
+    if problem.chains:
+        return _chain(problem, rtol)
+    until = problem.until
+    motion = _to_its_event(problem, problem.initial, until.value, rtol)
+    end = at_event(problem.equations, motion.members, motion.event, motion.time, _outputs, until)
+    return _finish(problem, motion, end, rtol)
+
+
+def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:
+    return motion.outputs(at)
+
+
+class _Motion(NamedTuple):
+    """A motion to its first event.
+
+    Args:
+        control: at its end.
+        members: state and integrals at the event, with derivatives at a fixed time.
+        event: its index; below 0 if there is none.
+        time: since the motion began.
+        count: events so far, of all motions of a chain.
+        at_once: for each event whether it happens there.
+    """
+
+    control: Control
+    members: tuple[Augmented, ...]
+    event: Scalar
+    time: Scalar
+    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    at_once: Sequence[Flag]
+
+
+def _to_its_event(
+    problem: Extended,
+    initial: Rows,
+    until: Scalar | None,
+    rtol: Scalar,
+    before: _Motion | None = None,
+) -> _Motion:
+    """Integrate from a state to the first event.
+
+    Args:
+        problem: the equations.
+        initial: the state with derivatives.
+        until: stop after this time.
+        rtol: relative tolerance.
+        before: the motion before it in a chain.
+    """
+    slope, events = _at_start(problem, initial, problem.time_scale)
+    scale = problem.scale_at_start(initial, slope)
+    # 0·NaN and 0·∞ are NaN: this finds them also in parameters that the motion does not depend on.
+    zero = sum(jnp.sum(0.0 * number) for number in _own(problem))
+    zero = zero + sum(0.0 * row for row in (*initial, *slope)) + 0.0 * scale
+    for event in events:
+        zero = zero + 0.0 * event.value + 0.0 * event.rate
+    begins = _begins(problem, events, scale)
+    if before is not None:
+        begins = begins | (before.count > 0)
+    control = step_control.begin(scale, begins, jnp.isfinite(zero), _FIRST_STEP)
+    if not problem.options.waits:
+        # Where an event function is zero at the start it rises, or the lane ends there.
+        events = [Ends(jnp.maximum(event.value, 0.0), event.rate) for event in events]
+    if before is not None:
+        # The functions of events that have just happened are zero, but for rounding.
+        events = [waiting.after_event(*each, scale) for each in zip(events, before.at_once, strict=True)]
+        past, trial = before.control, jnp.minimum(control.trial, before.control.step)
+        control = control._replace(
+            trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
+        )
+    watched = waiting.watch(problem.directions, events, scale) if problem.options.waits else []
+    greatest = _greatest(problem, [0.0 * row for row in initial], initial)
+    lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest)
+    lane = lax.while_loop(
+        lambda lane: step_control.goes_on(lane.control),
+        lambda lane: _try_step(problem, rtol, until, lane),
+        lane,
+    )
+    return _landed(problem, lane, until)
+
+
+def _greatest(problem: Extended, before: Rows, state: Rows) -> Rows:
+    """The greatest sizes of the rows of the motion itself; what is wanted of it without them is an integral alone."""
+    if not problem.options.whole:
+        return []
+    return [jnp.maximum(size, jnp.abs(row)) for size, row in zip(before, state[: problem.width], strict=False)]
+
+
+def _own(problem: Extended) -> list[Number]:
+    """The numbers that must be finite: those of the arguments, and of the clock t0, and t1 if it is not ∞."""
+    if not problem.options.clock:
+        return problem.numbers
+    t0, t1, *_ = problem.clock
+    return [*problem.numbers[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
+
+
+def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
+    """The motion where its last step found its end."""
+    control, options = lane.control, problem.options
+    scale = problem.scale_near(control.step, _FIRST_STEP)
+    left, state, moves = _to_the_end(problem, lane, scale)
+    slope, events = problem.rate_and_events(state)
+    if options.waits:
+        # An event function may bend more than the motion: one more short step before Newton's last.
+        more = sum(jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events))
+        more = jnp.where(
+            (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + _SOON * scale), more, 0.0
+        )
+        state, left = _short_step(problem, state, slope, more), left + more
+        slope, events = problem.rate_and_events(state)
+        events = [
+            waiting.silenced(waiting.turned(event, watched.turn), watched.counts | (control.event == i))
+            for i, (event, watched) in enumerate(zip(events, lane.watched, strict=True))
+        ]
+    ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
+    event, remaining = event_steps.first_fall(control, events)
+    if options.waits and until is not None:
+        event, remaining = waiting.last_moment(event, remaining, events, scale)
+    remaining = jnp.where(ended, remaining, 0.0)
+    rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
+    time = control.time + left + remaining
+    happened = ended & (event >= 0)
+    near = waiting.at_once(events, remaining, scale) if options.clock else [jnp.asarray(False)] * len(events)
+    at_once = [happened & (there | (event == i)) for i, there in enumerate(near)]
+    return _Motion(control, problem.members(rows), event, time, lax.convert_element_type(happened, np.int32), at_once)
+
+
+def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
+    """Rate and events at the start; where √0 makes a rate 0·∞, its limit."""
+    slope, events = problem.rate_and_events(initial)
+    if not problem.rough:
+        return slope, events
+
+    def limit() -> tuple[Rows, list[Ends]]:
+        known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
+        later = [u + _MOMENT * scale * k for u, k in zip(initial, known, strict=True)]
+        rates, ends = problem.rate_and_events(later)
+        return rates, [Ends(event.value, end.rate) for event, end in zip(events, ends, strict=True)]
+
+    return lax.cond(_all_finite(slope), lambda: (slope, events), limit)
+
+
+def _all_finite(rows: Rows) -> Flag:
+    return functools.reduce(jnp.logical_and, map(jnp.isfinite, rows))
+
+
+def _begins(problem: Extended, events: Sequence[Ends], time: Scalar) -> Flag:
+    """Whether a lane goes on from its start: every event function is positive or rises from zero."""
+    if not problem.options.begins:
+        return jnp.asarray(True)
+    if problem.options.waits:
+        return waiting.all_count(problem.directions, events, time)
+    rises = ((jnp.abs(event.value) <= _ZERO) & (event.rate * time > _ZERO) for event in events)
+    going = ((event.value > _ZERO) | rising for event, rising in zip(events, rises, strict=True))
+    return functools.reduce(jnp.logical_and, going, jnp.asarray(True))
+
+
+def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane) -> Lane:
+    """Try one step, and decide what follows."""
+    scale = problem.scale_near(lane.control.step, _FIRST_STEP)
+    h = lane.control.trial
+    state, stages, within = _step(problem, lane.state, lane.slope, h)
+    slope, events = problem.rate_and_events(state)
+    stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
+    slack = _SLACK_WHOLE[problem.order] if problem.options.whole else _SLACK
+    error = _error(problem, lane, state, stages, h, scale) / (slack * rtol)
+    for event in events:
+        # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
+        error = error + 0.0 * event.value + 0.0 * event.rate
+    watched = waiting.watch(problem.directions, lane.events, scale) if problem.options.waits else []
+    if problem.options.waits:
+        trial = waiting.look(watched, lane.control, lane.events, events, within, error, scale, rough=problem.rough)
+    else:
+        trial = event_steps.look(lane.control, lane.events, events, within, error, scale, rough=problem.rough)
+    limits = problem.limits
+    control, moved = lax.cond(
+        event_steps.is_near_an_end(lane.control, trial),
+        lambda: event_steps.decide(lane.control, trial, scale, limits, rough=problem.rough),
+        lambda: step_control.go_on(lane.control, trial.error, trial.lowest, scale, limits),
+    )
+    if problem.rough and problem.order:
+        broken = is_broken(problem, lane.state, stages, h, problem.time_scale) & moved
+        control = control._replace(mode=jnp.where(broken, step_control.FAILED, control.mode))
+    if problem.rough and problem.order == 2:
+        ends = (lane.state, lane.slope), (state, slope)
+        state, slope = corrected(problem, *ends, stages, h, problem.time_scale)
+    after, before = (events, state, slope, watched, _greatest(problem, lane.greatest, state)), tuple(lane[1:])
+    kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, before)
+    return Lane(_within(problem, control, until), *kept)
+
+
+def _within(problem: Extended, control: Control, until: Scalar | None) -> Control:
+    if until is None:
+        return control
+    return event_steps.stop_at(control._replace(trial=jnp.minimum(control.trial, problem.clock.max_step)), until)
+
+
+def _step(
+    problem: Extended, state: Rows, slope: Rows, h: Scalar
+) -> tuple[Rows, list[Rows], list[tuple[float, list[Scalar]]]]:
+    """The state after a step of 8th order, each row's slopes at the stages, and the events at two stages."""
+    stages, within = [[k] for k in slope], []
+    for i, weights in enumerate(A[:-1]):
+        at = [_moved_by(weights, u, h, ks) for u, ks in zip(state, stages, strict=True)]
+        if i in _LOOKS:
+            within.append((float(weights.sum()), problem.events(at)))
+        for ks, k in zip(stages, problem.rate(at), strict=True):
+            ks.append(k)
+    return [_moved_by(B, u, h, ks) for u, ks in zip(state, stages, strict=True)], stages, within
+
+
+def _moved_by(weights: np.ndarray, u: Scalar, h: Scalar, slopes: Sequence[Scalar]) -> Scalar:
+    """U + h Σ w k."""
+    used = [k for weight, k in zip(weights, slopes, strict=False) if weight != 0]
+    return _increment(tuple(weights[weights != 0]))(u, h, used)
+
+
+# JAX takes 0.1 ms to trace each product; these are traced once for all rows and programs.
+@functools.cache
+def _increment(weights: tuple[float, ...]) -> Callable[[Scalar, Scalar, Sequence[Scalar]], Scalar]:
+    return jax.jit(lambda u, h, slopes: u + h * _weighted(weights, slopes))
+
+
+def _weighted(weights: Iterable[float] | np.ndarray, slopes: Sequence[Scalar]) -> Scalar:
+    terms = [float(weight) * k for weight, k in zip(weights, slopes, strict=True) if weight != 0]
+    return sum(terms[1:], terms[0])
+
+
+def _error(problem: Extended, lane: Lane, state: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Scalar:
+    """The largest error of a row, relative to the row's size in this step.
+
+    The size of a derivative's row is at least that of the row which it differentiates. What a row soon changes
+    by counts as well: a row that starts as a power of time has the same relative error in any first step.
+    """
+    sizes: list[Scalar] = [np.float64(size) for size in problem.sizes]
+    for i, size in enumerate(lane.greatest):
+        sizes[i] = jnp.maximum(sizes[i], _LEAST * size)
+    error = 0.0 * h
+    # A step far too long may end in a slope that is far greater than all within it, which the estimate knows.
+    late = -2 if problem.options.clock else -1
+    integrals = range(problem.width - problem.integrals, problem.width)
+    for first in range(0, len(state), problem.width):
+        rows = range(first, first + problem.width)
+        for i, row in enumerate(rows):
+            moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(_SOON * scale * stages[row][late]))
+            sizes[i] = _size(lane.state[row], state[row], moved, sizes[i])
+        # What another step of this length would add to an integral counts as well: most lanes go on.
+        for i in integrals:
+            sizes[i] = sizes[i] + jnp.abs(h * stages[first + i][late])
+        for row, size in zip(rows, sizes, strict=True):
+            error = _larger_error(error, h, stages[row], size)
+        # The estimate of what is wanted is mostly the largest by far. Where it passes through zero by chance
+        # it hides an error, but a second estimate is not zero at the same place.
+        for i in range(problem.width) if problem.options.whole else integrals:
+            error = _checked_error(error, h, stages[first + i], sizes[i])
+    return error
+
+
+@jax.jit
+def _size(before: Scalar, after: Scalar, moved: Scalar, least: Scalar) -> Scalar:
+    return jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), jnp.maximum(moved, least))
+
+
+@jax.jit
+def _larger_error(error: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
+    return jnp.maximum(error, jnp.abs(h * _weighted(B_ERROR, slopes)) / size)
+
+
+@jax.jit
+def _checked_error(error: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
+    check = jnp.abs(h * _weighted(B_CHECK, slopes)) / size
+    return jnp.maximum(error, _CHECK * check * eighth_root(check))
+
+
+def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> LaneEnd:
+    """The results where a lane ended, or at its start where it does not begin; NaN where one of them is not finite."""
+    control, equations, event = motion.control, problem.equations, motion.event
+    begun = event != NOT_BEGUN if problem.options.begins else jnp.asarray(True)
+    outputs, time = end.outputs, end.time
+    if problem.options.begins:
+        at_start = equations.of(_outputs, problem.members(problem.initial))
+        outputs = jax.tree.map(lambda there, alone: jnp.where(begun, there, alone), outputs, at_start)
+        time = jax.tree.map(lambda number: jnp.where(begun, number, 0.0), time)
+    both = zip(equations.per_unit(time), equations.per_unit(outputs), strict=True)
+    results = Derivatives(*(None if of_time is None else [of_time, of_outputs] for of_time, of_outputs in both))
+    numbers, structure = jax.tree.flatten(results)
+    ended = control.mode == ENDED
+    finite = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), ended)
+    # What an unfinished lane has reached is told, where nothing else says so.
+    reached = finite | (control.mode == UNFINISHED) if problem.options.clock else finite
+    known = [jnp.where(reached, number, jnp.nan) for number in numbers[: len(jax.tree.leaves(results.value))]]
+    others = [jnp.where(finite, number, jnp.nan) for number in numbers[len(known) :]]
+    results = jax.tree.unflatten(structure, known + others)
+    time, outputs = (Derivatives(*(part and part[i] for part in results)) for i in range(2))
+    amplified = ended & begun & (end.amplification > _DOUBT)
+    factor = jnp.where(amplified, _DOUBT / end.amplification, 1.0)
+    factor = jnp.where(control.margin < _GRAZE * rtol, jnp.minimum(factor, 1 / _GRAZE), factor)
+    many = control.trials > _MANY_STEPS
+    if problem.options.whole:
+        # Most motions forget their errors: a cheaper integration tells which do not.
+        factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), 1 / _MANY_FACTOR), factor)
+    else:
+        factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
+    if problem.rough:
+        factor = jnp.minimum(factor, _ROUGH_FACTOR)
+    return LaneEnd(
+        outcome=_outcome(problem, finite, control.mode, event),
+        tolerance=jnp.where(finite, jnp.maximum(factor * rtol, jnp.minimum(TIGHTEST, rtol)), rtol),
+        time=time,
+        outputs=outputs,
+        trials=lax.convert_element_type(control.trials, np.int32),
+        count=lax.convert_element_type(motion.count, np.int32) if problem.options.clock else None,
+        at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once] if problem.options.clock else [],
+    )
+
+
+def _outcome(problem: Extended, finite: Flag, mode: Scalar, event: Scalar) -> Scalar:
+    """The code of an end, an index of `Layout.end_names`."""
+    names = problem.layout.end_names
+    code = {name: names.index(name) for name in OTHER_ENDS}
+    without_event = jnp.where(event == ARRIVED, code["t1"], event)
+    ended = jnp.where(event == NOT_BEGUN, code["start"], without_event)
+    no_result = jnp.where(mode == UNFINISHED, code["unfinished"], code["failed"])
+    return lax.convert_element_type(jnp.where(finite, ended, no_result), np.int8)
+
+
+class _Chain(NamedTuple):
+    """A chain of events under way.
+
+    Args:
+        goes_on: whether there is another motion.
+        motion: the last one; its members are those from which the next begins, or at the end.
+        elapsed: time since the start, with derivatives as the members of a state have them.
+        amplification: the greatest so far.
+    """
+
+    goes_on: Flag
+    motion: _Motion
+    elapsed: tuple[Scalar, ...]
+    amplification: Scalar
+
+
+def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
+    """Integrate one lane through events that it survives.
+
+    At each event the state gets its total derivatives, those of the event's time included; the reset is pushed
+    forward over them, and the next motion starts on its own clock. So there are no saltation matrices.
+    """
+    equations, until = problem.equations, problem.until
+    end_of = functools.partial(jax.tree.map, lambda part, gone: part - gone)
+
+    def flown(chain: _Chain) -> _Chain:
+        before = chain.motion
+        rest = end_of(until, equations.unpack(chain.elapsed))
+        motion = _to_its_event(problem, jax.tree.leaves(before.members), rest.value, rtol, before)
+        end = at_event(equations, motion.members, motion.event, motion.time, lambda at, _: at, rest)
+        members = equations.pack(end.outputs)
+        elapsed = tuple(map(jnp.add, chain.elapsed, equations.pack(end.time)))
+        last, count, happens = _in_turn(problem, members[0], motion, before.count)
+        survives = functools.reduce(jnp.logical_or, [last == i for i in problem.chains])
+        typical = jnp.minimum(problem.time_scale, elapsed[0])
+        soon = jnp.where(last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
+        accumulates = motion.time <= soon
+        more = (count > before.count) & survives & (count < problem.clock.max_events)
+        mode = jnp.where(more & accumulates, UNFINISHED, motion.control.mode)
+        goes_on = more & ~accumulates
+
+        def resets(at: Augmented, motion_here: Motion) -> tuple[Augmented, Augmented]:
+            """State and integrals before the last reset, and after it."""
+            met = at
+            for i, event_happens in enumerate(happens):
+                met, at = _chosen(event_happens, at, met), _chosen(event_happens, motion_here.after(i, at), at)
+            return met, at
+
+        both = equations.of(resets, members)
+        met, after = (equations.pack(Derivatives(*(part and part[i] for part in both))) for i in range(2))
+        members = _chosen(goes_on, after, met)
+        control = motion.control._replace(mode=mode)
+        amplification = jnp.maximum(chain.amplification, end.amplification)
+        motion = motion._replace(control=control, members=members, event=last, count=count)
+        return _Chain(goes_on, motion, elapsed, amplification)
+
+    zero = 0.0 * problem.time_scale
+    control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), _FIRST_STEP)
+    none = 0 * control.mode
+    nothing = [jnp.asarray(False)] * len(problem.directions)
+    start = _Motion(control, problem.members(problem.initial), none - 1, zero, none, nothing)
+    elapsed = tuple(zero for _ in problem.members(problem.initial))
+    chain = lax.while_loop(lambda chain: chain.goes_on, flown, _Chain(jnp.asarray(True), start, elapsed, zero + 1.0))
+    outputs = equations.of(_outputs, chain.motion.members)
+    end = AtEvent(equations.unpack(chain.elapsed), outputs, chain.amplification)
+    return _finish(problem, chain.motion, end, rtol)
+
+
+def _in_turn(problem: Extended, at: Augmented, motion: _Motion, count: Scalar) -> tuple[Scalar, Scalar, list[Flag]]:
+    """The last event of those at once, the number of events with them, and which of them happen.
+
+    They happen in their order: each after the first where its function falls still after the resets before it.
+    """
+    here = problem.equations.at(problem.numbers)
+
+    def rates(at: Augmented) -> list[Scalar]:
+        return jax.jvp(here.events, (at,), (here.rate(at),))[1]
+
+    last, going, happens = motion.event, jnp.asarray(True), []
+    falling = rates(at)
+    for i, near in enumerate(motion.at_once):
+        still = (motion.event == i) | (rates(at)[i] * falling[i] > 0)
+        happens.append(near & still & going & (count < problem.clock.max_events))
+        last, count = jnp.where(happens[i], i, last), count + happens[i]
+        if i in problem.chains:
+            at = _chosen(happens[i], here.after(i, at), at)
+        else:
+            going = going & ~happens[i]
+    return last, count, happens
+
+
+def _chosen(condition: Flag, this: PyTree, that: PyTree) -> PyTree:
+    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), this, that)
+
+
+def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
+    """The time from the last trial to the end, the state there, and whether it may move to the event itself.
+
+    A force such as depth^1.5 is not defined above the surface. Where the step to the end would find that, Newton's
+    method for the event ends a little before it.
+    """
+    left = lane.control.left
+    state = _short_step(problem, lane.state, lane.slope, left)
+    if not problem.rough:
+        return left, state, jnp.asarray(True)
+
+    def remaining(events: list[Ends]) -> Scalar:
+        times = (jnp.where(lane.control.event == i, -end.value / end.rate, 0.0) for i, end in enumerate(events))
+        return sum(times, jnp.zeros(()))
+
+    def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
+        passed, rows, slope, fall = at
+        length = _SHARE * fall
+        rows = _short_step(problem, rows, slope, length)
+        slope, events = problem.rate_and_events(rows)
+        return passed + length, rows, slope, remaining(events)
+
+    def inside() -> tuple[Scalar, Rows, Flag]:
+        start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
+        passed, rows, *_ = lax.while_loop(lambda at: at[-1] > _INSIDE * scale, nearer, start)
+        return passed, rows, jnp.asarray(False)
+
+    slope, events = problem.rate_and_events(state)
+    event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
+    defined = _all_finite([*state, *slope, *problem.rate(event)])
+    return lax.cond(defined, lambda: (left, state, jnp.asarray(True)), inside)
+
+
+def _short_step(problem: Extended, state: Rows, slope: Rows, h: Scalar) -> Rows:
+    """The state a short time after: the classical method of fourth order."""
+
+    def after(weight: float, slopes: Rows) -> Rows:
+        return [_moved_by(np.array([weight]), u, h, [k]) for u, k in zip(state, slopes, strict=True)]
+
+    second = problem.rate(after(1 / 2, slope))
+    third = problem.rate(after(1 / 2, second))
+    fourth = problem.rate(after(1.0, third))
+    weights = np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
+    return [_moved_by(weights, u, h, ks) for u, *ks in zip(state, slope, second, third, fourth, strict=True)]

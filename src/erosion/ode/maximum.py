@@ -1,0 +1,353 @@
+"""The greatest value of a quantity over one of a problem's numbers, certified: `erosion.ode.maximum`.
+
+Where lanes end by another event, a quantity jumps, and the greatest value may be at a jump or a kink, where no
+derivative vanishes. So the quantity is resolved over the whole range first (`resolve.py`). The answer is the best of
+every maximum, of both sides of every jump and of both ends of the range (`maxima.py`).
+"""
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import PyTree
+
+from erosion.arguments import check_whole
+from erosion.array_types import Number, PerImpact, PerLane, Scalar
+from erosion.lanes.choice import Compiled, compile_lanes
+from erosion.lanes.digests import hashed
+from erosion.lanes.flatten import NotForLanesError
+from erosion.ode.batch import compiling
+from erosion.ode.equations import FlawError, Traced, is_number, require_numbers
+from erosion.ode.integrator import LaneEnd
+from erosion.ode.layout import Clock
+from erosion.ode.maxima import LOOSE, TIGHT, Along, Maxima, Range, Search, columns, searched
+from erosion.ode.precision import require_float64
+from erosion.ode.problem import Problem
+from erosion.ode.resolve import Ruler
+from erosion.ode.solution import path_of
+from erosion.ode.solve import Lanes, checked_lanes, shaped
+from erosion.ode.variational import Derivatives
+from erosion.tables import Record, Result, Row, format_number, to_plain
+
+_POINTS = 64
+_TINY = 1e-14  # no tolerance is tighter: rounding is near
+_ROOM = 1e-3  # of a range's magnitude: a narrower one is near the rounding of its numbers
+
+
+class End(NamedTuple):
+    """What `of` is given: the end of one lane.
+
+    Args:
+        t: when.
+        y: the state there, a pytree like y0.
+        integrals: by name.
+        args: of the lane.
+    """
+
+    t: Scalar
+    y: PyTree
+    integrals: Mapping[str, Scalar]
+    args: Any
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Maximum(Result):
+    """Where a quantity is greatest (or least) over one number; every array has the shape of the other arguments.
+
+    Args:
+        problem: what was integrated.
+        over: the number.
+        least: whether the quantity is least there.
+        at: the number there; 1e-9 units beside a jump, which is known to 1e-11; the middle of a plateau; NaN where all
+            lanes failed. The unit is the width of the range, or a thousandth of its greatest magnitude if that is more.
+        low, high: the ends of a plateau; else both are `at`.
+        value: the quantity there.
+        kind: "interior" (its slope is zero), "jump" (one side of a discontinuity; see `side` and `attained`),
+            "boundary" (an end of the range), "kink" (the slope jumps through zero), "plateau" (the same value from
+            `low` to `high`, to nine digits), "unresolved" (the greatest value that was computed, where derivatives
+            do not exist; the number is known to 1e-6 units at best), or "none": every lane failed.
+        ended_by: how the lane ends there.
+        side: the side of a jump, "below" or "above"; else "".
+        attained: whether `value` is reached, or only approached beside a jump.
+        slope, curve: the first two derivatives of the quantity by the number there.
+        candidates: every maximum that was compared, best first: a tuple of `maxima.Candidate`.
+        jumps: all discontinuities, a tuple of `maxima.Jump` in ascending order.
+        regimes: how lanes end over the whole range, a tuple of `maxima.Regime` in ascending order.
+        iterations: rounds of refinement plus Newton steps of the answer.
+        certified: False where a lane failed or has no derivatives, so that a better number may have been missed.
+    """
+
+    problem: Problem
+    over: str
+    least: bool
+    at: PerImpact
+    low: PerImpact
+    high: PerImpact
+    value: PerImpact
+    kind: PerImpact
+    ended_by: PerImpact
+    side: PerImpact
+    attained: PerImpact
+    slope: PerImpact
+    curve: PerImpact
+    candidates: Any
+    jumps: Any
+    regimes: Any
+    iterations: PerImpact
+    certified: PerImpact
+
+    @property
+    def title(self) -> str:
+        """What is greatest or least over what."""
+        return f"The {'least' if self.least else 'greatest'} value over {self.over}"
+
+    def rows(self) -> list[Row]:
+        """The answer as rows of a table."""
+        count, size = int(np.sum(self.certified)), np.size(self.certified)
+        share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
+        better = "smaller" if self.least else "greater"
+        why = "lanes failed or have no derivatives: a better value may have been missed"
+        return [
+            Row(self.over, "", format_number(self.at), ""),
+            Row("value", "", format_number(self.value), ""),
+            Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._kind_explained()),
+            Row("ended_by", "", format_number(self.ended_by), "", "how the lane ends there"),
+            Row("certified", "", share, "", why if count < size else f"no {better} value in any resolved cell"),
+        ]
+
+    def to_dict(self) -> Record:
+        """Every field but the problem."""
+        names = [field.name for field in dataclasses.fields(self) if field.name != "problem"]
+        return to_plain({name: getattr(self, name) for name in names})
+
+    def __repr__(self) -> str:
+        numbers = f"at={format_number(self.at, 6)}, value={format_number(self.value, 6)}"
+        return f"Maximum({self.over!r}, {numbers}, {format_number(self.kind)})"
+
+    def _kind_explained(self) -> str:
+        explained = {
+            "interior": "the slope is zero",
+            "jump": f"just {self.side} a jump" + ("" if self.attained else ", not reached"),
+            "boundary": "an end of the range",
+            "kink": "the slope jumps through zero",
+            "plateau": f"the same from {format_number(self.low)} to {format_number(self.high)}",
+            "unresolved": f"the {'least' if self.least else 'greatest'} value that was computed",
+            "none": "every lane failed",
+        }
+        return explained[str(self.kind)]
+
+
+def maximum(
+    problem: Problem,
+    args: PyTree = None,
+    *,
+    of: Callable[[End], Any],
+    over: str,
+    between: tuple[float, float],
+    t1: Any = None,
+    t0: Any = 0.0,
+    least: bool = False,
+    points: int = _POINTS,
+    rtol: float = LOOSE,
+    start: str = "wait",
+    max_step: Any = math.inf,
+    max_events: Any = math.inf,
+    sizes: PyTree = None,
+    smooth: bool | None = None,
+    max_steps: int = 20_000,
+    method: str = "auto",
+    shared: Sequence[str] = (),
+) -> Maximum:
+    """The greatest (or least) value of a quantity of the end over one number, for one problem or for arrays of them.
+
+    The quantity may jump and have kinks. It is computed with two derivatives at `points` numbers, and the cells
+    between are split until each is resolved, or so narrow that it holds a jump or a kink. A cell is resolved if lanes
+    end in the same way at both ends, and a quintic fits both to 1e-6 of the quantity's greatest magnitude. That is
+    what is certified. It is no proof: a peak much narrower than the first cells, and two jumps within one cell, may be
+    missed if the quintic fits the ends of the cell. More `points` look closer.
+
+    Args:
+        problem: the equations.
+        args: any pytree for its functions, as in `solve`. Arrays make many problems; they share the range.
+        of: the quantity, a real number, by jax.numpy from the end of one lane: its `t`, `y`, `integrals` and `args`.
+        over: the number, by its path in `args` with dots between, or "t0" or "t1". What stands there is not used.
+        between: the ends of its range, both included.
+        t1: where lanes end without an event.
+        t0: where lanes begin.
+        least: whether the least value is wanted.
+        points: how many numbers are tried first.
+        rtol: relative tolerance of the search, 1e-9 or less; what is found has a hundredth of it.
+        start: "wait" or "end", as in `solve`; so are all options below.
+        max_step: no step is longer.
+        max_events: a chain of events ends with this one.
+        sizes: typical sizes of y.
+        smooth: whether the equations have no kinks.
+        max_steps: trials of steps after which a lane is "unfinished", which counts as failed.
+        method: "auto" or "explicit".
+        shared: paths of arrays that each lane has as a whole.
+
+    Returns:
+        The best of every maximum, of both sides of every jump and of both ends; see `Maximum`.
+
+    Raises:
+        ValueError, TypeError: for what does not fit or cannot be computed, with the line in the function. Lanes that
+            fail are no error: see `certified` and the kind "none".
+
+    Example:
+        >>> from erosion import ode
+        >>> hat = ode.Problem({"x": 0.0}, lambda t, y, args: {"x": args["a"] * (1 - args["a"])})
+        >>> best = ode.maximum(hat, {"a": 0.0}, of=lambda end: end.y["x"], over="a", between=(0.0, 0.9), t1=1.0)
+        >>> round(float(best.at), 9), str(best.kind)
+        (0.5, 'interior')
+    """
+    require_float64()
+    low, high = _checked_range(between)
+    if not rtol <= LOOSE:
+        raise ValueError(f"Argument `rtol` must be {LOOSE:g} or less, to tell jumps from slopes, but is {rtol!r}.")
+    grid = np.unique(np.linspace(low, high, check_whole("points", points, 2)))
+    args = _with_number(args, over, low, shared)
+    # All times of the range must fit: the clock is checked with the worst of them.
+    t0, t1 = high if over == "t0" else t0, low if over == "t1" else t1
+    lanes, rtol = checked_lanes(
+        problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
+        smooth=smooth, max_steps=max_steps, method=method, shared=shared,
+    )  # fmt: skip
+    ruler = Ruler(unit=max(high - low, _ROOM * max(abs(low), abs(high))))
+    optima = _optima(lanes, over, of, Range(low, high, grid, ruler), rtol, least=least)
+    return Maximum(problem=problem, over=over, least=least, **columns(optima, lanes.shape))
+
+
+def _optima(
+    lanes: Lanes, over: str, of: Callable[[End], Any], within: Range, rtol: float, *, least: bool
+) -> list[Maxima]:
+    """The maxima of each lane."""
+    if any(isinstance(number, Tracer) for number in lanes.numbers):
+        raise TypeError("Arguments of `maximum` must be numbers: JAX cannot trace a search.")
+    layout, place = lanes.layout, lanes.names.index(over)
+    quantity, tight = _Quantity(lanes, place, of), max(rtol * (TIGHT / LOOSE), _TINY)
+
+    def search(which: slice, cases: int) -> list[Maxima]:
+        numbers = layout.of_lanes(lanes.numbers, which)
+        objective = functools.partial(Along, layout, numbers, place, quantity, least, again=True)
+        names = layout.end_names
+        return Search(
+            lambda rtol: objective(rtol=rtol), cases, names, within, least=least, loose=rtol, tight=tight
+        ).optima()
+
+    return searched(lanes.size, search)
+
+
+def _checked_range(between: tuple[float, float]) -> tuple[float, float]:
+    try:
+        low, high = (float(end) for end in between)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not -math.inf < low < high < math.inf:
+        raise ValueError(f"Argument `between` must be two ascending numbers, but is {between!r}.")
+    return low, high
+
+
+def _with_number(args: PyTree, over: str, number: float, shared: Sequence[str]) -> PyTree:
+    """The arguments with a number in the place of the one that is varied."""
+    if any(over == one or over.startswith(f"{one}.") for one in shared):
+        raise ValueError(f"Argument `over` must name one number of each lane, but {over!r} is among `shared`.")
+    paths, structure = jax.tree_util.tree_flatten_with_path(args)
+    names = [".".join(path_of(keys)) for keys, _ in paths]
+    leaves = [leaf for _, leaf in paths]
+    known = [name for name, leaf in zip(names, leaves, strict=True) if is_number(leaf)]
+    if over in ("t0", "t1"):
+        if over in known:
+            raise ValueError(f"Argument `over` must say which {over!r} is meant: there is one among `args` as well.")
+        return args
+    if known.count(over) != 1:
+        raise ValueError(
+            f"Argument `over` must name a number of `args` ({', '.join(known)}), t0 or t1, but is {over!r}."
+        )
+    leaves[names.index(over)] = number
+    return jax.tree.unflatten(structure, leaves)
+
+
+class _Quantity:
+    """The quantity of the ends of lanes, with its derivatives by one of their numbers.
+
+    Along the number u, with the end o(u) and the quantity f(o): f' = f_o o' and f'' = f_o o'' + f_oo o' o'.
+
+    Args:
+        lanes: problem and arguments.
+        place: which of the numbers.
+        of: the quantity.
+    """
+
+    def __init__(self, lanes: Lanes, place: int, of: Callable[[End], Any]) -> None:
+        if not callable(of):
+            raise TypeError(f"Argument `of` must be a function of the end of a lane, but is {of!r}.")
+        self._lanes, self._place, self._of = lanes, place, of
+        layout = lanes.layout
+        outputs = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(layout.state)) + len(layout.problem.integrals)
+        self._ends = [jax.ShapeDtypeStruct((), np.float64)] * (1 + outputs)
+        labels = [hashed("argument", str(i)) for i in range(len(layout.shapes))]
+        try:
+            given = Traced(list, layout.structs(), labels).given("of", self._given, self._ends)
+            if jax.tree.structure(given).num_leaves != 1:
+                raise FlawError("`of` must give one number")
+            require_numbers("of", given)
+        except FlawError as error:
+            raise ValueError(f"Argument `of` must be a function of the end of a lane, but {error}.") from error
+        self._compiled = functools.cache(self._program)
+
+    def __call__(self, results: LaneEnd, numbers: list[PerLane]) -> Derivatives:
+        """Value, and where the ends have derivatives, `first` and `second`."""
+        parts = [
+            [np.asarray(part) for part in (getattr(results.time, kind), *getattr(results.outputs, kind))]
+            for kind in ("value", "first", "second")
+            if getattr(results.time, kind) is not None
+        ]
+        with compiling:
+            program = self._compiled(len(parts) > 1)
+        lanes = np.size(results.outcome)
+        leaves = [np.asarray(number, float) for number in [*numbers, *itertools.chain.from_iterable(parts)]]
+        found = [np.empty(lanes) for _ in parts]
+        program.run(leaves, np.arange(lanes), found)
+        failed = self._lanes.layout.has_no_result(np.asarray(results.outcome))
+        value, *slopes = (np.where(failed, np.nan, part) for part in found)
+        first, second = slopes or (None, None)
+        return Derivatives(value, first, first, second)
+
+    def _program(self, derivatives: bool) -> Compiled:
+        examples = self._lanes.layout.structs(), *[self._ends] * (3 if derivatives else 1)
+        try:
+            return compile_lanes(self._with_derivatives if derivatives else self._value, examples)
+        except NotForLanesError as error:
+            raise ValueError(f"Argument `of` must be a function that lanes can compute. {error}") from error
+
+    def _given(self, numbers: Sequence[Number], ends: Sequence[Scalar]) -> Any:
+        """What `of` gives for the end of a lane."""
+        layout = self._lanes.layout
+        part = shaped(self._lanes, ends[0], ends[1:])
+        clock: Clock = layout.clock(numbers)
+        return self._of(End(part.t + clock.t0, part.y, part.integrals, layout.args(numbers)))
+
+    def _value(self, numbers: Sequence[Number], ends: Sequence[Scalar]) -> Scalar:
+        (value,) = jax.tree.leaves(self._given(numbers, ends))
+        return jnp.asarray(value, float)
+
+    def _with_derivatives(
+        self, numbers: Sequence[Number], ends: list[Scalar], first: list[Scalar], second: list[Scalar]
+    ) -> tuple[Scalar, Scalar, Scalar]:
+        def value(number: Scalar, ends: list[Scalar]) -> Scalar:
+            return self._value([*numbers[: self._place], number, *numbers[self._place + 1 :]], ends)
+
+        def slope(number: Scalar, ends: list[Scalar], first: list[Scalar]) -> Scalar:
+            return jax.jvp(value, (number, ends), (one, first))[1]
+
+        one = jnp.ones(())
+        number = jnp.asarray(numbers[self._place])
+        curve = jax.jvp(slope, (number, ends, first), (one, first, second))[1]
+        return value(number, ends), slope(number, ends, first), curve

@@ -1,0 +1,227 @@
+"""A problem: how a state moves, what happens to it on the way, and what is wanted of it."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.extend.core import Literal
+from jaxtyping import PyTree
+
+from erosion.array_types import Number, Scalar
+from erosion.lanes.digests import hashed
+from erosion.lanes.surroundings import Surroundings
+from erosion.ode.equations import Equations, FlawError, Kind, Traced, digits, equations_of, require_numbers
+
+Rate = Callable[[Scalar, PyTree, Any], PyTree]
+"""A function of time, state and arguments."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Event:
+    """Something that happens where a function passes through zero.
+
+    Args:
+        function: of (t, y, args); a number, smooth near its zeros.
+        direction: +1 where only a rise through zero counts, -1 a fall, 0 either.
+        reset: of (t, y, args), the state after the event, from which the motion goes on; without it the
+            event ends the motion.
+    """
+
+    function: Rate
+    direction: int = 0
+    reset: Rate | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("function", "reset"):
+            given = getattr(self, name)
+            if not callable(given) and not (name == "reset" and given is None):
+                raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {given!r}.")
+        if isinstance(self.direction, bool) or self.direction not in (-1, 0, 1):
+            raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {self.direction!r}.")
+
+
+OTHER_ENDS = ("start", "failed", "unfinished", "t1")
+"""What `ended_by` may say beside the names of events; a code is an index of events and then these."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Problem:
+    """dy/dt = f(t, y, args) from y0, with events and integrals, for one lane of many.
+
+    All functions are written for one lane with `jax.numpy`; `y` and `args` are any pytrees.
+
+    Args:
+        y0: the state at the start, a pytree of real numbers and small arrays, or a function of args.
+        vector_field: f(t, y, args), a pytree of the structure of y.
+        events: by name; where two happen at once the first of them counts.
+        integrals: by name rates r(t, y, args); ∫ r dt is integrated along with y.
+        integrals0: a function of args, by name where the integrals begin; zero without it.
+        time_scale: a function of args, a typical time of the motion, such as a tenth of a period, for the first step;
+            3 % of t1 - t0 without it.
+        typical: a function of args, a pytree like args of typical changes, by which derivatives are scaled; their
+            own sizes without it.
+    """
+
+    y0: PyTree
+    vector_field: Rate
+    events: Mapping[str, Event] = dataclasses.field(default_factory=dict)
+    integrals: Mapping[str, Rate] = dataclasses.field(default_factory=dict)
+    _: dataclasses.KW_ONLY
+    integrals0: Callable[[Any], Mapping[str, Any]] | None = None
+    time_scale: Callable[[Any], Any] | None = None
+    typical: Callable[[Any], Any] | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.vector_field):
+            raise TypeError(
+                f"Argument `vector_field` must be a function of (t, y, args), but is {self.vector_field!r}."
+            )
+        for name, kind in (("events", Event), ("integrals", None)):
+            given = getattr(self, name)
+            if not isinstance(given, Mapping):
+                raise TypeError(f"Argument `{name}` must be a dictionary by name, but is {given!r}.")
+            for key, part in given.items():
+                if not isinstance(key, str) or not (isinstance(part, kind) if kind else callable(part)):
+                    what = "an `ode.Event`" if kind else "a function of (t, y, args)"
+                    raise TypeError(f"Argument `{name}` must hold by name {what}, but {key!r} is {part!r}.")
+        for name in ("integrals0", "time_scale", "typical"):
+            if (given := getattr(self, name)) is not None and not callable(given):
+                raise TypeError(f"Argument `{name}` must be a function of args, but is {given!r}.")
+        for name in self.events:
+            if name in OTHER_ENDS:
+                raise ValueError(
+                    f"Argument `events` must have other names than {', '.join(OTHER_ENDS)}, but has {name!r}."
+                )
+
+    def start(self, args: Any) -> PyTree:
+        """The state at the start."""
+        return self.y0(args) if callable(self.y0) else self.y0
+
+    def event_names(self, args: Any) -> tuple[str, ...]:
+        """The events, in the order in which they count."""
+        return tuple(self.events)
+
+    def directions(self, args: Any) -> tuple[int, ...]:
+        """The direction of each event."""
+        return tuple(event.direction for event in self.events.values())
+
+    def event_values(self, t: Scalar, y: PyTree, args: Any) -> Sequence[Scalar]:
+        """The functions of all events."""
+        return [event.function(t, y, args) for event in self.events.values()]
+
+    def resets(self) -> Sequence[Rate | None]:
+        """The state after each event; None where it ends the motion."""
+        return [event.reset for event in self.events.values()]
+
+    def equations(self, args: PyTree, numbers: Sequence[jax.ShapeDtypeStruct]) -> Equations:
+        """What the problem computes from such arguments.
+
+        Args:
+            args: a pytree; of its numbers only the places count.
+            numbers: shape and type of each, for one lane.
+        """
+        return equations_of(_ProblemKind(self, args, numbers))
+
+    def functions(self) -> dict[str, Any]:
+        """What the problem computes with, by the words that a message about it uses."""
+        parts: dict[str, Any] = {"y0": self.y0, "vector_field": self.vector_field}
+        for name, event in self.events.items():
+            parts[f"events[{name!r}]"] = event.function
+            if event.reset is not None:
+                parts[f"events[{name!r}].reset"] = event.reset
+        parts |= {f"integrals[{name!r}]": rate for name, rate in self.integrals.items()}
+        others = {name: getattr(self, name) for name in ("integrals0", "time_scale", "typical")}
+        return parts | {name: part for name, part in others.items() if part is not None}
+
+    def __repr__(self) -> str:
+        y = "a function" if callable(self.y0) else jax.tree.map(lambda _: "…", self.y0)
+        return f"Problem(y0={y}, events={list(self.events)}, integrals={list(self.integrals)})"
+
+
+class _ProblemKind(Kind):
+    """What problems with arguments that differ in their numbers alone have in common."""
+
+    def __init__(self, problem: Problem, args: PyTree, numbers: Sequence[jax.ShapeDtypeStruct]) -> None:
+        self.problem, self._functions = problem, problem.functions()
+        super().__init__(args, numbers, self._functions, problem.directions(args))
+
+    def traced(self) -> Equations:
+        """The equations, as the code is now."""
+        things = [*jax.tree.leaves(self._functions), *(leaf for leaf in self.leaves if leaf is not None)]
+        labels = [hashed("argument", str(i)) for i in range(len(self.numbers))]
+        trace = Traced(self.joined, self.numbers, labels)
+        try:
+            state, timed = self._trace(trace)
+        except FlawError as error:
+            words = str(error)
+            return Equations(words, digits("flaw", words), "", Surroundings(things), self.numbers)
+        # After the trace, which may change what it reads, such as a counter.
+        surroundings = Surroundings(things)
+        args = self.joined(self.numbers)
+        described = repr((self.problem.event_names(args), self.problem.directions(args), list(self.problem.integrals)))
+        digest = digits(*trace.pieces, trace.foreign, described, str(jax.tree.structure(state)), str(timed))
+        return Equations(None, digest, trace.foreign, surroundings, self.numbers, state, timed)
+
+    def _trace(self, trace: Traced) -> tuple[PyTree, bool]:
+        """Shapes of the state, and whether anything depends on time."""
+        problem, time = self.problem, jax.ShapeDtypeStruct((), np.float64)
+        y = trace.given("y0", problem.start)
+        require_numbers("y0", y, scalars=False)
+        y = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), y)
+        of_state: dict[str, Callable[..., PyTree]] = {"vector_field": problem.vector_field}
+        for name, event in problem.events.items():
+            of_state[f"events[{name!r}]"] = event.function
+            if event.reset is not None:
+                of_state[f"events[{name!r}].reset"] = event.reset
+        of_state |= {f"integrals[{name!r}]": rate for name, rate in problem.integrals.items()}
+        for name, function in of_state.items():
+            given = trace.given(name, lambda args, t, y, function=function: function(t, y, args), time, y)
+            if name == "vector_field" or name.endswith(".reset"):
+                _require_like_state(name, given, y)
+            else:
+                if jax.tree.structure(given).num_leaves != 1:
+                    raise FlawError(f"`{name}` must give one number, but gives {jax.tree.structure(given)}")
+                require_numbers(name, given, double=True)
+        if problem.integrals0 is not None:
+            given = trace.given("integrals0", problem.integrals0)
+            require_numbers("integrals0", given)
+            if not isinstance(given, Mapping) or set(given) != set(problem.integrals):
+                raise FlawError(f"`integrals0` must give a number for each of {', '.join(problem.integrals)}")
+        if problem.time_scale is not None:
+            require_numbers("time_scale", trace.given("time_scale", problem.time_scale))
+        if problem.typical is not None:
+            given = trace.given("typical", problem.typical)
+            if jax.tree.structure(given) != self.structure:
+                raise FlawError("`typical` must give a pytree like the arguments, but gives another")
+
+        def everything(time: Any, numbers: Sequence[Number], y: PyTree) -> list[PyTree]:
+            return [function(time, y, self.joined(numbers)) for function in of_state.values()]
+
+        return y, _depends_on_first(everything, time, list(self.numbers), y)
+
+
+def _require_like_state(name: str, given: PyTree, y: PyTree) -> None:
+    require_numbers(name, given, scalars=False, double=True)
+    if jax.tree.structure(given) != jax.tree.structure(y):
+        raise FlawError(f"`{name}` must give what `y0` gives, {_shown(y)}, but gives {_shown(given)}")
+    for (path, leaf), of_y in zip(jax.tree_util.tree_flatten_with_path(given)[0], jax.tree.leaves(y), strict=True):
+        if leaf.shape != of_y.shape:
+            part = jax.tree_util.keystr(path) or "it"
+            raise FlawError(f"`{name}` must have the shapes of `y0`, but {part} has {leaf.shape}, not {of_y.shape}")
+
+
+def _shown(tree: PyTree) -> str:
+    """The structure of a pytree: {'x': *, 'y': *}."""
+    return str(jax.tree.structure(tree)).removeprefix("PyTreeDef(").removesuffix(")")
+
+
+def _depends_on_first(function: Callable[..., PyTree], *examples: PyTree) -> bool:
+    """Whether a result depends on the first argument, a number, by the function's arithmetic."""
+    jaxpr = jax.make_jaxpr(function)(*examples).jaxpr
+    needed = {atom for atom in jaxpr.outvars if not isinstance(atom, Literal)}
+    for equation in reversed(jaxpr.eqns):
+        if not needed.isdisjoint(equation.outvars):
+            needed |= {atom for atom in equation.invars if not isinstance(atom, Literal)}
+    return jaxpr.invars[0] in needed

@@ -1,0 +1,300 @@
+"""A problem's motion with fewer unknowns, read from its own arithmetic.
+
+Where the rates of several parts of the state are known multiples of one expression, one
+integral of that expression gives them all: for a force of constant direction ẋ, ẏ and (with the
+horizontal torque) φ̇ follow from ∫ F_x dt. A part on which neither events nor what is wanted depend,
+such as x itself, is not integrated.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
+from jaxtyping import PyTree
+
+from erosion.array_types import Number, Scalar, Structure
+from erosion.lanes.scalars import Atom
+from erosion.ode.layout import Clock, Layout
+from erosion.ode.variational import Augmented
+
+
+class WholeMotion:
+    """A problem's motion with the state itself, as a tuple of numbers; where it depends on time, time comes first.
+
+    Args:
+        layout: of problem and arguments.
+        numbers: of one lane.
+    """
+
+    def __init__(self, layout: Layout, numbers: Sequence[Number]) -> None:
+        self.layout, self.problem = layout, layout.problem
+        self.args = layout.args(numbers)
+        self.clock = layout.clock(numbers) if layout.options.clock else Clock(0.0, math.inf, math.inf, math.inf)
+        self._timed = layout.equations.timed
+
+    @functools.cached_property
+    def _y0(self) -> tuple[list[Any], Structure]:
+        return jax.tree.flatten(self.problem.start(self.args))
+
+    def start(self) -> list[Scalar]:
+        """The state at the start."""
+        return [self.clock.t0] * self._timed + _elements(self._y0[0])
+
+    def initial(self) -> Augmented:
+        """The state and the integrals at the start."""
+        return Augmented(tuple(self.start()), self.integrals0())
+
+    def integrals0(self) -> tuple[Scalar, ...]:
+        """Where the integrals begin."""
+        if self.problem.integrals0 is None:
+            return (0.0,) * len(self.problem.integrals)
+        starts = self.problem.integrals0(self.args)
+        return tuple(starts[name] for name in self.problem.integrals)
+
+    def whole(self, state: Sequence[Scalar]) -> tuple[Scalar, PyTree]:
+        """Time, and the problem's own state."""
+        t, *elements = state if self._timed else (self.clock.t0, *state)
+        parts = []
+        for shape in map(np.shape, self._y0[0]):
+            own, elements = elements[: math.prod(shape)], elements[math.prod(shape) :]
+            parts.append(jnp.stack(own).reshape(shape) if shape else own[0])
+        return t, jax.tree.unflatten(self._y0[1], parts)
+
+    def rate(self, at: Augmented) -> Augmented:
+        """The time derivative of state and integrals."""
+        t, y = self.whole(at.state)
+        rates = _elements(jax.tree.leaves(self.problem.vector_field(t, y, self.args)))
+        integrals = tuple(rate(t, y, self.args) for rate in self.problem.integrals.values())
+        return Augmented((*([1.0] * self._timed), *rates), integrals)
+
+    def events(self, at: Augmented) -> list[Scalar]:
+        """The event functions, positive before their event; those of either direction as they are."""
+        t, y = self.whole(at.state)
+        directions = self.problem.directions(self.args)
+        values = self.problem.event_values(t, y, self.args)
+        return [-value if up == 1 else value for value, up in zip(values, directions, strict=True)]
+
+    def outputs(self, at: Augmented) -> list[Scalar]:
+        """What is wanted at the end: the elements of the state, where they are, and the integrals."""
+        _, y = self.whole(at.state)
+        return [*(_elements(jax.tree.leaves(y)) if self.layout.options.whole else []), *at.integrals]
+
+    def after(self, event: int, at: Augmented) -> Augmented:
+        """The state after an event that the motion survives."""
+        reset = self.problem.resets()[event]
+        if reset is None:
+            return at
+        t, y = self.whole(at.state)
+        elements = _elements(jax.tree.leaves(reset(t, y, self.args)))
+        return Augmented((*at.state[: int(self._timed)], *elements), at.integrals)
+
+
+def _elements(parts: Sequence[Any]) -> list[Scalar]:
+    """The elements of numbers and small arrays, as numbers of one type."""
+    elements = []
+    for part in parts:
+        part = part if jnp.result_type(part) == jnp.float64 else jnp.asarray(part, jnp.float64)
+        elements += [part[index] for index in np.ndindex(np.shape(part))] if np.shape(part) else [part]
+    return elements
+
+
+def motion_of(layout: Layout) -> Callable[[Sequence[Number]], "WholeMotion | ReducedMotion"]:
+    """The motion of one lane's numbers: a tuple of integrals, as few as the arithmetic shows.
+
+    A chain goes on from a whole state, and so keeps it.
+    """
+    if any(layout.problem.resets()):
+        return functools.partial(WholeMotion, layout)
+    start = jax.make_jaxpr(lambda numbers: WholeMotion(layout, numbers).start())(layout.structs())
+    integrals = len(layout.problem.integrals)
+
+    def look(numbers: list[Number], elements: list[Scalar]) -> list[Scalar]:
+        motion = WholeMotion(layout, numbers)
+        at = Augmented(tuple(elements), (0.0,) * integrals)
+        rate = motion.rate(at)
+        # What is wanted counts as what must be known, but for the integrals.
+        wanted = motion.outputs(at)[: len(elements)] if layout.options.whole else []
+        return [*rate.state, *rate.integrals, *motion.events(at), *wanted]
+
+    parts = [jax.ShapeDtypeStruct((), np.float64) for _ in start.out_avals]
+    closed = jax.make_jaxpr(look)(layout.structs(), parts)
+    unknowns = Unknowns(closed, jaxpr_as_fun(start), len(parts), integrals, len(layout.event_names))
+    return functools.partial(ReducedMotion, unknowns, layout)
+
+
+class ReducedMotion:
+    """A problem's motion whose state is a tuple of integrals."""
+
+    def __init__(self, unknowns: "Unknowns", layout: Layout, numbers: Sequence[Number]) -> None:
+        self.unknowns, self.known = unknowns, list(numbers)
+        self._whole = WholeMotion(layout, numbers)
+        self.clock = self._whole.clock
+
+    def initial(self) -> Augmented:
+        """The integrals at the start."""
+        return Augmented(self.unknowns.initial(self.known), self._whole.integrals0())
+
+    def rate(self, at: Augmented) -> Augmented:
+        """The time derivative of all integrals."""
+        rates = self.unknowns.rates(self.known, at.state)
+        count = len(at.state)
+        return Augmented(tuple(rates[:count]), tuple(rates[count:]))
+
+    def events(self, at: Augmented) -> list[Scalar]:
+        """The event functions."""
+        return self.unknowns.events(self.known, at.state)
+
+    def outputs(self, at: Augmented) -> list[Scalar]:
+        """What is wanted at the end."""
+        if not self._whole.layout.options.whole:
+            return list(at.integrals)
+        parts = tuple(self.unknowns.parts(self.known, at.state))
+        return self._whole.outputs(Augmented(parts, at.integrals))
+
+    def after(self, event: int, at: Augmented) -> Augmented:
+        """No event is survived."""
+        return at
+
+
+class _Product(NamedTuple):
+    """An expression taken apart: sign · times/over · core."""
+
+    sign: float
+    times: list[Atom]
+    over: list[Atom]
+    core: Atom
+
+
+class Unknowns:
+    """The expressions to integrate, and how the parts of the state follow from them.
+
+    Args:
+        closed: a function of (known …, state …) that gives the rates of the state, the rates of the integrals, the
+            events, and what else must be known.
+        start: a function of (known …) that gives the state at the start.
+        parts: number of parts of the state.
+        integrals: number of integrals.
+        events: number of events.
+    """
+
+    def __init__(
+        self, closed: ClosedJaxpr, start: Callable[..., list[Scalar]], parts: int, integrals: int, events: int
+    ) -> None:
+        self._start = start
+        self._made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
+        arguments, outputs = closed.jaxpr.invars, closed.jaxpr.outvars
+        state = arguments[len(arguments) - parts :]
+        self._state = set(state)
+        self._known = _known(closed.jaxpr, self._state)
+        rates = dict(zip(state, outputs[:parts], strict=True))
+        needed: set[Var] = set()
+        while (more := needed | self._inputs([*outputs[parts:], *(rates[part] for part in needed)])) > needed:
+            needed = more
+        moving = [i for i, part in enumerate(state) if part in needed and not _is_zero(rates[part])]
+        products = {i: self._product(rates[state[i]]) for i in moving}
+        groups: dict[tuple[int, int], list[int]] = {}
+        for i, product in products.items():
+            # A part that relaxes keeps its digits only as an integral of its own.
+            alone = state[i] in self._inputs([rates[state[i]]])
+            # Cores by identity: JAX's literals cannot be compared.
+            groups.setdefault((i, 0) if alone else (-1, id(product.core)), []).append(i)
+        cores = []
+        self.itself: list[int | None] = []  # the part of the state that an integral is, if it is one
+        self._follow: list[tuple[int, int, _Product]] = []
+        for index, group in enumerate(groups.values()):
+            # Several parts follow an integral from zero: from one part's start the others lose digits.
+            itself = group[0] if len(group) == 1 else None
+            cores.append(products[group[0]].core if itself is None else rates[state[itself]])
+            self.itself.append(itself)
+            self._follow += [(i, index, products[i]) for i in group if i != itself]
+        first = parts + integrals
+        rates = _evaluate(closed, [*cores, *outputs[parts:first]])
+        values = _evaluate(closed, outputs[first : first + events])
+        # JAX traces each of these once, for all the places and derivatives that ask for it.
+        self.initial = jax.jit(self._initial)
+        self.rates = jax.jit(lambda known, integrals: rates(*known, *self.parts(known, integrals)))
+        self.events = jax.jit(lambda known, integrals: values(*known, *self.parts(known, integrals)))
+        self._factors = _evaluate(
+            closed, [part for *_, product in self._follow for part in (*product.times, *product.over)]
+        )
+
+    def _initial(self, known: Sequence[Number]) -> tuple[Scalar, ...]:
+        """The integrals at the start: a part of the state where the integral is one, else zero."""
+        start = self._start(*known)
+        return tuple(jnp.zeros(()) if i is None else start[i] for i in self.itself)
+
+    def parts(self, known: Sequence[Number], integrals: Sequence[Scalar]) -> list[Scalar]:
+        """The state itself; parts of it that do not matter stay as they were at the start."""
+        start = self._start(*known)
+        parts = list(start)
+        factors = iter(self._factors(*known, *start))
+        for i, index, product in self._follow:
+            times = math.prod([next(factors) for _ in product.times], start=product.sign)
+            over = math.prod([next(factors) for _ in product.over], start=1.0)
+            # Only an integral from zero is followed.
+            parts[i] = parts[i] + times / over * integrals[index]
+        for i, integral in zip(self.itself, integrals, strict=True):
+            if i is not None:
+                parts[i] = integral
+        return parts
+
+    def _product(self, core: Atom) -> _Product:
+        """The expression with its known factors taken off."""
+        sign, times, over = 1.0, [], []
+        while not self._is_known(core) and core in self._made_by:
+            name, inputs = self._made_by[core].primitive.name, self._made_by[core].invars
+            if name == "neg":
+                sign, core = -sign, inputs[0]
+            elif name == "mul" and any(map(self._is_known, inputs)):
+                factor, core = inputs if self._is_known(inputs[0]) else reversed(inputs)
+                times.append(factor)
+            elif name == "div" and self._is_known(inputs[1]):
+                core = inputs[0]
+                over.append(inputs[1])
+            else:
+                break
+        return _Product(sign, times, over, core)
+
+    def _is_known(self, value: Atom) -> bool:
+        return isinstance(value, Literal) or value in self._known
+
+    def _inputs(self, values: Iterable[Atom]) -> set[Var]:
+        """The parts of the state that these values depend on."""
+        seen: set[Atom] = set()
+        waiting = [value for value in values if not self._is_known(value)]
+        while waiting:
+            value = waiting.pop()
+            if value not in seen:
+                seen.add(value)
+                equation = self._made_by.get(value)
+                waiting += [atom for atom in equation.invars if not self._is_known(atom)] if equation else []
+        return self._state & seen
+
+
+def _known(jaxpr: Jaxpr, state: set[Var]) -> set[Var]:
+    """The values that do not depend on the state."""
+    known = {*jaxpr.constvars, *jaxpr.invars} - state
+    for equation in jaxpr.eqns:
+        if all(isinstance(atom, Literal) or atom in known for atom in equation.invars):
+            known |= set(equation.outvars)
+    return known
+
+
+def _is_zero(value: Atom) -> bool:
+    return isinstance(value, Literal) and bool(value.val == 0)
+
+
+def _evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Scalar]]:
+    """A function of the arguments that gives only the wanted values."""
+    needed = {value for value in wanted if not isinstance(value, Literal)}
+    kept = []
+    for equation in reversed(closed.jaxpr.eqns):
+        if not needed.isdisjoint(equation.outvars):
+            kept.append(equation)
+            needed |= {atom for atom in equation.invars if not isinstance(atom, Literal)}
+    return jaxpr_as_fun(ClosedJaxpr(closed.jaxpr.replace(eqns=kept[::-1], outvars=wanted), closed.consts))

@@ -1,0 +1,260 @@
+"""What came out of lanes: `erosion.ode.Solution`."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import PyTree
+
+from erosion.array_types import PerImpact
+from erosion.ode.problem import Problem
+from erosion.tables import Record, Result, format_number, to_plain
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from erosion.ode.solve import Lanes
+
+
+def path_of(keys: Sequence[Any]) -> tuple[str, ...]:
+    """The path of a leaf in a pytree, as words."""
+    return tuple(str(getattr(key, "key", getattr(key, "name", getattr(key, "idx", key)))) for key in keys)
+
+
+class Part(NamedTuple):
+    """Times, states and integrals of lanes at their ends, or derivatives of these.
+
+    Args:
+        t: shape of the lanes.
+        y: a pytree like the state, of arrays of that shape.
+        integrals: by name, of that shape.
+    """
+
+    t: PerImpact
+    y: PyTree
+    integrals: Mapping[str, PerImpact]
+
+
+class Times(NamedTuple):
+    """States of lanes at times.
+
+    Args:
+        ts: shape (n,).
+        ys: a pytree like the state, of arrays (*lanes, n); NaN after a lane's end.
+        integrals: by name, of that shape.
+    """
+
+    ts: PerImpact
+    ys: PyTree
+    integrals: Mapping[str, np.ndarray]
+
+
+class Passed(NamedTuple):
+    """The events on the way of lanes, arrays (*lanes, n); n is the greatest number of them.
+
+    Args:
+        name: of the event; "" after the last.
+        t: when; NaN after the last.
+        y: the state just before a reset, a pytree of arrays; NaN after the last.
+        at_once: by name whether an event happens there, as others may at the same time.
+    """
+
+    name: np.ndarray
+    t: np.ndarray
+    y: PyTree
+    at_once: Mapping[str, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Solution(Result):
+    """Where lanes ended; every array has the shape to which the arguments broadcast.
+
+    Args:
+        problem: what was integrated.
+        names: what `outcome` is an index of: the events, then "start", "failed", "unfinished", "t1".
+        wrt: the numbers of the derivatives.
+        outcome: how each lane ended, see `ended_by`.
+        t: when; NaN where it failed.
+        y: the state there, a pytree like y0; for "unfinished" what was reached.
+        integrals: by name, from t0 to there.
+        count: the number of events, that at the end included.
+        trials: the number of steps tried.
+        at_once: by name whether an event happens at the end, as others may at the same time.
+        derivatives: by names of one or two numbers; see `along`.
+        times: the states at `ts`, or None.
+    """
+
+    problem: Problem
+    names: tuple[str, ...]
+    wrt: tuple[str, ...]
+    outcome: PerImpact
+    t: PerImpact
+    y: PyTree
+    integrals: Mapping[str, PerImpact]
+    count: PerImpact
+    trials: PerImpact
+    at_once: Mapping[str, PerImpact]
+    derivatives: Mapping[tuple[str, ...], Part] = dataclasses.field(repr=False)
+    lanes: "Lanes" = dataclasses.field(repr=False)
+    rtol: float
+    times: Times | None = None
+
+    @functools.cached_property
+    def ended_by(self) -> PerImpact:
+        """How each lane ended, in words: an event, "start", "t1", "unfinished" or "failed".
+
+        Raises:
+            ValueError: where JAX traces the solution.
+        """
+        self._require_numbers("ended_by")
+        return np.array(self.names)[np.asarray(self.outcome)]
+
+    def _require_numbers(self, name: str) -> None:
+        if isinstance(self.outcome, Tracer):
+            raise ValueError(
+                f"`{name}` holds words, and there are none where JAX traces; "
+                "`outcome` is the index in `names` of what ended a lane."
+            )
+
+    def along(self, *names: str) -> Part:
+        """Derivatives of t, y and integrals: by one number the first, by two the second.
+
+        Raises:
+            ValueError: where they were not asked for by `wrt` and `derivatives`.
+        """
+        found = self.derivatives.get(names) or self.derivatives.get(names[::-1])
+        if found is None:
+            known = ", ".join(" and ".join(key) for key in self.derivatives) or "none"
+            raise ValueError(f"Arguments of `along` must be among the derivatives ({known}), but are {names}.")
+        return found
+
+    @property
+    def ts(self) -> PerImpact:
+        """The times of `ys`."""
+        return None if self.times is None else self.times.ts
+
+    @property
+    def ys(self) -> PyTree:
+        """The states at `ts`, arrays (*lanes, n); NaN after a lane's end."""
+        return None if self.times is None else self.times.ys
+
+    def with_times(self, times: Times) -> "Solution":
+        """The solution with states at times."""
+        return dataclasses.replace(self, times=times)
+
+    @functools.cached_property
+    def events(self) -> Passed:
+        """Each event on the way, that at the end included; computed when first read.
+
+        Raises:
+            ValueError: where JAX traces the solution.
+        """
+        from erosion.ode.solve import again, named_events, shaped
+
+        self._require_numbers("events")
+
+        most = int(np.max(self.count, initial=0))
+        wide = self.lanes._replace(shape=(*self.lanes.shape, most))
+        numbers = np.broadcast_to(np.arange(1.0, most + 1), (self.lanes.size, most))
+        results = again(self.lanes, most, self.rtol, max_events=numbers)
+        there = (numbers <= np.reshape(self.count, (-1, 1))).reshape(wide.shape)
+
+        def known(found: np.ndarray) -> np.ndarray:
+            return np.where(there, found.reshape(wide.shape), np.nan)
+
+        t0 = np.reshape(np.broadcast_to(self.lanes.numbers[-4], self.lanes.size), (*self.lanes.shape, 1))
+        part = shaped(wide, known(results.time.value) + t0, [known(output) for output in results.outputs.value])
+        names = np.where(there, np.array(self.names)[results.outcome.reshape(wide.shape)], "")
+        at_once = [there & (each.reshape(wide.shape) > 0) for each in results.at_once]
+        return Passed(names, part.t, part.y, named_events(self.lanes, at_once))
+
+    @property
+    def title(self) -> str:
+        """How many lanes."""
+        count = np.size(self.t)
+        return f"{count:,} lane{'s' * (count != 1)}"
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The columns of the table; a state has no units here."""
+        return ("quantity", "", "value")
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The results as rows of a table: values, first derivatives, second ones."""
+        rows = [("ended_by", "", format_number(self.ended_by))]
+        rows += [(name, "", format_number(values)) for name, values in self._parts(self).items()]
+        for path, part in sorted(self.derivatives.items(), key=lambda item: len(item[0])):
+            first, *other = map(_label, path)
+            by = f"d{first}²" if other == [first] else " d".join([f"d{first}", *other])
+            power = "²" if other else ""
+            rows += [(f"d{power}{name}/{by}", "", format_number(values)) for name, values in self._parts(part).items()]
+        return rows
+
+    def _parts(self, part: "Part | Solution") -> dict[str, Any]:
+        """Time, states and integrals by name."""
+        return {"t": part.t, **self.named(part), **self._named_integrals(part)}
+
+    def named(self, part: "Part | Solution | Times") -> dict[str, Any]:
+        """The parts of a state by their paths: "y.vx"."""
+        y = part.ys if isinstance(part, Times) else part.y
+        return {".".join(("y", *path_of(keys))): leaf for keys, leaf in jax.tree_util.tree_flatten_with_path(y)[0]}
+
+    def _named_integrals(self, part: "Part | Solution | Times") -> dict[str, Any]:
+        return {f"integrals.{name}": values for name, values in part.integrals.items()}
+
+    def to_dict(self) -> Record:
+        """Outcomes, times, states, integrals, and the same of derivatives and at times."""
+        content: Record = {"ended_by": self.ended_by, "count": self.count, **self._parts(self)}
+        for path, part in self.derivatives.items():
+            content["d " + " ".join(map(_label, path))] = self._parts(part)
+        if self.times is not None:
+            content["at"] = {"t": self.times.ts, **self.named(self.times), **self._named_integrals(self.times)}
+        return to_plain(content)
+
+    def to_dataset(self) -> "xr.Dataset":
+        """The solution as an xarray dataset: lanes along `lane_0`, `lane_1`, …; derivatives are named "dt_dangle"."""
+        import xarray as xr
+
+        axes = tuple(f"lane_{i}" for i in range(np.ndim(self.t)))
+        variables: dict[str, Any] = {
+            "ended_by": (
+                axes,
+                self.outcome,
+                {
+                    "flag_values": np.arange(len(self.names), dtype=np.int8),
+                    "flag_meanings": " ".join("_".join(name.split()) for name in self.names),
+                },
+            ),
+            "t": (axes, self.t),
+            "count": (axes, self.count),
+        }
+
+        def put(suffix: str, part: Any, more: tuple[str, ...] = ()) -> None:
+            for name, values in (self.named(part) | self._named_integrals(part)).items():
+                name = name.replace(".", "_")
+                own = tuple(f"{name}_{i}" for i in range(np.ndim(values) - len(axes) - len(more)))
+                variables[suffix.format(name)] = ((*axes, *more, *own), values)
+
+        put("{}", self)
+        for path, part in self.derivatives.items():
+            label = "d2{}_d" if len(path) == 2 else "d{}_d"
+            suffix = label + "_d".join(_label(name).replace(".", "_") for name in path)
+            variables[suffix.format("t")] = (axes, part.t)
+            put(suffix, part)
+        coordinates = {}
+        if self.times is not None:
+            put("{}_at", self.times, ("time",))
+            coordinates["time"] = self.times.ts
+        return xr.Dataset(variables, coordinates)
+
+    def __repr__(self) -> str:
+        return f"Solution({format_number(self.ended_by)}, t={format_number(self.t, 6)}, wrt={self.wrt!r})"
+
+
+def _label(name: str) -> str:
+    """A number's name in print; arguments that are a number alone have none."""
+    return name or "args"

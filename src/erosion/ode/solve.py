@@ -1,0 +1,401 @@
+"""Lanes to their first events, with derivatives: `erosion.ode.solve`."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import PyTree
+
+from erosion.arguments import check_tolerance, check_unmasked, check_whole
+from erosion.array_types import Number, PerLane
+from erosion.ode.batch import integrate, integrate_along
+from erosion.ode.equations import is_number
+from erosion.ode.integrator import LaneEnd
+from erosion.ode.layout import Clock, Layout, Options
+from erosion.ode.precision import require_float64
+from erosion.ode.problem import Problem
+from erosion.ode.solution import Part, Solution, Times, path_of
+
+_TINY = 1e-14  # no tolerance is tighter: rounding is near
+_STARTS = ("wait", "end")
+_METHODS = ("auto", "explicit")
+
+
+class Lanes(NamedTuple):
+    """Problem and arguments as lanes.
+
+    Args:
+        layout: of both.
+        numbers: each with one axis of lanes, or of one lane's shape where all share it.
+        shape: of the lanes.
+        names: the path of each number, dots between.
+    """
+
+    layout: Layout
+    numbers: list[PerLane]
+    shape: tuple[int, ...]
+    names: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """How many lanes there are."""
+        return math.prod(self.shape)
+
+    def element_of(self, name: str) -> int:
+        """The place of a number among the elements of all numbers.
+
+        Raises:
+            ValueError: where the name is none of a number that each lane has.
+        """
+        known = [one for one, shape in zip(self.names, self.layout.shapes, strict=True) if shape == ()][:-2]
+        if self.names.count(name) > 1:
+            raise ValueError(f"Argument `wrt` must say which {name!r} is meant: there is one among `args` as well.")
+        if name not in known:
+            raise ValueError(f"Argument `wrt` must name numbers of `args` ({', '.join(known)}), but has {name!r}.")
+        return self.layout.offsets[self.names.index(name)]
+
+
+def solve(
+    problem: Problem,
+    args: PyTree = None,
+    *,
+    t1: Any = None,
+    t0: Any = 0.0,
+    wrt: str | Sequence[str] = (),
+    derivatives: int | None = None,
+    rtol: float = 1e-9,
+    start: str = "wait",
+    ts: Any = None,
+    max_step: Any = math.inf,
+    max_events: Any = math.inf,
+    sizes: PyTree = None,
+    smooth: bool | None = None,
+    max_steps: int = 20_000,
+    method: str = "auto",
+    shared: Sequence[str] = (),
+) -> Solution:
+    """Integrate lanes, each to the first event that ends it, or to `t1`.
+
+    A lane is one initial value problem; arrays among the arguments make many. Within `jax.jit`, `vmap`, `grad`,
+    `hessian` and their like the results are numbers that JAX can trace, with derivatives up to the second.
+
+    Args:
+        problem: the equations.
+        args: any pytree for its functions. Numbers and arrays in it broadcast, one number for each lane.
+        t1: where a lane without an event ends; numbers or arrays. It may be left out where the problem has a
+            `time_scale`: then a lane may take any time.
+        t0: where lanes begin; numbers or arrays.
+        wrt: the numbers by which derivatives are taken, by their path in `args` with dots between: "angle",
+            "drag.coefficient", "masses.0"; also "t0" and "t1".
+        derivatives: 0, 1 or 2; 1 by default where `wrt` names something.
+        rtol: relative tolerance of times, states, integrals and their derivatives.
+        start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
+            "end": such a lane ends at its start.
+        ts: times at which the state is wanted as well, shape (n,).
+        max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
+        max_events: a chain of events that the motion survives ends with this one.
+        sizes: typical sizes of y, a pytree like it or one number: a state need not be known to better than
+            `rtol` times its size.
+        smooth: True says that the equations have no kinks although `sqrt` or `where` occurs; by default the
+            arithmetic is looked at.
+        max_steps: trials of steps after which a lane is "unfinished".
+        method: "auto" or "explicit", a Runge-Kutta method of 8th order.
+        shared: paths of arrays that each lane has as a whole, such as tables and weights.
+
+    Returns:
+        What the lanes ended by, when, in which state; see `Solution`.
+
+    Raises:
+        ValueError, TypeError: for arguments that do not fit, and for functions of the problem that cannot be
+            computed, with the line in them. A lane that fails is no error: it is an outcome, in `ended_by`.
+
+    Example:
+        >>> from erosion import ode
+        >>> fall = ode.Problem(
+        ...     y0={"y": 10.0, "v": 0.0},
+        ...     vector_field=lambda t, y, args: {"y": y["v"], "v": -args["g"]},
+        ...     events={"ground": ode.Event(lambda t, y, args: y["y"], direction=-1)},
+        ... )
+        >>> end = ode.solve(fall, {"g": 9.81}, t1=100.0, wrt="g")
+        >>> float(end.t), str(end.ended_by)  # √(2·10/9.81)
+        (1.427843..., 'ground')
+    """
+    require_float64()
+    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    order = (1 if names else 0) if derivatives is None else derivatives
+    if isinstance(order, bool) or order not in (0, 1, 2):
+        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+    if (order > 0) != bool(names) or len(set(names)) != len(names):
+        raise ValueError(f"Argument `wrt` must name different numbers, as many as derivatives need, but is {wrt!r}.")
+    lanes, rtol = checked_lanes(
+        problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
+        smooth=smooth, max_steps=max_steps, method=method, shared=shared,
+    )  # fmt: skip
+    if any(isinstance(number, Tracer) for number in lanes.numbers):
+        from erosion.ode.traced import traced_solution
+
+        return traced_solution(lanes, names, order, rtol, ts)
+    found = solution(lanes, names, order, rtol)
+    return found if ts is None else found.with_times(_at_times(lanes, ts, rtol, found))
+
+
+def checked_lanes(
+    problem: Problem,
+    args: PyTree,
+    *,
+    t1: Any,
+    t0: Any,
+    rtol: float,
+    start: str,
+    max_step: Any,
+    max_events: Any,
+    sizes: PyTree,
+    smooth: bool | None,
+    max_steps: int,
+    method: str,
+    shared: Sequence[str],
+) -> tuple[Lanes, float]:
+    """Lanes of arguments that fit, and the tolerance; see `solve`, also for what is raised."""
+    for name, given, known in (("start", start, _STARTS), ("method", method, _METHODS)):
+        if given not in known:
+            raise ValueError(f"Argument `{name}` must be one of {', '.join(map(repr, known))}, but is {given!r}.")
+    if smooth is not None and not isinstance(smooth, bool):
+        raise TypeError(f"Argument `smooth` must be True, False or None, but is {smooth!r}.")
+    if not isinstance(problem, Problem):
+        raise TypeError(f"Argument `problem` must be an `ode.Problem`, but is {problem!r}.")
+    rtol = max(check_tolerance(rtol), _TINY)
+    options = Options(
+        waits=True,
+        begins=start == "end",
+        clock=True,
+        whole=True,
+        smooth=smooth,
+        max_steps=check_whole("max_steps", max_steps, 1),
+    )
+    clock = Clock(t0, math.inf if t1 is None else t1, max_step, max_events)
+    if t1 is None and problem.time_scale is None:
+        raise ValueError("Argument `t1` must say where a lane without an event ends, but is not given.")
+    return lanes_of(problem, args, clock, options, shared, sizes), rtol
+
+
+def lanes_of(
+    problem: Problem, args: PyTree, clock: Clock, options: Options, shared: Sequence[str] = (), sizes: PyTree = None
+) -> Lanes:
+    """Layout, numbers and shape of lanes.
+
+    Raises:
+        ValueError, TypeError: for numbers that do not broadcast, or functions that cannot be computed.
+    """
+    paths, structure = jax.tree_util.tree_flatten_with_path(args)
+    names = [".".join(path_of(keys)) for keys, _ in paths]
+    leaves = [leaf for _, leaf in paths]
+    whole = [any(name == one or name.startswith(f"{one}.") for one in shared) for name in names]
+    for one in shared:
+        if not any(name == one or name.startswith(f"{one}.") for name in names):
+            raise ValueError(f"Argument `shared` must name parts of `args` ({', '.join(names)}), but has {one!r}.")
+    numbers, own, structs = [], [], []
+    for name, leaf, together in zip(names, leaves, whole, strict=True):
+        if not is_number(leaf):
+            if isinstance(leaf, (complex, np.ndarray, np.generic, jax.Array)):
+                raise TypeError(
+                    f"Argument `args` must hold real numbers, but {name or 'it'} has type {np.asarray(leaf).dtype}."
+                )
+            continue
+        check_unmasked(f"args.{name}" if name else "args", leaf)
+        array = leaf if isinstance(leaf, (Tracer, jax.Array)) else np.asarray(leaf)
+        shape, kind = (array.shape if together else ()), np.dtype(array.dtype).kind
+        structs.append(jax.ShapeDtypeStruct(shape, array.dtype if together and kind != "f" else np.float64))
+        numbers.append(array)
+        own.append(name)
+    own += Clock._fields
+    for name, value in zip(Clock._fields, clock, strict=True):
+        value = np.asarray(value) if isinstance(value, (list, tuple)) else value
+        if not is_number(value) or isinstance(value, bool):
+            raise TypeError(f"Argument `{name}` must be a number or an array, but is {value!r}.")
+        check_unmasked(name, value)
+        numbers.append(value if isinstance(value, (Tracer, jax.Array)) else np.asarray(value, float))
+    _check_clock(clock, endless=problem.time_scale is not None)
+    shapes = [struct.shape for struct in structs] + [()] * len(clock)
+    many = [(name, number) for name, number, shape in zip(own, numbers, shapes, strict=True) if shape == ()]
+    try:
+        shape = np.broadcast_shapes(*(np.shape(number) for _, number in many))
+    except ValueError:
+        said = ", ".join(f"{name} {np.shape(number)}" for name, number in many if np.ndim(number))
+        raise ValueError(
+            f"Argument `args` must hold numbers and arrays that broadcast, but shapes are {said}; "
+            "name arrays that each lane has as a whole in `shared`."
+        ) from None
+    equations = problem.equations(args, structs)
+    if equations.flaw is not None:
+        raise ValueError(f"Argument `problem` must be one that can be computed, but {equations.flaw}.")
+    rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
+    own_shapes, dtypes = tuple(s.shape for s in structs), tuple(np.dtype(s.dtype).name for s in structs)
+    layout = Layout(problem, structure, rest, own_shapes, dtypes, options, equations)
+    if sizes is not None:
+        layout = layout.wanting(sizes=_sizes(layout, sizes))
+    flat = [_flat(number, own_shape, shape) for number, own_shape in zip(numbers, shapes, strict=True)]
+    return Lanes(layout, flat, shape, tuple(own))
+
+
+def _flat(number: Number, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
+    """A number with one axis of lanes, or of one lane's shape where all share it."""
+    if own or isinstance(number, Tracer) or np.ndim(number) == 0:
+        return number if isinstance(number, Tracer) else np.asarray(number)
+    array = np.asarray(number)
+    return array.reshape(()) if array.size == 1 else np.broadcast_to(array, shape).reshape(-1)
+
+
+def _check_clock(clock: Clock, *, endless: bool) -> None:
+    """Refuse times that run backwards or nowhere, and limits that are none; a motion may be `endless`."""
+    if any(isinstance(number, Tracer) for number in clock):
+        return
+    with np.errstate(invalid="ignore"):
+        try:
+            backwards = np.any(np.asarray(clock.t1) < np.asarray(clock.t0))
+        except ValueError:
+            return  # shapes that do not broadcast are told of with all others
+    if backwards:
+        raise ValueError(
+            "Argument `t1` must not be before `t0`; for a motion back in time change the sign of its rates."
+        )
+    for name, times in (("t0", clock.t0), ("t1", clock.t1)):
+        if np.size(times) and np.all(np.isnan(times)):
+            raise ValueError(f"Argument `{name}` must be a time, but is {times!r}.")
+    if not endless and np.any(np.isinf(clock.t1)):
+        raise ValueError(f"Argument `t1` must be finite where the problem has no `time_scale`, but is {clock.t1!r}.")
+    if not np.all(np.asarray(clock.max_step) > 0):
+        raise ValueError(f"Argument `max_step` must be positive, but is {clock.max_step!r}.")
+    if not np.all(np.asarray(clock.max_events) >= 1):
+        raise ValueError(f"Argument `max_events` must be at least 1, but is {clock.max_events!r}.")
+
+
+def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
+    """A size for each element of the state."""
+    leaves, structure = jax.tree.flatten(layout.state)
+    if is_number(sizes) and np.ndim(sizes) == 0:
+        sizes = jax.tree.unflatten(structure, [sizes] * len(leaves))
+    if jax.tree.structure(sizes) != structure:
+        raise ValueError(f"Argument `sizes` must be one number, or a pytree like y, but is {sizes!r}.")
+    try:
+        pairs = zip(jax.tree.leaves(sizes), leaves, strict=True)
+        flat = [np.broadcast_to(np.asarray(size, float), leaf.shape).ravel() for size, leaf in pairs]
+    except (TypeError, ValueError):
+        raise ValueError(f"Argument `sizes` must hold numbers of the shapes of y, but is {sizes!r}.") from None
+    values = tuple(float(size) for size in np.concatenate(flat))
+    if not all(0 < size < math.inf for size in values):
+        raise ValueError(f"Argument `sizes` must hold positive numbers, but is {sizes!r}.")
+    return values
+
+
+def ends(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> tuple[LaneEnd, list[tuple[str, ...]]]:
+    """The ends of lanes, and along which names the last axis of their derivatives is, where there are several."""
+    layout, numbers, count = lanes.layout, lanes.numbers, lanes.size
+    if order == 0 or len(names) == 1:
+        places = (lanes.element_of(names[0]),) if order else ()
+        return integrate(layout, numbers, count, order, places, rtol), [(*names, *names)[:order]]
+    along = [(name,) for name in names] if order == 1 else list(itertools.combinations_with_replacement(names, 2))
+    places = np.array([[lanes.element_of(name) for name in each] for each in along], float).T
+    results = integrate_along(layout, numbers, count, order, places, rtol)
+    # A lane that fails along one direction fails in all.
+    failed = np.any(layout.has_no_result(results.outcome), axis=1)
+    outcome = np.where(failed, results.outcome.max(axis=1), results.outcome[:, 0])
+    results = results._replace(
+        outcome=outcome,
+        trials=results.trials.sum(axis=1),
+        count=results.count[:, 0],
+        at_once=[each[:, 0] for each in results.at_once],
+    )
+    return results, along
+
+
+def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Solution:
+    """The solution of lanes, with derivatives of an order along all pairs of names."""
+    results, along = ends(lanes, names, order, rtol)
+    several = results.time.value.ndim > 1
+
+    def part(kind: str, column: int) -> Part:
+        """Times, states and integrals, or one of their derivatives."""
+        time, *outputs = (
+            found[:, column].reshape(lanes.shape)[()] if several else found.reshape(lanes.shape)[()]
+            for found in (getattr(results.time, kind), *getattr(results.outputs, kind))
+        )
+        return shaped(lanes, time, outputs)
+
+    value = part("value", 0)
+    t0 = np.broadcast_to(np.asarray(lanes.numbers[-len(Clock._fields)]), lanes.size).reshape(lanes.shape)
+    found: dict[tuple[str, ...], Part] = {}
+    for i, each in enumerate(along if order else []):
+        for kind, path in (("first", each[:1]), ("other", each[-1:]), ("second", each[:2])):
+            if len(path) <= order and (kind != "second" or order == 2) and path not in found:
+                found[path] = part(kind, i)
+    if ("t0",) in found:
+        found[("t0",)] = found[("t0",)]._replace(t=found[("t0",)].t + 1.0)
+    return Solution(
+        problem=lanes.layout.problem,
+        names=lanes.layout.end_names,
+        wrt=tuple(names),
+        outcome=results.outcome.reshape(lanes.shape)[()],
+        t=(value.t + t0)[()],
+        y=value.y,
+        integrals=value.integrals,
+        count=results.count.reshape(lanes.shape)[()],
+        trials=results.trials.reshape(lanes.shape)[()],
+        at_once=named_events(lanes, [each.reshape(lanes.shape)[()] > 0 for each in results.at_once]),
+        derivatives=found,
+        lanes=lanes,
+        rtol=rtol,
+    )
+
+
+def shaped(lanes: Lanes, time: Any, outputs: Sequence[Any]) -> Part:
+    """Time, state and integrals in the structure of the problem; arrays of a state have their own axes last."""
+    leaves, structure = jax.tree.flatten(lanes.layout.state)
+    rest, parts = list(outputs), []
+    stack = jax.numpy.stack if isinstance(time, Tracer) else np.stack
+    for leaf in leaves:
+        own, rest = rest[: math.prod(leaf.shape)], rest[math.prod(leaf.shape) :]
+        parts.append(stack(own, -1).reshape(np.shape(time) + leaf.shape) if leaf.shape else own[0])
+    return Part(
+        time, jax.tree.unflatten(structure, parts), dict(zip(lanes.layout.problem.integrals, rest, strict=True))
+    )
+
+
+def named_events(lanes: Lanes, flags: Sequence[Any]) -> dict[str, Any]:
+    """By the name of each event whether it happens at the end."""
+    return dict(zip(lanes.layout.event_names, flags, strict=True))
+
+
+def again(lanes: Lanes, copies: int, rtol: float, **clock: PerLane) -> LaneEnd:
+    """Each lane several times over, with other numbers of the clock, of shape (lanes, copies)."""
+    which = np.repeat(np.arange(lanes.size), copies)
+    numbers = lanes.layout.of_lanes(lanes.numbers, which)
+    for name, value in clock.items():
+        numbers[len(numbers) - len(Clock._fields) + Clock._fields.index(name)] = np.ascontiguousarray(value).reshape(-1)
+    return integrate(lanes.layout, numbers, which.size, 0, (), rtol)
+
+
+def _at_times(lanes: Lanes, ts: Any, rtol: float, found: Solution) -> Times:
+    """The states at times; NaN after the end."""
+    try:
+        times = np.asarray(ts, float)
+    except (TypeError, ValueError):
+        raise TypeError(f"Argument `ts` must be one row of times, but is {ts!r}.") from None
+    if times.ndim != 1:
+        raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
+    t0 = np.broadcast_to(np.asarray(lanes.numbers[-len(Clock._fields)]), lanes.size)
+    if times.size and np.nanmin(times) < t0.max():
+        raise ValueError(f"Argument `ts` must hold no times before `t0`, but has {np.nanmin(times):g}.")
+    until = np.broadcast_to(times, (lanes.size, times.size))
+    results = again(lanes, times.size, rtol, t1=until)
+    # The end itself is among the times; after it there is no state.
+    late = until > np.asarray(found.t).reshape(-1, 1)
+    wide = lanes._replace(shape=(*lanes.shape, times.size))
+    outputs = [
+        np.where(late, np.nan, output.reshape(until.shape)).reshape(wide.shape) for output in results.outputs.value
+    ]
+    part = shaped(wide, np.broadcast_to(times, wide.shape), outputs)
+    return Times(times, part.y, part.integrals)

@@ -1,0 +1,291 @@
+"""The variational equations: derivatives by parameters, carried along with the motion.
+
+For directions ε and η in the space of parameters the state s is extended by ∂s/∂ε, ∂s/∂η and
+∂²s/∂ε∂η. Only the vector field is differentiated (nested `jvp`), never the integration; the time
+of the event follows by the implicit function theorem.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import PyTree
+
+from erosion.array_types import Number, Scalar
+from erosion.ode.layout import Clock, Layout
+from erosion.ode.step_control import ARRIVED
+
+_FIXED = 1e-9  # of its terms: a first derivative that is smaller is zero by definition
+
+Direction = int | Scalar
+"""The place of an element among the elements of all numbers, see `Layout`; traced, or part of the program."""
+
+
+class Augmented(NamedTuple):
+    """What is integrated: the state, and the integrals so far."""
+
+    state: tuple[Scalar, ...]
+    integrals: tuple[Scalar, ...]
+
+
+@runtime_checkable
+class Motion(Protocol):
+    """The motion of one lane; see `erosion.ode.reduction`."""
+
+    clock: Clock
+
+    def initial(self) -> Augmented:
+        """State and integrals at the start."""
+        ...
+
+    def rate(self, at: Augmented) -> Augmented:
+        """Their time derivative."""
+        ...
+
+    def events(self, at: Augmented) -> list[Scalar]:
+        """The event functions, in their order."""
+        ...
+
+    def outputs(self, at: Augmented) -> list[Scalar]:
+        """What is wanted at the end."""
+        ...
+
+    def after(self, event: int, at: Augmented) -> Augmented:
+        """State and integrals after an event."""
+        ...
+
+
+OfMotion = Callable[[Augmented, Motion], PyTree]
+"""A function of the state and its motion; its value is a number, or numbers."""
+
+
+class Derivatives(NamedTuple):
+    """A quantity with its first and mixed second derivative along two directions."""
+
+    value: PyTree
+    first: PyTree
+    other: PyTree
+    second: PyTree
+
+
+class Variational:
+    """The state with its derivatives: at the start, its rate, and functions of it, for `order` 0, 1 or 2.
+
+    The extended state is a tuple. Along one direction it has `order` + 1 members. For two different
+    directions at order 2 it has four: value, first, other, second.
+
+    Args:
+        layout: of the numbers.
+        numbers: of one lane.
+        order: number of derivatives, 0 to 2.
+        directions: one direction, or two for a mixed second derivative.
+        motion: from numbers to what is integrated; see `erosion.ode.reduction`.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        numbers: Sequence[Number],
+        order: int,
+        directions: tuple[Direction, ...],
+        motion: Callable[[Sequence[Number]], Motion],
+    ) -> None:
+        self.layout, self.numbers, self.order, self.directions = layout, list(numbers), order, directions
+        self.motion = motion
+        self.mixed = order == 2 and len(directions) == 2
+
+    def initial(self) -> tuple[Augmented, ...]:
+        """State and integrals at the start."""
+
+        def start(_: object, motion: Motion) -> Augmented:
+            state, integrals = motion.initial()
+            return Augmented(state, tuple(jnp.asarray(begin, float) for begin in integrals))
+
+        return self.pack(self.of(start, ()))
+
+    def rate(self, members: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
+        """The time derivative of a state."""
+        return self.pack(self.of(lambda at, motion: motion.rate(at), members))
+
+    def at(self, numbers: Sequence[Number]) -> Motion:
+        """The motion with these numbers."""
+        return self.motion(numbers)
+
+    def per_unit(self, scaled: Derivatives) -> Derivatives:
+        """Derivatives by the directions' units turned into derivatives by the parameters."""
+        if self.order == 0:
+            return scaled
+        unit, other_unit = self._unit(self.directions[0]), self._unit(self.directions[-1])
+        first, other, second = (
+            jax.tree.map(lambda part, size=size: part / size, parts)
+            for parts, size in ((scaled.first, unit), (scaled.other, other_unit), (scaled.second, unit * other_unit))
+        )
+        return Derivatives(scaled.value, first, other, second)
+
+    def pack(self, derivatives: Derivatives) -> tuple[PyTree, ...]:
+        """The members of a state with these derivatives."""
+        if self.mixed:
+            return (derivatives.value, derivatives.first, derivatives.other, derivatives.second)
+        return (derivatives.value, derivatives.first, derivatives.second)[: self.order + 1]
+
+    def unpack(self, members: tuple[Any, ...]) -> Derivatives:
+        """The derivatives that are the members of a state."""
+        if len(members) == 4:
+            return Derivatives(*members)
+        value, first, second = (*members, None, None)[:3] if members else ((), (), ())
+        return Derivatives(value, first, first, second)
+
+    def of(self, function: OfMotion, members: tuple[Augmented, ...]) -> Derivatives:
+        """A function of a state and its motion, with its derivatives along the directions."""
+        at = self.unpack(members)
+        zero, one = np.zeros(()), np.ones(())
+        if self.order == 0:
+            return Derivatives(function(at.value, self.at(self.numbers)), None, None, None)
+
+        def along(state: PyTree, step: Scalar, numbers: Sequence[Number]) -> PyTree:
+            return function(state, self.at(self._moved(numbers, self.directions[0], step)))
+
+        if self.order == 1:
+            value, first = jax.jvp(lambda c, e: along(c, e, self.numbers), (at.value, zero), (at.first, one))
+            return Derivatives(value, first, first, None)
+
+        def first_member(state: PyTree, state_first: PyTree, other_step: Scalar) -> tuple[PyTree, PyTree]:
+            numbers = self._moved(self.numbers, self.directions[-1], other_step)
+            return jax.jvp(lambda c, e: along(c, e, numbers), (state, zero), (state_first, one))
+
+        (value, first), (other, second) = jax.jvp(first_member, (at.value, at.first, zero), (at.other, at.second, one))
+        return Derivatives(value, first, other, second)
+
+    def _moved(self, numbers: Sequence[Number], direction: Direction, step: Scalar) -> list[Number]:
+        """The numbers moved along a direction by `step` of its unit."""
+        amount = step * self._unit(direction)
+        moved = []
+        for number, shape, dtype, offset in zip(
+            numbers, self.layout.shapes, self.layout.dtypes, self.layout.offsets, strict=False
+        ):
+            if dtype != "float64" or (
+                isinstance(direction, int) and not offset <= direction < offset + math.prod(shape)
+            ):
+                moved.append(number)
+            elif isinstance(direction, int) and shape == ():
+                moved.append(number + amount)
+            else:
+                places = offset + np.arange(math.prod(shape), dtype=float).reshape(shape)
+                moved.append(number + jnp.where(direction == places, amount, 0.0))
+        return moved
+
+    def _unit(self, direction: Direction) -> Scalar:
+        """A significant change of a number: its size; 1 where that is zero.
+
+        Derivatives by such units compare with the value itself, so that one tolerance fits all.
+        """
+        sizes = self.layout.sizes(self.numbers)
+        size: Scalar = 0.0
+        for number, shape, offset in zip(sizes, self.layout.shapes, self.layout.offsets, strict=False):
+            if isinstance(direction, int) and shape == ():
+                size = number if direction == offset else size
+            else:
+                places = offset + np.arange(math.prod(shape), dtype=float).reshape(shape)
+                size = size + jnp.sum(jnp.where(direction == places, number, 0.0))
+        return lax.stop_gradient(jnp.where(size == 0, 1.0, size))
+
+
+class AtEvent(NamedTuple):
+    """Derivatives of the event's time and of the outputs there, and how much larger their errors may be."""
+
+    time: Derivatives
+    outputs: Derivatives
+    amplification: Scalar
+
+
+def at_event(
+    equations: Variational,
+    members: tuple[Augmented, ...],
+    event: Scalar,
+    time: Scalar,
+    outputs: OfMotion,
+    until: Derivatives,
+) -> AtEvent:
+    """Derivatives at the event, whose time depends on the parameters as well.
+
+    With g the event function and R the rate of an output V along the flow, all at the event:
+    t_ε = -g_ε/ġ;  V_ε = v_ε + R t_ε;  and for the second derivatives the chain rule once more.
+
+    `amplification` is the ratio of the results' errors to the state's: g̈ t/ġ, large where the event
+    function falls slowly, times the ratio of the second derivative's terms to their sum.
+
+    Args:
+        equations: of the lane.
+        members: the state at the event.
+        event: index of the event; below 0 if none ended the motion.
+        time: since the start.
+        outputs: what is wanted there, numbers.
+        until: the time at which a lane without an event ends, with its derivatives.
+    """
+
+    def event_function(at: Augmented, motion: Motion) -> Scalar:
+        chosen = jnp.zeros(())
+        for i, value in enumerate(motion.events(at)):
+            chosen = jnp.where(event == i, value, chosen)
+        return chosen
+
+    each = jax.tree.map
+    here = equations.at(equations.numbers)
+    wanted = equations.of(outputs, members)
+    g_rate = equations.of(_along_flow(event_function), members)
+    # Where no event ended the motion its time is given.
+    g_rate = g_rate._replace(value=jnp.where(event < 0, 1.0, g_rate.value))
+    g_curve = _along_flow(_along_flow(event_function))(members[0], here)
+    amplification = jnp.maximum(1.0, jnp.abs(g_curve * time / g_rate.value))
+    if equations.order == 0:
+        return AtEvent(Derivatives(time, None, None, None), wanted, amplification)
+    rate = _along_flow(outputs)
+    g, r = equations.of(event_function, members), equations.of(rate, members)
+
+    def or_given(of_event: Scalar, given: Scalar | None) -> Scalar:
+        return of_event if given is None else jnp.where(event == ARRIVED, given, of_event)
+
+    t_first, t_other = or_given(-g.first / g_rate.value, until.first), or_given(-g.other / g_rate.value, until.other)
+    v_first = each(lambda v, flow: v + flow * t_first, wanted.first, r.value)
+    v_other = each(lambda v, flow: v + flow * t_other, wanted.other, r.value)
+    if equations.order == 1:
+        return AtEvent(
+            Derivatives(time, t_first, t_other, None), Derivatives(wanted.value, v_first, v_other, None), amplification
+        )
+    r_rate = _along_flow(rate)(members[0], here)
+
+    def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
+        return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
+
+    t_second = or_given(-sum(chain(g.second, g_rate.first, g_rate.other, g_curve)) / g_rate.value, until.second)
+    parts = wanted.value, v_first, v_other, wanted.second, r.value, r.first, r.other, r_rate
+    v_second, worst = [], 1.0
+    for value, first, other, second, flow, flow_first, flow_other, curve in zip(
+        *map(jax.tree.leaves, parts), strict=True
+    ):
+        terms = [*chain(second, flow_first, flow_other, curve), flow * t_second]
+        v_second.append(sum(terms[1:], terms[0]))
+        # An output that is zero at its event by definition has the size of what it moves by until then.
+        sizes = (value, first, other, v_second[-1], flow * time)
+        cancelled = sum(map(jnp.abs, terms)) / functools.reduce(jnp.maximum, map(jnp.abs, sizes))
+        # What the event function fixes has no derivatives: all terms cancel, whatever the tolerance.
+        fixed = (jnp.abs(first) < _FIXED * jnp.abs(flow * t_first)) & (
+            jnp.abs(other) < _FIXED * jnp.abs(flow * t_other)
+        )
+        worst = jnp.maximum(worst, jnp.where(fixed, 1.0, cancelled))
+    v_second = jax.tree.unflatten(jax.tree.structure(wanted.value), v_second)
+    return AtEvent(
+        Derivatives(time, t_first, t_other, t_second),
+        Derivatives(wanted.value, v_first, v_other, v_second),
+        amplification * worst,
+    )
+
+
+def _along_flow(function: OfMotion) -> OfMotion:
+    """The time derivative of a function of the state."""
+    return lambda at, motion: jax.jvp(lambda a: function(a, motion), (at,), (motion.rate(at),))[1]

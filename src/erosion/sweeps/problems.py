@@ -1,0 +1,218 @@
+"""Sweeps of any problem of `erosion.ode`: a grid over numbers of its arguments."""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+from jaxtyping import PyTree
+
+from erosion.arguments import Progress, no_progress
+from erosion.files import digest
+from erosion.ode.equations import is_number
+from erosion.ode.layout import Clock, Options
+from erosion.ode.precision import require_float64
+from erosion.ode.problem import OTHER_ENDS, Problem
+from erosion.ode.solution import Part, Solution, path_of
+from erosion.ode.solve import lanes_of, solve
+from erosion.parameters.quantities import Quantity
+from erosion.storage.identity import code_version
+from erosion.sweeps.chunks import Region
+from erosion.sweeps.grid import Variable
+from erosion.sweeps.sweep import prepare_sweep
+from erosion.version import __version__
+
+_NOT_COMPUTED = "not-computed"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ProblemGrid:
+    """A rectangle of lanes of one problem.
+
+    Args:
+        problem: the problem.
+        args: of one lane.
+        axes: by the path of a number of `args`, or "t0" or "t1", its values, shape (n,).
+        options: of `erosion.ode.solve`.
+    """
+
+    problem: Problem
+    args: PyTree
+    axes: Mapping[str, np.ndarray]
+    options: Mapping[str, Any]
+
+    outside_of_range = ()
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions."""
+        return tuple(self.axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each dimension."""
+        return tuple(map(len, self.axes.values()))
+
+    @property
+    def lengths(self) -> dict[str, int]:
+        """Length of each dimension, by name."""
+        return dict(zip(self.dims, self.shape, strict=True))
+
+    @property
+    def labels(self) -> dict[str, np.ndarray]:
+        """The values along each dimension."""
+        return dict(self.axes)
+
+    def __getitem__(self, region: Region) -> "ProblemGrid":
+        """The block of this region."""
+        axes = {name: values[cut] for (name, values), cut in zip(self.axes.items(), region, strict=True)}
+        return dataclasses.replace(self, axes=axes)
+
+    def require_portable(self) -> None:
+        """A problem travels to the workers of a cluster as it is."""
+
+    @functools.cached_property
+    def ends(self) -> tuple[str, ...]:
+        """Meanings of the codes 0, 1, … in `ended_by`."""
+        return (_NOT_COMPUTED, *self.problem.events, *OTHER_ENDS)
+
+    def variables(self) -> dict[str, Variable]:
+        """The arrays; `ended_by` comes last."""
+        one = self.solved({name: values[:1] for name, values in self.axes.items()})
+        flags = {"flag_values": np.arange(len(self.ends), dtype=np.int8), "flag_meanings": " ".join(self.ends)}
+        numbers = {name: Variable(self.dims, Quantity(name, "", "1")) for name in self._columns(one)}
+        return {**numbers, "ended_by": Variable(self.dims, None, flags)}
+
+    def solve(self) -> dict[str, np.ndarray]:
+        """Integrate every lane."""
+        return {name: np.reshape(values, self.shape) for name, values in self._columns(self.solved(self.axes)).items()}
+
+    def solved(self, axes: Mapping[str, np.ndarray]) -> Solution:
+        """The solution over some values of the axes."""
+        values = {
+            name: values.reshape([-1 if i == place else 1 for i in range(len(axes))])
+            for place, (name, values) in enumerate(axes.items())
+        }
+        clock = {name: values.pop(name) for name in ("t0", "t1") if name in values}
+        paths, structure = jax.tree_util.tree_flatten_with_path(self.args)
+        leaves = [values.get(".".join(path_of(keys)), leaf) for keys, leaf in paths]
+        return solve(self.problem, jax.tree.unflatten(structure, leaves), **{**self.options, **clock})
+
+    def _columns(self, solution: Solution) -> dict[str, np.ndarray]:
+        """The numbers of lanes by name: "t", "y_vx", "integrals_work", "dt_dangle"; `ended_by` comes last."""
+        columns = {**_numbers("{}", solution), "count": np.asarray(solution.count, float)}
+        for names, part in solution.derivatives.items():
+            columns |= _numbers(("d2{}_d" if len(names) == 2 else "d{}_d") + "_d".join(names), part)
+        return {**columns, "ended_by": np.asarray(solution.outcome, np.int8) + np.int8(1)}
+
+    def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
+        """Arrays of the grid's shape as a Dataset with coordinates and provenance."""
+        attributes = {"Conventions": "CF-1.11", "source": f"erosion {__version__}", **self._in_words()}
+        dataset = xr.Dataset(coords={name: (name, axis) for name, axis in self.axes.items()}, attrs=attributes)
+        for name, variable in self.variables().items():
+            dataset[name] = (variable.dims, values[name], dict(variable.more))
+        return dataset
+
+    def _in_words(self) -> dict[str, str]:
+        options = {name: value for name, value in self.options.items() if value not in (None, ())}
+        return {"title": "A sweep of an ODE", "args": repr(self.args), "options": repr(options)}
+
+    @functools.cached_property
+    def identity(self) -> dict[str, str]:
+        """In words, what the numbers depend on.
+
+        Raises:
+            ValueError: for a problem that computes by what only this process knows.
+        """
+        numbers = [np.asarray(leaf) for leaf in jax.tree.leaves(self.args) if is_number(leaf)]
+        clock = Clock(0.0, 1.0, math.inf, math.inf)
+        lanes = lanes_of(self.problem, self.args, clock, Options(clock=True), self.options.get("shared", ()))
+        equations = lanes.layout.equations
+        if equations.foreign:
+            raise ValueError(
+                f"Argument `problem` must compute by JAX alone where a store is given, but holds {equations.foreign}."
+            )
+        return {
+            "version": code_version(),
+            "problem": equations.digest,
+            "args": " ".join(digest(str(number.shape).encode() + number.tobytes()) for number in numbers),
+            "axes": " ".join(f"{name} {digest(values.tobytes())}" for name, values in self.axes.items()),
+            "options": repr(sorted((name, repr(value)) for name, value in self.options.items())),
+        }
+
+
+def _numbers(label: str, part: Part | Solution) -> dict[str, np.ndarray]:
+    """Times, states and integrals by name; an array of a state by its elements."""
+    numbers = {label.format("t"): np.asarray(part.t)}
+    for keys, leaf in jax.tree_util.tree_flatten_with_path({"y": part.y})[0]:
+        name = label.format("_".join(path_of(keys)))
+        own = np.shape(leaf)[np.ndim(part.t) :]
+        for index in np.ndindex(own):
+            numbers["_".join((name, *map(str, index)))] = np.asarray(leaf)[(..., *index)]
+    return numbers | {label.format(f"integrals_{name}"): np.asarray(values) for name, values in part.integrals.items()}
+
+
+def sweep_problem(
+    problem: Problem,
+    args: PyTree,
+    axes: Mapping[str, Any],
+    *,
+    chunks: Mapping[str, int] | None = None,
+    store: str | Path | None = None,
+    progress: Progress = no_progress,
+    **options: Any,
+) -> xr.Dataset:
+    """Solve a problem over a grid: the product of the axes, in memory or block by block in a store.
+
+        erosion.sweep_problem(shell, args, {"angle": angles, "drag": drags}, t1=100.0, store="shell.zarr")
+
+    Args:
+        problem: a problem of `erosion.ode`.
+        args: of one lane: numbers, and arrays that are named in `shared`.
+        axes: by the path of a number of `args` (dots between), or "t0" or "t1", one-dimensional values.
+        chunks: as of `erosion.sweep`.
+        store: as of `erosion.sweep`; the same call goes on with an interrupted sweep.
+        progress: as of `erosion.sweep`.
+        **options: of `erosion.ode.solve`: t1, wrt, derivatives, rtol, max_events, …
+
+    Returns:
+        t, count, each part of the state ("y_vx"), integrals, derivatives ("dt_dangle") and ended_by (codes, see its
+        attributes) over the axes.
+
+    Raises:
+        ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`) that holds something
+            else and stays as it is.
+        SweepInterrupted: after Ctrl-C, if there is a store.
+    """
+    require_float64()
+    if chunks is not None and (store is None or Path(store).suffix != ".zarr"):
+        raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
+    if "ts" in options:
+        raise ValueError("Argument `ts` must be left out of a sweep; make `t1` an axis.")
+    known = [".".join(path_of(keys)) for keys, leaf in jax.tree_util.tree_flatten_with_path(args)[0] if is_number(leaf)]
+    arrays = {name: _axis(name, values, (*known, "t0", "t1")) for name, values in axes.items()}
+    if not arrays:
+        raise ValueError("Argument `axes` must name at least one number, but is empty.")
+    grid = ProblemGrid(problem, args, arrays, options)
+    one = grid.solved({name: values[:1] for name, values in arrays.items()})
+    if np.shape(one.t) != (1,) * len(arrays):
+        raise ValueError("Argument `args` must be of one lane; give arrays as axes, or name them in `shared`.")
+    return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
+
+
+def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
+    """The values of an axis."""
+    if name not in known:
+        raise ValueError(f"Argument `axes` must name numbers of `args` ({', '.join(known)}), but has {name!r}.")
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.ndim != 1 or not array.size or not np.isfinite(array).all():
+        raise ValueError(f"Argument `axes` must hold lists of finite numbers, but {name!r} is {values!r}.")
+    return array

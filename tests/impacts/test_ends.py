@@ -1,0 +1,192 @@
+"""No cut ends wrongly: the kernel against brute force with small steps."""
+
+import numpy as np
+import pytest
+
+import erosion
+from benchmarks.fast_turns import fast_turns
+from erosion.impacts.lanes import split
+from erosion.ode.batch import integrate
+from tests.fine_steps import wrong_ends
+
+pytestmark = pytest.mark.slow
+
+P = erosion.TABLE_1
+ROTATING = [name for name in erosion.available_models() if name.startswith("rotating")]
+
+
+@pytest.mark.parametrize("name", ROTATING)
+def test_ends_are_those_of_small_steps(name):
+    # A sample of the grid that benchmarks/ends.py covers (20,000 angles × 19 spins).
+    alphas = np.deg2rad(np.linspace(0.05, 89.95, 301))
+    spins = np.linspace(-0.9, 0.9, 7)[:, None]
+    p = P.replace(alpha=alphas, phidot0=spins * P.v0 / P.r)
+    model = erosion.load_model(name)
+    wrong, near = wrong_ends(model, p, erosion.impact(model, p).ended_by)
+    assert wrong == 0
+    assert near <= 2
+
+
+def test_the_reference_itself_knows_the_closed_form():
+    from tests.reference import closed_form
+
+    p = P.replace(alpha=np.arctan(1) + np.deg2rad(np.linspace(-2, 2, 400)))
+    wrong, _ = wrong_ends(erosion.load_model("linearized"), p, closed_form("linearized").ended_by(p))
+    assert wrong == 0
+    reversed_ends = np.where(closed_form("linearized").ended_by(p) == "stop", "rebound", "stop")
+    wrong, _ = wrong_ends(erosion.load_model("linearized"), p, reversed_ends)
+    assert wrong == 400
+
+
+# docs/golden-numbers.md: where V(α) jumps, by an independent solver.
+JUMPS = [
+    ("rotating", {}, 42.92255530, 7.53326457e-5, 6.49398094e-5),
+    ("rotating", {"k": 1.0}, 39.99624582, 1.77719894e-4, 7.14990785e-5),
+    ("rotating-full-torque", {"k": 1.0}, 38.08742922, 1.81167203e-4, 7.03462441e-5),
+    ("rotating", {"s": -0.2}, 48.23562922, 6.87996322e-5, 9.93192525e-5),
+    ("rotating-full-torque", {"s": -0.37}, 41.05679376, 4.37042326e-5, 1.78914120e-4),
+    ("rotating-full-torque", {"s": -0.25}, 43.86660603, 5.26680219e-5, 1.59044550e-4),
+    ("rotating", {"s": -0.5}, 58.11096707, 1.47442538e-4, 2.64565510e-7),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "degrees", "below", "above"), JUMPS)
+def test_volume_jumps_where_it_should(name, changes, degrees, below, above):
+    p = P.replace(phidot0=changes.get("s", 0.0) * P.v0 / P.r, k=changes.get("k", 2.0))
+    low, high = np.deg2rad(degrees - 0.01), np.deg2rad(degrees + 0.01)
+    middle = (below + above) / 2
+    sign = np.sign(above - below)
+    for _ in range(45):
+        angle = (low + high) / 2
+        past = sign * (erosion.impact(name, p.replace(alpha=angle)).volume - middle) > 0
+        low, high = (low, angle) if past else (angle, high)
+    assert np.rad2deg(low) == pytest.approx(degrees, abs=2e-8)  # printed to 8 decimals
+    sides = erosion.impact(name, p.replace(alpha=[low - 1e-12, high + 1e-12])).volume
+    # On the side that grazes the slope diverges: 1e-12 rad away V still differs by about 1e-6.
+    assert sides == pytest.approx([below, above], rel=1e-5)
+
+
+def test_a_dip_before_the_end_is_not_looked_for_for_ever():
+    # Between the step's start and its end past zero is a dip that stays positive.
+    p = P.replace(
+        k=3.416359702877047, v0=3865.5369915730844, r=0.18975583800561208, phidot0=-5538.944996032343,
+        inertia=0.5376768582569, alpha=np.deg2rad(29.335018174890664) + 1e-9 * np.arange(-500, 500),
+    )  # fmt: skip
+    layout, numbers = split(erosion.load_model("rotating"), p)
+    results = integrate(layout, numbers, 1000, 0, (), 1e-9)
+    assert results.trials.max() < 100
+    assert np.all(results.outcome < 2)
+
+
+def _agree_with_tight(p, **options):
+    found = erosion.impact("rotating", p, **options)
+    tight = erosion.impact("rotating", p, rtol=1e-13, **options)
+    assert np.array_equal(found.ended_by, tight.ended_by)
+    return found, tight
+
+
+def test_hundreds_of_turns_end_in_the_right_one():
+    # rω/v₀ = 3e-4: the tip turns up to thousands of times, and often all but touches the surface.
+    generator = np.random.default_rng(1958)
+    r = P.r * 3e-4 / (P.r * P.rate / P.v0) * np.exp(generator.uniform(-1, 1, 500))
+    p = P.replace(
+        r=r,
+        phidot0=generator.uniform(-0.9, 0.9, 500) * P.v0 / r,
+        alpha=generator.uniform(0.02, 1.5, 500),
+        k=generator.uniform(0.5, 4, 500),
+    )
+    found, tight = _agree_with_tight(p)
+    # Local errors of thousands of steps add up.
+    assert found.volume == pytest.approx(tight.volume, rel=1e-8)
+    assert found.t_c == pytest.approx(tight.t_c, rel=1e-8)
+
+
+def test_accuracy_holds_over_a_wide_range():
+    generator = np.random.default_rng(1958)
+    n = 20_000
+    r, v0 = P.r * np.exp(generator.uniform(-1, 1, n)), P.v0 * np.exp(generator.uniform(-0.7, 0.7, n))
+    p = P.replace(
+        alpha=np.deg2rad(generator.uniform(0.5, 89.5, n)),
+        k=np.exp(generator.uniform(np.log(0.3), np.log(5), n)),
+        r=r,
+        v0=v0,
+        inertia=generator.uniform(0.2, 1, n),
+        phidot0=generator.uniform(-0.9, 0.9, n) * v0 / r,
+    )
+    found, tight = _agree_with_tight(p, derivatives=2)
+    assert found.volume == pytest.approx(tight.volume, rel=1e-9)
+    assert found.t_c == pytest.approx(tight.t_c, rel=1e-9)
+    # Derivatives pass through zero; a few second ones are small sums of large terms.
+    size = np.maximum(np.abs(tight.dvolume), tight.volume)
+    assert np.all(np.abs(found.dvolume - tight.dvolume) <= 2e-9 * size)
+    size = np.maximum(np.abs(tight.d2volume), size)
+    off = np.abs(found.d2volume - tight.d2volume) / np.where(size > 0, size, 1)
+    assert np.quantile(off, 0.9995) < 1e-9
+    assert np.max(off) < 5e-8
+
+
+@pytest.mark.parametrize(("k", "jump"), [(1.0, 0.6980661779724753), (2.0, 0.7491399133831508)])
+@pytest.mark.parametrize("order", [0, 2])
+def test_beside_a_graze_results_are_as_exact(k: float, jump: float, order: int) -> None:
+    """Just above a jump of V(α) the tip's height falls through zero nearly touching it."""
+    p = erosion.TABLE_1.replace(k=k, alpha=jump + np.logspace(-9, -5, 33), phidot0=0.0)
+    true = erosion.impact("rotating", p, derivatives=order, rtol=1e-13)
+    found = erosion.impact("rotating", p, derivatives=order)
+    assert np.array_equal(found.ended_by, true.ended_by)
+    assert found.volume == pytest.approx(true.volume, rel=1e-11)
+    assert found.t_c == pytest.approx(true.t_c, rel=1e-9)
+    if order:
+        assert found.dvolume == pytest.approx(true.dvolume, rel=1e-9)
+        assert found.d2volume == pytest.approx(true.d2volume, rel=1e-5)
+
+
+# Where the tip leaves the surface just as its forward motion ends, found at rtol 1e-13.
+BOTH_AT_ONCE = [
+    ("rotating-full-torque", 3.078017788675913, 4376.322968469776, 0.07905201401510317, 30323.695778164674,
+     0.5238927166841869, 1.2771780966347008),
+    ("rotating-full-torque", 4.9887494438401845, 9745.209780577792, 0.1357308559605275, 38887.40717538758,
+     0.49812418477439285, 1.3269567292620699),
+    ("rotating-tan-alpha", 0.36395544630922627, 7147.583400786628, 0.24827711175942138, 23164.054032249092,
+     0.44588681309424194, 1.3977155361737053),
+    ("rotating-velocity-aligned", 0.6050561034503813, 9432.404611009293, 0.25033418045388506, 25545.800746181256,
+     0.3572410974427115, 1.4555764327165823),
+    ("rotating-tan-alpha-full-torque", 0.8141381997555498, 7343.782710082683, 0.13040857172506432, 25775.868079639444,
+     0.5916171408562353, 1.2020121652434117),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("row", BOTH_AT_ONCE)
+@pytest.mark.parametrize("order", [0, 2])
+def test_of_two_ends_at_almost_the_same_time_the_first_is_taken(row: tuple, order: int) -> None:
+    name, *numbers, angle = row
+    p = P.replace(**dict(zip(("k", "v0", "r", "phidot0", "inertia"), numbers, strict=True)))
+    beside = np.logspace(-10, -7, 31)
+    for rtol in (1e-9, 1e-11):
+        below, above = (
+            set(erosion.impact(name, p.replace(alpha=angle + sign * beside), derivatives=order, rtol=rtol).ended_by)
+            for sign in (-1, 1)
+        )
+        assert {*below, *above} == {"rebound", "stop"}, rtol
+        assert len(below) == len(above) == 1, rtol
+
+
+def test_a_stop_within_a_fast_oscillation_is_not_stepped_over():
+    # Turned by radians within a step; the figure is scipy's, at 1e-12 with steps of 1e-5 of the time scale.
+    p = P.replace(psi=1e-6, alpha=0.3141, phidot0=-2958.0)
+    assert erosion.impact("rotating", p).volume == pytest.approx(6.7725336, rel=1e-8)
+    # At once: not because a lane of so many steps is integrated again.
+    layout, numbers = split(erosion.load_model("rotating"), p)
+    first = integrate(layout, numbers, 1, 0, (), 1e-9, again=False)
+    assert first.outputs.value[0][0] == pytest.approx(6.7725336, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", ["rotating", "rotating-full-torque"])
+def test_bodies_that_turn_fast_miss_no_end(name):
+    # A sample of what benchmarks/fast_turns.py covers (a million).
+    p = fast_turns(4000, seed=5)
+    hits, exact = erosion.impact(name, p), erosion.impact(name, p, rtol=1e-12)
+    assert np.array_equal(hits.ended_by, exact.ended_by)
+    assert "failed" not in hits.ended_by
+    cut = exact.t_c > 0
+    assert hits.t_c[cut] == pytest.approx(exact.t_c[cut], rel=1e-7)
+    assert hits.volume[cut] == pytest.approx(exact.volume[cut], rel=1e-7)

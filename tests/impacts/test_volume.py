@@ -1,0 +1,165 @@
+"""`erosion.volume`: what JAX may do with it, and which derivatives are integrated for it."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import erosion
+from erosion.impacts.lanes import split
+from erosion.ode import traced as module
+from erosion.ode.integrator import LaneEnd
+from erosion.ode.layout import Layout
+from erosion.ode.variational import Derivatives
+from erosion.parameters.parameters import QUANTITIES
+from tests.reference import closed_form
+
+P = erosion.TABLE_1
+MODEL = erosion.load_model("linearized")
+
+
+@pytest.mark.parametrize("transform", ["grad", "jacfwd", "jacrev"])
+def test_volume_differentiates_once(transform):
+    exact = closed_form("linearized")
+    slope = jax.jit(getattr(jax, transform)(lambda a: erosion.volume("linearized", P.replace(alpha=a))))
+    for alpha in (0.2, 0.7853, 1.2):
+        assert slope(alpha) == pytest.approx(float(exact.dvolume(P.replace(alpha=alpha))), rel=1e-9)
+
+
+@pytest.mark.parametrize("outer", [jax.grad, jax.jacfwd])
+@pytest.mark.parametrize("inner", [jax.grad, jax.jacfwd])
+def test_volume_differentiates_twice(outer, inner):
+    exact = closed_form("finnie")
+    curvature = jax.jit(outer(inner(lambda a: erosion.volume("finnie", P.replace(alpha=a)))))
+    for alpha in (0.2, 0.7):  # on both sides of the cusp at 0.32
+        assert curvature(alpha) == pytest.approx(float(exact.d2volume(P.replace(alpha=alpha))), rel=1e-8)
+
+
+def test_volume_maps_and_takes_gradients_of_everything():
+    volumes = jax.jit(jax.vmap(lambda a: erosion.volume("rotating", P.replace(alpha=a))))(jnp.asarray([0.2, 0.3]))
+    assert volumes == pytest.approx(erosion.impact("rotating", P.replace(alpha=[0.2, 0.3])).volume, rel=1e-9)
+    gradient = jax.jit(jax.grad(lambda p: erosion.volume("rotating", p)))(P)
+    hit = erosion.impact("rotating", P, derivatives=1, wrt=tuple(QUANTITIES))
+    slopes = [float(getattr(gradient, name)) for name in QUANTITIES]
+    assert slopes == pytest.approx(hit.dvolume, rel=1e-7)
+
+
+def test_third_derivatives_say_that_they_are_missing():
+    with pytest.raises(NotImplementedError, match="third"):
+        jax.make_jaxpr(jax.grad(jax.grad(jax.grad(lambda a: erosion.volume("linearized", P.replace(alpha=a))))))(0.3)
+
+
+def test_a_volume_that_was_asked_for_compiles_nothing_more():
+    def slope(alpha):
+        return jax.grad(lambda a: erosion.volume("rotating", P.replace(alpha=a)))(alpha)
+
+    compiled = []
+
+    def listen(event, *_, **__):
+        if "backend_compile" in event:
+            compiled.append(event)
+
+    first = erosion.volume("rotating", P), slope(0.3)
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    later = erosion.volume("rotating", P.replace(k=1.5)), slope(0.4)
+    assert not compiled
+    assert first != later
+    jax.jit(lambda x: x + 1.25)(1.0)
+    assert compiled
+
+
+def test_volumes_of_many_angles_are_the_impacts():
+    angles = np.linspace(0.05, 1.5, 300)
+    hits = erosion.impact("rotating", P.replace(alpha=angles), derivatives=2, rtol=1e-11)
+
+    def one(alpha):
+        return erosion.volume("rotating", P.replace(alpha=alpha))
+
+    assert np.array_equal(
+        jax.jit(jax.vmap(one))(angles), erosion.impact("rotating", P.replace(alpha=angles), rtol=1e-11).volume
+    )
+    assert np.asarray(jax.vmap(jax.grad(one))(angles)) == pytest.approx(hits.dvolume, rel=1e-9, abs=1e-13)
+    nested = jax.vmap(jax.vmap(one))(angles.reshape(3, 100))
+    assert np.asarray(nested).ravel() == pytest.approx(hits.volume, rel=1e-9)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list:
+    """What is integrated; the derivative along (i, j) is said to be 10 i + j."""
+    calls = []
+
+    def solve(layout: Layout, rtol: float, numbers, order: int, places):
+        calls.append((order, places))
+        # Of the time, and of the volume.
+        if not places:
+            return jnp.asarray([0.0, 1.0]), jnp.zeros(3, np.int32)
+        return jnp.asarray([[0.0] * len(places), [10.0 * i[0] + i[-1] for i in places]])
+
+    monkeypatch.setattr(module, "_solve", solve)
+    return calls
+
+
+ALPHA, K = (list(QUANTITIES).index(name) for name in ("alpha", "k"))
+
+
+def test_only_what_moves_is_differentiated(asked: list) -> None:
+    def volume(alpha, k):
+        return erosion.volume(MODEL, P.replace(alpha=2 * alpha, k=k))
+
+    assert volume(0.1, 2.0) == 1
+    assert jax.grad(volume)(0.1, 2.0) == 2 * 11 * ALPHA
+    assert asked == [(0, ()), (0, ()), (1, ((ALPHA,),))]
+    asked.clear()
+    # One direction twice is asked for as one; a pair once, whichever comes first.
+    assert jax.jacfwd(jax.jacfwd(volume))(0.1, 2.0) == 4 * 11 * ALPHA
+    assert asked[-1] == (2, ((ALPHA,),))
+    assert jax.jacfwd(jax.jacfwd(volume), argnums=1)(0.1, 2.0) == 2 * (10 * ALPHA + K)
+    assert asked[-1] == (2, ((ALPHA, K),))
+
+
+class Weighted(erosion.models.Linearized):
+    """With an array of its own, which is the same for all impacts."""
+
+    weights: Any = 1.0
+
+    def removal_rate(self, state, p):
+        return super().removal_rate(state, p) * jnp.sum(self.weights)
+
+
+def test_axes_of_vmap_are_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the order in which they stand before an argument's own; what none of them has stays one number."""
+    model = Weighted(weights=np.array([1.0, 2.0]))
+    layout, numbers = split(model, P)
+    angles, factors = np.array([[0.1], [0.2], [0.3]]), np.array([1.0, 10.0])
+    given: list = [np.asarray(one) for one in numbers]
+    given[ALPHA], given[K] = angles, factors
+    seen = {}
+
+    def integrate(layout, numbers, lanes, *_):
+        seen.update(numbers=numbers, lanes=lanes)
+        none = Derivatives(np.zeros(lanes), None, None, None)
+        volume = none._replace(value=[numbers[ALPHA] * numbers[K]])
+        zeros = np.zeros(lanes)
+        return LaneEnd(np.zeros(lanes, np.int8), zeros, none, volume, np.zeros(lanes, np.int32), None)
+
+    monkeypatch.setattr(module, "integrate", integrate)
+    vector, _ = module._on_host(layout, 1e-9, 0, (), *given)
+    assert np.array_equal(vector[..., 1], angles * factors)
+    assert seen["lanes"] == 6
+    assert [np.shape(one) for one in seen["numbers"]] == [
+        (6,) if i in (ALPHA, K) else shape for i, shape in enumerate(layout.shapes)
+    ]
+
+
+def test_elements_of_arrays_are_directions(asked: list) -> None:
+    first = len(QUANTITIES)
+    gradient = jax.grad(lambda weights: erosion.volume(Weighted(weights=weights), P))(jnp.ones(2))
+    assert asked[-1] == (1, ((first,), (first + 1,)))
+    assert np.array_equal(gradient, [11 * first, 11 * (first + 1)])
+
+
+def test_what_fails_is_not_a_number() -> None:
+    assert np.isnan(erosion.volume(MODEL, P.replace(m=np.inf)))
+    assert erosion.volume(MODEL, P.replace(alpha=np.pi / 2)) == 0

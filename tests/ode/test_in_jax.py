@@ -1,0 +1,268 @@
+"""`ode.solve` within JAX's transformations."""
+
+import functools
+import os
+import subprocess
+import sys
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+from erosion import ode
+
+# y = h + v t - g t²/2 falls to zero at t = (v + √(v² + 2 g h))/g.
+BALL = ode.Problem(
+    lambda args: {"y": args["h"], "v": args["v"]},
+    lambda t, y, args: {"y": y["v"], "v": -args["g"]},
+    {"ground": ode.Event(lambda t, y, args: y["y"], -1), "roof": ode.Event(lambda t, y, args: y["y"] - 4, 1)},
+    {"path": lambda t, y, args: y["v"]},
+)
+BOUNCES = ode.Problem(
+    BALL.y0,
+    BALL.vector_field,
+    {"floor": ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": 0.0, "v": -args["e"] * y["v"]})},
+)
+ARGS = {"g": 9.81, "h": 1.5, "v": 2.0}
+
+
+def lands(args: Any) -> Any:
+    """The time at which the ball lands, in closed form."""
+    return (args["v"] + jnp.sqrt(args["v"] ** 2 + 2 * args["g"] * args["h"])) / args["g"]
+
+
+def end_of(args: Any) -> Any:
+    """The time at which the ball lands."""
+    return ode.solve(BALL, args, t1=10.0).t
+
+
+def close(one: Any, other: Any, rtol: float = 1e-8) -> None:
+    for mine, exact in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_allclose(mine, exact, rtol=rtol, atol=1e-9)
+
+
+def bits(one: Any, other: Any) -> None:
+    for mine, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def everything(end: ode.Solution) -> Any:
+    return end.t, end.y, end.integrals, end.outcome, end.count, end.at_once
+
+
+def test_jit_gives_the_same_bits():
+    args = ARGS | {"h": np.linspace(0.5, 3, 5), "v": np.array([[0.0], [5.0]])}
+    outside = ode.solve(BALL, args, t1=0.6)
+    inside = jax.jit(lambda args: everything(ode.solve(BALL, args, t1=0.6)))(args)
+    assert inside[0].shape == (2, 5)
+    assert {"ground", "roof", "t1"} == set(outside.ended_by.ravel())
+    bits(everything(outside), inside)
+
+
+def test_jit_of_one_lane_and_of_times():
+    ts = jnp.array([0.1, 0.5, 5.0])
+    outside = ode.solve(BALL, ARGS, t1=10.0, ts=ts)
+    inside = jax.jit(lambda args, ts: ode.solve(BALL, args, t1=10.0, ts=ts).ys)(ARGS, ts)
+    close(inside, outside.ys)
+    assert np.isnan(inside["y"][2])
+
+
+def test_solution_in_jit_tells_outcome_and_end():
+    def code(h):
+        end = ode.solve(BALL, ARGS | {"h": h}, t1=0.6)
+        return end.outcome, end.at_once["roof"]
+
+    heights = jnp.array([0.2, 1.5, 3.9])
+    outcome, roof = jax.vmap(code)(heights)
+    outside = ode.solve(BALL, ARGS | {"h": np.asarray(heights)}, t1=0.6)
+    assert [outside.names[i] for i in outcome] == list(outside.ended_by) == ["ground", "t1", "roof"]
+    np.testing.assert_array_equal(roof, [False, False, True])
+
+
+def test_ended_by_is_refused_where_it_is_traced():
+    with pytest.raises(ValueError, match="outcome"):
+        jax.jit(lambda args: jnp.zeros(()) if ode.solve(BALL, args, t1=1.0).ended_by == "t1" else 1.0)(ARGS)
+
+
+@pytest.mark.parametrize("transform", [jax.grad, jax.jacfwd, jax.jacrev])
+def test_first_derivatives(transform):
+    close(transform(end_of)(ARGS), jax.grad(lands)(ARGS))
+
+
+@pytest.mark.parametrize(
+    "transform", [jax.hessian, lambda f: jax.jacfwd(jax.grad(f)), lambda f: jax.jacfwd(jax.jacfwd(f))]
+)
+def test_second_derivatives(transform):
+    close(transform(end_of)(ARGS), jax.hessian(lands)(ARGS), rtol=1e-6)
+
+
+def test_vmap_nested_vmap_and_their_derivatives():
+    """galpy #1344: derivatives under `vmap` are those of each lane alone."""
+    heights, speeds = jnp.linspace(0.5, 3, 4), jnp.array([0.0, 1.0, 2.0])
+
+    def of(f, h, v):
+        return f(ARGS | {"h": h, "v": v})
+
+    def over(f):
+        return jax.vmap(jax.vmap(functools.partial(of, f), (None, 0)), (0, None))(heights, speeds)
+
+    exact = over(lands)
+    close(over(end_of), exact)
+    close(over(jax.grad(end_of)), over(jax.grad(lands)))
+    close(jax.jit(lambda: over(jax.value_and_grad(end_of)))(), over(jax.value_and_grad(lands)))
+    alone = [[end_of(ARGS | {"h": float(h), "v": float(v)}) for v in speeds] for h in heights]
+    bits(over(end_of), jnp.array(alone))
+    slopes = [[jax.grad(end_of)(ARGS | {"h": h, "v": v})["h"] for v in speeds] for h in heights]
+    bits(over(jax.grad(end_of))["h"], jnp.array(slopes))
+
+
+def test_derivatives_of_lanes_and_states_and_integrals():
+    heights = jnp.array([0.5, 1.0, 2.0])
+
+    def height_and_path(args):
+        end = ode.solve(BALL, args | {"h": heights}, t1=0.4)
+        return end.y["y"], end.integrals["path"]
+
+    # Before it lands: y = h + v t - g t²/2, and ∫ v dt is y - h; after it: 0 and -h.
+    t = 0.4
+    y, path = jax.jacfwd(height_and_path)({"g": 9.81, "v": 1.0})
+    landed = np.array(lands({"g": 9.81, "v": 1.0, "h": heights})) < t
+    np.testing.assert_allclose(y["v"], np.where(landed, 0, t), atol=1e-9)
+    np.testing.assert_allclose(path["g"], np.where(landed, 0, -(t**2) / 2), atol=1e-9)
+
+
+def test_derivatives_by_the_times():
+    def of_times(t0, t1):
+        return ode.solve(BALL, ARGS, t0=t0, t1=t1).y["y"]
+
+    v = 2 - 9.81 * 0.2
+    np.testing.assert_allclose(jax.grad(of_times, (0, 1))(0.1, 0.3), [-v, v], rtol=1e-8)
+    np.testing.assert_allclose(jax.grad(lambda t0: ode.solve(BALL, ARGS, t0=t0, t1=9.0).t)(0.1), 1.0, rtol=1e-8)
+
+
+def test_loops_and_checkpoints():
+    def step(h, _):
+        t = end_of(ARGS | {"h": h})
+        return h + t, t
+
+    last, times = jax.jit(lambda h: lax.scan(step, h, None, length=3))(1.0)
+    h = 1.0
+    for time in times:
+        exact = lands(ARGS | {"h": h})
+        close(time, exact)
+        h = h + exact
+    slope = jax.grad(lambda h: lax.scan(step, h, None, length=3)[0])(1.0)
+
+    def composed(h):
+        for _ in range(3):
+            h = h + lands(ARGS | {"h": h})
+        return h
+
+    close(slope, jax.grad(composed)(1.0))
+    close(jax.grad(jax.checkpoint(end_of))(ARGS), jax.grad(lands)(ARGS))
+    grown = jax.jit(lambda: lax.while_loop(lambda h: h < 3.0, lambda h: step(h, None)[0], 1.0))()
+    assert 3 <= grown < 5
+    assert float(last) == pytest.approx(float(composed(1.0)))
+
+
+def test_chains_in_jax():
+    args = ARGS | {"v": 0.0, "e": 0.7}
+
+    def fifth(args):
+        return ode.solve(BOUNCES, args, t1=99.0, max_events=5).t
+
+    def exact(args):
+        first = jnp.sqrt(2 * args["h"] / args["g"])
+        return first * (1 + 2 * sum(args["e"] ** i for i in range(1, 5)))
+
+    for names in (("g", "h", "e"),):
+        mine = jax.jit(jax.hessian(lambda part: fifth(args | part)))({name: args[name] for name in names})
+        close(mine, jax.hessian(lambda part: exact(args | part))({name: args[name] for name in names}), rtol=1e-6)
+    count = jax.vmap(lambda n: ode.solve(BOUNCES, args, t1=99.0, max_events=n).count)(jnp.array([1.0, 3, 4]))
+    np.testing.assert_array_equal(count, [1, 3, 4])
+
+
+def test_shared_arrays_and_functions_in_jax():
+    problem = ode.Problem(
+        1.0,
+        lambda t, y, args: -args["law"](args["w"] @ jnp.stack([y, y])),
+        {"low": ode.Event(lambda t, y, args: y - 0.5)},
+    )
+
+    def end(w):
+        return ode.solve(problem, {"law": lambda x: x, "w": w}, t1=9.0, shared=("w",)).t
+
+    w = jnp.array([0.5, 1.5])
+    np.testing.assert_allclose(jax.jit(end)(w), np.log(2) / 2, rtol=1e-9)
+    np.testing.assert_allclose(jax.grad(end)(w), [-np.log(2) / 4] * 2, rtol=1e-8)
+    np.testing.assert_allclose(jax.hessian(end)(w), np.full((2, 2), np.log(2) / 4), rtol=1e-6)
+
+
+def test_a_third_derivative_is_refused():
+    with pytest.raises(NotImplementedError, match="third"):
+        jax.jacfwd(jax.hessian(end_of))(ARGS)
+
+
+def test_wrt_is_refused_where_jax_traces():
+    with pytest.raises(ValueError, match="wrt"):
+        jax.jit(lambda args: ode.solve(BALL, args, t1=1.0, wrt="g").t)(ARGS)
+
+
+def test_lanes_that_fail_are_nan():
+    t = jax.vmap(lambda h: end_of(ARGS | {"h": h}))(jnp.array([1.0, jnp.nan]))
+    slope = jax.vmap(jax.grad(lambda h: end_of(ARGS | {"h": h})))(jnp.array([1.0, jnp.nan]))
+    np.testing.assert_array_equal(np.isnan(t), [False, True])
+    np.testing.assert_array_equal(np.isnan(slope), [False, True])
+
+
+def test_a_helper_that_is_redefined_is_seen():
+    space: dict[str, Any] = {"ode": ode}
+    exec("def rate(y):\n    return -y\nproblem = ode.Problem(1.0, lambda t, y, args: args * rate(y))", space)
+
+    def at_one(k):
+        return ode.solve(space["problem"], k, t1=1.0).y
+
+    assert at_one(2.0) == pytest.approx(np.exp(-2), rel=1e-9)
+    assert float(jax.jit(lambda k: at_one(k))(2.0)) == pytest.approx(np.exp(-2), rel=1e-9)
+    exec("def rate(y):\n    return -2 * y", space)
+    assert at_one(2.0) == pytest.approx(np.exp(-4), rel=1e-9)
+    assert float(jax.jit(lambda k: at_one(k))(2.0)) == pytest.approx(np.exp(-4), rel=1e-9)
+
+
+XLA = """
+import numpy as np
+import jax
+from tests.ode.test_in_jax import ARGS, BALL, BOUNCES, lands
+from erosion import ode
+
+end = ode.solve(BALL, ARGS | {"h": np.array([1.0, 1.5, 3.9])}, t1=10.0, wrt=("g", "h"), derivatives=2)
+exact = lands(ARGS | {"h": 1.5})
+np.testing.assert_allclose(end.t[1], exact, rtol=1e-9)
+assert list(end.ended_by) == ["ground", "ground", "roof"]
+curves = jax.hessian(lands)(ARGS)
+np.testing.assert_allclose(end.along("g", "h").t[1], curves["g"]["h"], rtol=1e-6)
+np.testing.assert_array_equal(end.at_once["roof"], [False, False, True])
+bounces = ode.solve(BOUNCES, ARGS | {"v": 0.0, "e": np.array([0.5, 0.7])}, t1=99.0, max_events=4, wrt="e")
+e = np.array([0.5, 0.7])
+first = np.sqrt(2 * 1.5 / 9.81)
+np.testing.assert_allclose(bounces.t, first * (1 + 2 * (e + e**2 + e**3)), rtol=1e-9)
+np.testing.assert_allclose(bounces.along("e").t, first * 2 * (1 + 2 * e + 3 * e**2), rtol=1e-8)
+slope = jax.jit(jax.grad(lambda h: ode.solve(BALL, ARGS | {"h": h}, t1=10.0).t))(1.5)
+np.testing.assert_allclose(slope, jax.grad(lands)(ARGS)["h"], rtol=1e-8)
+print("as computed by XLA")
+"""
+
+
+@pytest.mark.slow
+def test_xla_agrees():
+    done = subprocess.run(
+        [sys.executable, "-c", XLA],
+        env=os.environ | {"EROSION_ENGINE": "xla"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout == "as computed by XLA\n", done.stderr

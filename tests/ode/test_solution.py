@@ -1,0 +1,130 @@
+"""What a solution prints, tells and gives to others."""
+
+import json
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from erosion import ode
+
+PROBLEM = ode.Problem(
+    lambda args: {"place": jnp.stack([args["x"], 1.0, 2.0]), "v": args["v"]},
+    lambda t, y, args: {"place": jnp.stack([y["v"], y["place"][0], 0.0]), "v": -y["v"] * args["drag"]["k"]},
+    {
+        "low": ode.Event(lambda t, y, args: y["v"] - 0.5, -1),
+        "at the wall": ode.Event(lambda t, y, args: y["place"][0] - 1, 1),
+    },
+    {"work": lambda t, y, args: y["v"]},
+)
+ARGS: dict[str, Any] = {"x": 0.0, "v": 1.0, "drag": {"k": 1.0}}
+ONE = ode.solve(PROBLEM, ARGS, t1=9.0, wrt=("v", "drag.k"), derivatives=2, ts=np.array([0.0, 0.1, 5.0]))
+MANY = ode.solve(PROBLEM, ARGS | {"v": np.array([[0.4], [0.6], [3.0]]), "x": np.zeros(2)}, t1=9.0)
+
+
+def test_one_lane_prints_its_numbers():
+    text = str(ONE)
+    cells = {row[0]: row[-1] for row in ONE.rows()}
+    assert text.startswith("1 lane\n")
+    assert cells["ended_by"] == "low"
+    assert float(cells["t"]) == pytest.approx(np.log(2))
+    assert float(cells["dt/dv"]) == pytest.approx(1)
+    assert float(cells["d²t/dv²"]) == pytest.approx(-1)
+    assert float(cells["d²t/dv ddrag.k"]) == pytest.approx(-1)
+    assert float(cells["y.v"]) == pytest.approx(0.5)
+    assert float(cells["integrals.work"]) == pytest.approx(0.5)
+    assert all(name in text for name in cells)
+    # Values, first derivatives, second ones.
+    orders = [name.startswith("d") + name.startswith("d²") for name in cells]
+    assert orders == sorted(orders)
+
+
+def test_tables_are_narrow_and_have_no_empty_columns():
+    for end in (ONE, MANY):
+        lines = str(end).splitlines()
+        assert max(map(len, lines)) <= 80
+        assert "unit" not in lines[2]
+        assert all(row[-1] for row in end.rows())
+
+
+def test_many_lanes_print_their_ranges_and_counts():
+    assert str(MANY).startswith("6 lanes\n")
+    cells = {row[0]: row[-1] for row in MANY.rows()}
+    assert cells["ended_by"] == "2 at the wall, 2 low, 2 t1"
+    assert cells["t"].startswith("[3, 2]")
+    crowd = ode.solve(PROBLEM, ARGS | {"x": np.linspace(0, 2, 20_000)}, t1=9.0)
+    assert crowd.title == "20,000 lanes"
+    assert "5,000 at the wall, 15,000 low" in str(crowd)
+    assert len(str(crowd)) < 1000
+    assert len(repr(crowd)) < 200
+
+
+def test_repr_and_html():
+    assert repr(ONE).startswith("Solution(low, t=0.693147")
+    assert "<td>d²t/dv²</td>" in ONE._repr_html_()
+
+
+def test_to_dict_is_json():
+    content = json.loads(json.dumps(ONE.to_dict()))
+    assert content["ended_by"] == "low"
+    assert content["count"] == 1
+    assert content["t"] == pytest.approx(np.log(2))
+    assert content["y.place"] == pytest.approx([0.5, 1.0 + np.log(2) - 0.5, 2.0])
+    assert content["d v"]["t"] == pytest.approx(1)
+    assert content["d v v"]["t"] == pytest.approx(-1)
+    assert content["at"]["t"] == [0.0, 0.1, 5.0]
+    assert content["at"]["y.v"][1] == pytest.approx(np.exp(-0.1))
+    many = json.loads(json.dumps(MANY.to_dict()))
+    assert np.shape(many["y.place"]) == (3, 2, 3)
+    assert many["ended_by"][0] == ["t1", "t1"]
+    assert "at" not in many
+
+
+def test_to_dataset_has_all():
+    dataset = ONE.to_dataset()
+    assert float(dataset["t"]) == pytest.approx(np.log(2))
+    assert dataset["ended_by"].attrs["flag_meanings"].split()[int(dataset["ended_by"])] == "low"
+    assert list(dataset["time"].values) == [0.0, 0.1, 5.0]
+    assert dataset["y_place_at"].dims == ("time", "y_place_0")
+    assert float(dataset["dt_dv"]) == pytest.approx(1)
+    assert float(dataset["d2t_dv_ddrag_k"]) == pytest.approx(-1)
+    many = MANY.to_dataset()
+    assert many["y_place"].dims == ("lane_0", "lane_1", "y_place_0")
+    meanings = many["ended_by"].attrs["flag_meanings"].split()
+    assert [meanings[i].replace("_", " ") for i in many["ended_by"].values[:, 0]] == list(MANY.ended_by[:, 0])
+    assert many["count"].dtype == np.int32
+
+
+def test_a_dataset_goes_to_a_file(tmp_path):
+    import xarray as xr
+
+    file = tmp_path / "solution.nc"
+    ONE.to_dataset().to_netcdf(file)
+    with xr.open_dataset(file) as back:
+        assert float(back["t"]) == float(ONE.t)
+
+
+def test_along_takes_names_in_any_order_and_refuses_others():
+    assert ONE.along("v", "drag.k") is ONE.along("drag.k", "v")
+    for names in (("x",), ("v", "x"), (), ("v", "v", "v")):
+        with pytest.raises(ValueError, match=r"along.*drag\.k"):
+            ONE.along(*names)
+    with pytest.raises(ValueError, match="none"):
+        MANY.along("v")
+
+
+def test_arguments_that_are_a_number_have_a_name_in_print():
+    end = ode.solve(ode.Problem(lambda args: args, lambda t, y, args: -y), 1.0, t1=1.0, wrt=("", "t1"), derivatives=2)
+    names = {row[0] for row in end.rows()}
+    assert {"y", "dy/dargs", "dy/dt1", "d²y/dargs²", "d²y/dargs dt1"} <= names
+    assert "d args t1" in end.to_dict()
+    assert "d2y_dargs_dt1" in end.to_dataset()
+
+
+def test_events_are_read_once():
+    assert MANY.events is MANY.events
+    assert MANY.events.name.shape == (3, 2, 1)
+    assert list(MANY.events.name[:, 0, 0]) == ["", "low", "at the wall"]
+    assert MANY.events.y["place"].shape == (3, 2, 1, 3)
+    np.testing.assert_array_equal(MANY.events.t[1:, :, 0], MANY.t[1:])

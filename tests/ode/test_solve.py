@@ -1,0 +1,469 @@
+"""What `ode.solve` gives: each number against a closed form, or scipy's DOP853 at 1e-12."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from erosion import ode
+from erosion.ode.batch import integrate
+from erosion.ode.layout import Clock, Options
+from erosion.ode.solve import lanes_of
+
+CLOSE: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
+SLOPES: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
+CURVES: dict[str, Any] = {"rtol": 1e-6, "atol": 1e-8}
+
+
+def oscillator(*directions: int, **more: Any) -> ode.Problem:
+    """x = x0 cos(t - t0) + v0 sin(t - t0); an event for each direction where x is zero."""
+    return ode.Problem(
+        y0=lambda args: {"x": args["x0"], "v": args["v0"]},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": -y["x"]},
+        events={f"zero{way:+d}": ode.Event(lambda t, y, args: y["x"], way) for way in directions},
+        **more,
+    )
+
+
+FALLS, RISES, EITHER = (oscillator(way) for way in (-1, 1, 0))
+STARTS = {"x0": np.array([0.0, 0.0, np.sin(np.pi), -np.sin(np.pi), -1.0, 1.0]), "v0": np.array([1.0, -1, 1, -1, 0, 0])}
+
+# x = s (t - t0): an event function of any speed, exact in floating point.
+LINE = ode.Problem(
+    y0={"x": 0.0},
+    vector_field=lambda t, y, args: {"x": args["speed"]},
+    events={
+        "one": ode.Event(lambda t, y, args: y["x"] - 1, 1),
+        "other": ode.Event(lambda t, y, args: args["other"] - y["x"], -1),
+    },
+    integrals={"area": lambda t, y, args: y["x"]},
+)
+
+# dx/dt = -x t, so that x = x0 exp(-(t² - t0²)/2); it falls to c at t = √(t0² + 2 ln(x0/c)).
+TIMED = ode.Problem(
+    y0=lambda args: args["x0"],
+    vector_field=lambda t, y, args: -t * y,
+    events={"low": ode.Event(lambda t, y, args: y - args["c"], -1)},
+    integrals={"moment": lambda t, y, args: t * y},
+)
+
+
+@pytest.mark.parametrize(
+    ("problem", "times"),
+    [
+        (FALLS, [np.pi, 2 * np.pi, np.pi, 2 * np.pi, 1.5 * np.pi, np.pi / 2]),
+        (RISES, [2 * np.pi, np.pi, 2 * np.pi, np.pi, np.pi / 2, 1.5 * np.pi]),
+        (EITHER, [np.pi, np.pi, np.pi, np.pi, np.pi / 2, np.pi / 2]),
+    ],
+)
+def test_an_event_waits_until_its_function_has_returned(problem, times):
+    end = ode.solve(problem, STARTS, t1=10.0)
+    assert set(end.ended_by) == set(problem.events)
+    np.testing.assert_allclose(end.t, times, **CLOSE)
+    np.testing.assert_array_equal(end.count, 1)
+
+
+@pytest.mark.parametrize(
+    ("problem", "starts"),
+    [
+        (FALLS, [False, True, False, True, True, False]),
+        (RISES, [True, False, True, False, False, True]),
+        (EITHER, [False] * 6),
+    ],
+)
+def test_a_lane_at_or_beyond_its_event_may_end_at_its_start(problem, starts):
+    end = ode.solve(problem, STARTS, t1=10.0, start="end")
+    np.testing.assert_array_equal(end.ended_by == "start", starts)
+    np.testing.assert_array_equal(end.t[starts], 0.0)
+    np.testing.assert_array_equal(end.y["x"][starts], STARTS["x0"][starts])
+    np.testing.assert_allclose(end.t[~np.array(starts)], ode.solve(problem, STARTS, t1=10.0).t[~np.array(starts)])
+
+
+def test_a_lane_that_rests_on_its_event_waits_for_ever():
+    end = ode.solve(EITHER, {"x0": 0.0, "v0": 0.0}, t1=10.0)
+    assert end.ended_by == "t1"
+    assert ode.solve(EITHER, {"x0": 0.0, "v0": 0.0}, t1=10.0, start="end").ended_by == "start"
+
+
+@pytest.mark.parametrize("start", ["wait", "end"])
+def test_lanes_that_fail_leave_the_others_as_they_are(start):
+    bad = np.array([np.nan, np.inf, -np.inf, 1e300])
+    x0 = np.concatenate([np.linspace(0.5, 1.5, 20), bad, np.linspace(1.5, 2, 9)])
+    good = x0[np.abs(x0) < 1e100]
+    wrt: dict[str, Any] = {"wrt": "x0", "derivatives": 1, "start": start}
+    alone = ode.solve(FALLS, {"x0": good, "v0": 0.3}, t1=10.0, **wrt)
+    mixed = ode.solve(FALLS, {"x0": x0, "v0": 0.3}, t1=10.0, **wrt)
+    np.testing.assert_array_equal(mixed.ended_by[20:23], "failed")
+    assert np.isnan(mixed.t[20:23]).all()
+    kept = np.abs(x0) < 1e100
+    for one, other in ((alone, mixed), (alone.along("x0"), mixed.along("x0"))):
+        np.testing.assert_array_equal(one.t, other.t[kept])
+        np.testing.assert_array_equal(one.y["v"], other.y["v"][kept])
+
+
+def test_of_events_at_once_the_first_by_order_counts_and_all_are_told():
+    end = ode.solve(LINE, {"speed": 1.0, "other": np.array([1.0, 0.5, 2.0])}, t1=10.0)
+    assert list(end.ended_by) == ["one", "other", "one"]
+    np.testing.assert_array_equal(end.at_once["one"], [True, False, True])
+    np.testing.assert_array_equal(end.at_once["other"], [True, True, False])
+    turned = ode.Problem(LINE.y0, LINE.vector_field, dict(reversed(list(LINE.events.items()))))
+    other = ode.solve(turned, {"speed": 1.0, "other": 1.0}, t1=10.0)
+    assert other.ended_by == "other"
+    assert other.at_once == {"other": True, "one": True}
+    never = ode.solve(LINE, {"speed": 0.1, "other": 3.0}, t1=2.0)
+    assert (never.ended_by, never.at_once) == ("t1", {"one": False, "other": False})
+
+
+def test_an_event_at_the_very_end_counts():
+    end = ode.solve(LINE, {"speed": np.array([1.0, 0.25, 0.2, 1 / 3]), "other": 9.0}, t1=np.array([1.0, 4, 4, 3]))
+    assert list(end.ended_by) == ["one", "one", "t1", "one"]
+    np.testing.assert_allclose(end.t, [1, 4, 4, 3], rtol=1e-15)
+
+
+def test_t1_is_the_time_of_a_lane_without_event_and_has_derivatives():
+    args = {"x0": 2.0, "c": 0.1}
+    t0, t1 = np.array([0.0, -1.0, 1.0]), np.array([0.5, 1.5, 1.8])
+    end = ode.solve(TIMED, args, t0=t0, t1=t1, wrt=("t0", "t1", "x0"), derivatives=2)
+    np.testing.assert_array_equal(end.ended_by, "t1")
+    np.testing.assert_array_equal(end.t, t1)
+    x = 2 * np.exp(-(t1**2 - t0**2) / 2)
+    np.testing.assert_allclose(end.y, x, **CLOSE)
+    np.testing.assert_allclose(end.integrals["moment"], 2 - x, **CLOSE)
+    np.testing.assert_allclose(end.along("t0").t, 0, atol=1e-12)
+    np.testing.assert_array_equal(end.along("t1").t, 1)
+    for names, exact in {("t0",): t0 * x, ("t1",): -t1 * x, ("x0",): x / 2}.items():
+        np.testing.assert_allclose(end.along(*names).y, exact, **SLOPES)
+    seconds = {
+        ("t0", "t0"): (1 + t0**2) * x,
+        ("t0", "t1"): -t0 * t1 * x,
+        ("t1", "t1"): (t1**2 - 1) * x,
+        ("t1", "x0"): -t1 * x / 2,
+        ("x0", "x0"): 0 * x,
+    }
+    for names, exact in seconds.items():
+        np.testing.assert_allclose(end.along(*names).y, exact, **CURVES)
+        np.testing.assert_allclose(end.along(*names).t, 0, atol=1e-9)
+
+
+def test_an_event_of_a_timed_problem_has_derivatives_by_its_start():
+    t0, c = np.array([0.0, 0.5, -2.0]), 0.1
+    end = ode.solve(TIMED, {"x0": 2.0, "c": c}, t0=t0, t1=9.0, wrt=("t0", "c"), derivatives=2)
+    # From t0 = -2 the function rises first.
+    t = np.sqrt(t0**2 + 2 * np.log(2 / c))
+    np.testing.assert_allclose(end.t, t, **CLOSE)
+    np.testing.assert_allclose(end.y, c, **CLOSE)
+    np.testing.assert_allclose(end.integrals["moment"], 2 - c, **CLOSE)
+    np.testing.assert_allclose(end.along("t0").t, t0 / t, rtol=1e-8, atol=1e-9)  # at t0 = 0 two terms cancel
+    np.testing.assert_allclose(end.along("c").t, -1 / (c * t), **SLOPES)
+    np.testing.assert_allclose(end.along("t0", "t0").t, (1 - t0**2 / t**2) / t, **CURVES)
+    np.testing.assert_allclose(end.along("t0", "c").t, t0 / (c * t**3), **CURVES)
+    np.testing.assert_allclose(end.along("c", "c").t, (1 - 1 / t**2) / (c**2 * t), **CURVES)
+    np.testing.assert_allclose(end.along("c").integrals["moment"], -1, **SLOPES)
+
+
+def test_a_lane_may_have_no_time():
+    t1 = np.array([0.0, 1.0])
+    end = ode.solve(FALLS, {"x0": 1.0, "v0": 0.5}, t1=t1, wrt=("t1", "x0"), derivatives=2)
+    np.testing.assert_array_equal(end.ended_by, "t1")
+    np.testing.assert_allclose(end.y["x"], np.cos(t1) + 0.5 * np.sin(t1), **CLOSE)
+    np.testing.assert_allclose(end.along("t1").y["x"], -np.sin(t1) + 0.5 * np.cos(t1), **SLOPES)
+    np.testing.assert_allclose(end.along("x0").y["x"], np.cos(t1), **SLOPES)
+    np.testing.assert_allclose(end.along("t1", "x0").y["x"], -np.sin(t1), **CURVES)
+
+
+def test_a_lane_whose_time_scale_is_known_may_take_any_time():
+    problem = oscillator(-1, time_scale=lambda args: 0.3)
+    end = ode.solve(problem, {"x0": 1.0, "v0": 0.0}, wrt=("x0", "t0"))
+    assert end.ended_by == "zero-1"
+    assert end.t == pytest.approx(np.pi / 2, rel=1e-9)
+    assert end.along("t0").t == pytest.approx(1.0, rel=1e-9)
+    with pytest.raises(ValueError, match="t1"):
+        ode.solve(FALLS, {"x0": 1.0, "v0": 0.0})
+
+
+def timed(problem: ode.Problem, args: Any) -> bool:
+    return lanes_of(problem, args, Clock(0.0, 1.0, np.inf, np.inf), Options()).layout.equations.timed
+
+
+def test_time_is_found_in_the_arithmetic():
+    assert timed(TIMED, {"x0": 1.0, "c": 0.1})
+    assert not timed(FALLS, {"x0": 1.0, "v0": 0.1})
+    assert timed(ode.Problem(0.0, lambda t, y, args: 1.0, {"noon": ode.Event(lambda t, y, args: t - 12)}), None)
+
+
+def test_an_event_may_be_a_time_and_an_argument():
+    """torchdiffeq #208: derivatives by the event's own parameter."""
+    problem = ode.Problem(1.0, lambda t, y, args: y, {"noon": ode.Event(lambda t, y, args: t - args)})
+    end = ode.solve(problem, np.array([0.5, 2.0]), t0=-1.0, t1=3.0, wrt="", derivatives=2)
+    np.testing.assert_allclose(end.t, [0.5, 2.0], **CLOSE)
+    np.testing.assert_allclose(end.y, np.exp([1.5, 3.0]), **CLOSE)
+    np.testing.assert_allclose(end.along("").t, 1.0, **CLOSE)
+    np.testing.assert_allclose(end.along("", "").y, np.exp([1.5, 3.0]), **CURVES)
+
+
+def test_integrals_begin_where_they_should():
+    problem = ode.Problem(
+        LINE.y0, LINE.vector_field, LINE.events, LINE.integrals, integrals0=lambda args: {"area": args["other"] ** 2}
+    )
+    end = ode.solve(problem, {"speed": 2.0, "other": 5.0}, t1=10.0, wrt=("speed", "other"), derivatives=2)
+    # The area up to 1 is 1/(2 s).
+    assert end.integrals["area"] == pytest.approx(25 + 1 / 4, rel=1e-9)
+    assert end.along("speed").integrals["area"] == pytest.approx(-1 / 8, rel=1e-8)
+    assert end.along("other").integrals["area"] == pytest.approx(10, rel=1e-8)
+    assert end.along("speed", "speed").integrals["area"] == pytest.approx(1 / 8, rel=1e-6)
+    assert end.along("other", "other").integrals["area"] == pytest.approx(2, rel=1e-6)
+
+
+class Pair(NamedTuple):
+    """A state."""
+
+    x: Any
+    v: Any
+
+
+class Body(eqx.Module):
+    """A state."""
+
+    place: Any
+    name: str = eqx.field(static=True, default="body")
+
+
+@pytest.mark.parametrize(
+    ("y0", "rate", "x"),
+    [
+        (lambda a: {"x": a, "v": 0.0}, lambda y: {"x": y["v"], "v": -y["x"]}, lambda y: y["x"]),
+        (lambda a: (a, 0), lambda y: (y[1], -y[0]), lambda y: y[0]),
+        (lambda a: Pair(a, 0.0), lambda y: Pair(y.v, -y.x), lambda y: y.x),
+        (lambda a: jnp.array([a, 0.0]), lambda y: jnp.array([y[1], -y[0]]), lambda y: y[..., 0]),
+        (lambda a: [{"x": a}, (0.0, [])], lambda y: [{"x": y[1][0]}, (-y[0]["x"], [])], lambda y: y[0]["x"]),
+        (
+            lambda a: Body(jnp.stack([a, 0.0])),
+            lambda y: Body(jnp.stack([y.place[1], -y.place[0]])),
+            lambda y: y.place[..., 0],
+        ),
+    ],
+    ids=["dict", "tuple", "named", "array", "nested", "module"],
+)
+def test_a_state_is_any_pytree(y0, rate, x):
+    problem = ode.Problem(y0, lambda t, y, args: rate(y), {"low": ode.Event(lambda t, y, args: x(y) + 0.5, -1)})
+    end = ode.solve(problem, np.array([1.0, 2.0]), t1=np.array([9.0, 1.0]), wrt="", ts=np.array([0.0, 0.5, 8.0]))
+    times = np.array([2 * np.pi / 3, 1.0])
+    assert jax.tree.structure(end.y) == jax.tree.structure(y0(1.0)) == jax.tree.structure(end.along("").y)
+    np.testing.assert_allclose(end.t, times, **CLOSE)
+    np.testing.assert_allclose(x(end.y), [-0.5, 2 * np.cos(1)], **CLOSE)
+    np.testing.assert_allclose(x(end.ys), np.outer([1, 2], [1, np.cos(0.5), np.nan]), **CLOSE)
+
+
+def test_states_at_times_go_up_to_the_event_and_the_end():
+    ts = np.array([0.5, 1.0, 1.0 + 1e-9, 5.0])
+    end = ode.solve(LINE, {"speed": np.array([1.0, 0.1]), "other": 9.0}, t1=5.0, ts=ts)
+    np.testing.assert_allclose(end.ys["x"], [[0.5, 1.0, np.nan, np.nan], [0.05, 0.1, 0.1 + 1e-10, 0.5]], rtol=1e-12)
+    np.testing.assert_array_equal(end.ts, ts)
+    assert end.times is not None
+    np.testing.assert_allclose(end.times.integrals["area"][1], ts**2 / 20, **CLOSE)
+    assert ode.solve(LINE, {"speed": 1.0, "other": 9.0}, t1=0.5).ys is None
+
+
+def test_states_at_times_do_not_hang_on_their_order():
+    ts = np.array([0.3, 0.0, np.nan, 0.1])
+    end = ode.solve(FALLS, {"x0": 1.0, "v0": 0.0}, t1=1.0, ts=ts)
+    np.testing.assert_allclose(end.ys["x"], np.cos(ts), **CLOSE)
+    empty = ode.solve(FALLS, {"x0": 1.0, "v0": 0.0}, t1=1.0, ts=np.array([]))
+    assert empty.ys["x"].shape == (0,)
+
+
+def test_a_pulse_narrower_than_a_step_is_seen_with_max_step():
+    problem = ode.Problem(
+        0.0,
+        lambda t, y, args: 1.0,
+        {"pulse": ode.Event(lambda t, y, args: 0.5 - jnp.exp(-(((y - 5.1) / args["width"]) ** 2)), -1)},
+    )
+    end = ode.solve(problem, {"width": 0.01}, t1=10.0, max_step=np.array([np.inf, 0.005]))
+    assert end.ended_by[1] == "pulse"
+    assert end.t[1] == pytest.approx(5.1 - 0.01 * np.sqrt(np.log(2)), rel=1e-9)
+    assert end.trials[1] > 1000
+
+
+def test_sizes_spare_steps_where_a_state_starts_at_zero():
+    def chain(t, y, args):
+        left, right = jnp.concatenate([jnp.zeros(1), y["x"][:-1]]), jnp.concatenate([y["x"][1:], jnp.zeros(1)])
+        return {"x": y["v"], "v": left - 2 * y["x"] + right}
+
+    start = {"x": np.eye(8)[0], "v": np.zeros(8)}
+    problem = ode.Problem(start, chain)
+    exact = ode.solve(problem, t1=5.0)
+    spared = ode.solve(problem, t1=5.0, sizes=1.0)
+    each = ode.solve(problem, t1=5.0, sizes={"x": np.ones(8), "v": 1.0})
+    assert spared.trials < exact.trials
+    assert each.trials == spared.trials
+    matrix = np.diag(np.full(8, 2.0)) - np.diag(np.ones(7), 1) - np.diag(np.ones(7), -1)
+    squares, modes = np.linalg.eigh(matrix)
+    closed = modes @ (np.cos(np.sqrt(squares) * 5) * modes[0])
+    np.testing.assert_allclose(exact.y["x"], closed, rtol=1e-8)
+    np.testing.assert_allclose(spared.y["x"], closed, atol=1e-9)
+
+
+def test_smooth_spares_what_kinks_cost():
+    problem = ode.Problem(
+        lambda args: {"y": 1.0, "v": args["v"]},
+        lambda t, y, args: {"y": y["v"], "v": -y["v"] * jnp.sqrt(1 + y["v"] ** 2)},
+        {"slow": ode.Event(lambda t, y, args: y["v"] - 0.1, -1)},
+    )
+    rough, smooth = (ode.solve(problem, {"v": 3.0}, t1=20.0, wrt="v", smooth=smooth) for smooth in (None, True))
+    assert smooth.trials < rough.trials
+    # dv/dt = -v √(1+v²) has the solution arsinh(1/v) = t + arsinh(1/v0).
+    exact = np.arcsinh(10) - np.arcsinh(1 / 3)
+    slope = 1 / (3 * np.sqrt(10))
+    for end in (rough, smooth):
+        assert end.t == pytest.approx(exact, rel=1e-9)
+        assert end.along("v").t == pytest.approx(slope, rel=1e-8)
+
+
+def test_a_rate_that_jumps_leaves_values_without_derivatives():
+    problem = ode.Problem(
+        {"x": 1.0},
+        lambda t, y, args: {"x": jnp.where(y["x"] > 0.5, -1.0, -args["c"])},
+        {"zero": ode.Event(lambda t, y, args: y["x"], -1)},
+    )
+    end = ode.solve(problem, {"c": np.array([1.0, 2.0, 4.0])}, t1=10.0, wrt="c")
+    np.testing.assert_array_equal(end.ended_by, "zero")
+    np.testing.assert_allclose(end.t, [1, 0.75, 0.625], **CLOSE)
+    assert np.isnan(end.along("c").t[1:]).all()
+
+
+def test_a_lane_with_too_many_steps_tells_what_it_reached():
+    full = ode.solve(FALLS, {"x0": 1.0, "v0": 0.0}, t1=1e4)
+    problem = oscillator()
+    end = ode.solve(problem, {"x0": 1.0, "v0": 0.0}, t1=1e4, max_steps=50, wrt="x0")
+    assert (full.ended_by, end.ended_by) == ("zero-1", "unfinished")
+    assert 1 < end.t < 1e3
+    assert end.y["x"] == pytest.approx(np.cos(end.t), abs=1e-7)
+    assert np.isnan(end.along("x0").y["x"])
+
+
+def test_a_problem_needs_neither_events_nor_arguments():
+    end = ode.solve(ode.Problem((1.0, 2.0), lambda t, y, args: (y[1], -y[0])), t1=1.0)
+    assert (end.ended_by, end.t, end.count) == ("t1", 1.0, 0)
+    np.testing.assert_allclose(end.y, [np.cos(1) + 2 * np.sin(1), 2 * np.cos(1) - np.sin(1)], **CLOSE)
+
+
+def test_arguments_broadcast_and_each_lane_is_its_own():
+    c = np.array([[0.1], [0.2]])
+    x0 = np.array([1.0, 2.0, 3.0])
+    end = ode.solve(TIMED, {"x0": x0, "c": c}, t1=9.0)
+    assert end.t.shape == (2, 3)
+    np.testing.assert_allclose(end.t, np.sqrt(2 * np.log(x0 / c)), **CLOSE)
+    one = ode.solve(TIMED, {"x0": 2.0, "c": np.array([[0.2]])}, t1=9.0)
+    assert one.t.shape == (1, 1)
+    assert one.t[0, 0] == end.t[1, 1]
+    none = ode.solve(TIMED, {"x0": np.zeros(0), "c": 0.1}, t1=9.0)
+    assert none.t.shape == (0,)
+
+
+def test_arrays_may_be_shared_by_all_lanes():
+    def rate(t, y, args):
+        return -args["net"]["rates"] @ jnp.stack([y, 1.0]) * args["order"]
+
+    problem = ode.Problem(lambda args: args["y0"], rate, {"low": ode.Event(lambda t, y, args: y - 0.5, -1)})
+    args = {"net": {"rates": np.array([2.0, 0.0])}, "y0": np.array([1.0, 2.0, 4.0]), "order": 1}
+    end = ode.solve(problem, args, t1=9.0, shared=("net",), wrt="y0")
+    np.testing.assert_allclose(end.t, np.log([2, 4, 8]) / 2, **CLOSE)
+    np.testing.assert_allclose(end.along("y0").t, 1 / (2 * args["y0"]), **SLOPES)
+    again = ode.solve(problem, args, t1=9.0, shared=("net.rates",))
+    np.testing.assert_allclose(again.t, end.t, **CLOSE)  # without derivatives other steps
+
+
+def test_arguments_may_hold_functions_words_whole_numbers_and_truth():
+    def rate(t, y, args):
+        speed = jnp.where(args["fast"], 2.0, 1.0) * args["n"]
+        return -args["law"](y) * speed if args["kind"] == "decay" else speed
+
+    problem = ode.Problem(1.0, rate, {"low": ode.Event(lambda t, y, args: y - 0.5, -1)})
+    args = {"law": jnp.square, "kind": "decay", "fast": np.array([True, False]), "n": 2}
+    # 1/y = 1 + s t
+    np.testing.assert_allclose(ode.solve(problem, args, t1=9.0).t, [1 / 4, 1 / 2], **CLOSE)
+    other = ode.solve(problem, args | {"law": lambda y: y, "n": np.array([1, 3])}, t1=9.0, wrt="n")
+    np.testing.assert_allclose(other.t, np.log(2) / np.array([2, 3]), **CLOSE)
+    grows = ode.solve(problem, args | {"kind": "growth"}, t1=1.0)
+    np.testing.assert_allclose(grows.y, [5, 3], **CLOSE)
+
+
+def test_random_problems_end_as_dop853_says():
+    """A nonlinear oscillator with damping: the first of three events, its time and state."""
+    problem = ode.Problem(
+        lambda args: {"x": args["x0"], "v": 0.0},
+        lambda t, y, args: {"x": y["v"], "v": -jnp.sin(y["x"]) - args["d"] * y["v"] + 0.2 * jnp.cos(args["w"] * t)},
+        {
+            "slow": ode.Event(lambda t, y, args: y["v"] - 0.5),
+            "wall": ode.Event(lambda t, y, args: y["x"] + 0.4 * jnp.cos(t), -1),
+            "line": ode.Event(lambda t, y, args: y["x"] - y["v"] - 0.2, 1),
+        },
+        {"work": lambda t, y, args: args["d"] * y["v"] ** 2},
+    )
+    draw = np.random.default_rng(1)
+    args = {"x0": draw.uniform(-1.5, 1.5, 40), "d": draw.uniform(0, 0.3, 40), "w": draw.uniform(0.3, 2, 40)}
+    end = ode.solve(problem, args, t1=6.0)
+    assert len(set(end.ended_by)) >= 3
+    for i in range(40):
+        x0, d, w = (args[name][i] for name in ("x0", "d", "w"))
+
+        def rate(t, y, d=d, w=w):
+            return y[1], -np.sin(y[0]) - d * y[1] + 0.2 * np.cos(w * t), d * y[1] ** 2
+
+        events = [lambda t, y: y[1] - 0.5, lambda t, y: y[0] + 0.4 * np.cos(t), lambda t, y: y[0] - y[1] - 0.2]
+        for event, direction in zip(events, (0, -1, 1), strict=True):
+            vars(event).update(terminal=True, direction=direction)
+        judge = solve_ivp(rate, (0, 6), (x0, 0, 0), "DOP853", rtol=1e-12, atol=1e-14, events=events, max_step=0.2)
+        by = [name for name, times in zip(problem.events, judge.t_events, strict=True) if times.size]
+        assert end.ended_by[i] == (by[0] if by else "t1")
+        np.testing.assert_allclose(
+            [end.t[i], end.y["x"][i], end.y["v"][i], end.integrals["work"][i]],
+            [judge.t[-1], *judge.y[:, -1]],
+            atol=2e-9,
+        )
+
+
+def test_what_an_event_fixes_asks_for_no_second_integration() -> None:
+    """Ten bounces: the height at each is zero by definition, and the terms of its second derivative cancel."""
+    ball = ode.Problem(
+        {"y": 1.0, "v": 0.0},
+        lambda t, y, args: {"y": y["v"], "v": -9.81 + 0 * y["y"]},
+        {"ground": ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": 0.0, "v": -args["e"] * y["v"]})},
+    )
+    lanes = ode.solve(ball, {"e": 0.9}, t1=1e3, max_events=10, wrt="e", derivatives=2).lanes
+    results = integrate(lanes.layout, lanes.numbers, 1, 2, (0,), 1e-9, again=False)
+    assert results.tolerance == 1e-9
+
+
+def test_a_part_that_has_decayed_costs_no_digits() -> None:
+    """e^-1000 to nine digits of its own takes 3,839 trials; the method's stability takes some 200."""
+    fast = ode.Problem(
+        {"fast": 1.0, "slow": 0.0}, lambda t, y, args: {"fast": -args * y["fast"], "slow": 1.0 + 0 * y["slow"]}
+    )
+    assert ode.solve(fast, 10.0, t1=100.0).trials < 600
+
+
+@pytest.mark.parametrize("t1", [50.0, 5e3, 5e9])
+def test_a_span_far_longer_than_the_motion_changes_nothing(t1: float) -> None:
+    """Lorenz's section, with lanes that begin on either side of it; a first step of the span overflows."""
+    lanes = 100
+    rng = np.random.default_rng(3)
+    args = {"rho": rng.uniform(24, 32, lanes), "y0": rng.uniform((-15, -20, 10), (15, 20, 40), (lanes, 3)).T}
+    args = {"rho": args["rho"], "x": args["y0"][0], "y": args["y0"][1], "z": args["y0"][2]}
+    lorenz = ode.Problem(
+        y0=lambda args: {name: args[name] for name in "xyz"},
+        vector_field=lambda t, y, args: {
+            "x": 10.0 * (y["y"] - y["x"]),
+            "y": y["x"] * (args["rho"] - y["z"]) - y["y"],
+            "z": y["x"] * y["y"] - 8 / 3 * y["z"],
+        },
+        events={"down": ode.Event(lambda t, y, args: y["z"] - (args["rho"] - 1), -1)},
+    )
+    near, far = (ode.solve(lorenz, args, t1=span) for span in (5.0, t1))
+    assert set(near.ended_by) == {"down"}
+    np.testing.assert_array_equal(far.ended_by, near.ended_by)
+    np.testing.assert_allclose(far.t, near.t, rtol=2e-9)

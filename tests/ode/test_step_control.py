@@ -1,0 +1,105 @@
+"""The length of the next step, and when a lane is given up, while no event is near."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from erosion.ode import step_control
+from erosion.ode.step_control import ADVANCING, ENDED, FAILED, NOT_BEGUN, UNFINISHED, Control, Limits
+
+FIRST = 0.17
+SCALE = 1.0
+LIMITS = Limits(20_000, by_scale=True)
+
+
+def start(step: float = FIRST, scale: float = SCALE, *, begins: bool = True, finite: bool = True) -> Control:
+    return step_control.begin(jnp.asarray(scale), jnp.asarray(begins), jnp.asarray(finite), step)
+
+
+go_on = jax.jit(step_control.go_on, static_argnames="limits")
+
+
+def one_trial(control: Control, error: float, limits: Limits = LIMITS) -> tuple[Control, bool]:
+    """A trial whose event functions stay at 1."""
+    after, moved = go_on(control, jnp.asarray(error), jnp.asarray(1.0), SCALE, limits)
+    return after, bool(moved)
+
+
+@pytest.mark.parametrize(
+    ("error", "factor"),
+    [
+        (0.0, 5.0),
+        (1e-4, 0.8 * 1e-4 ** (-1 / 8)),
+        (1.0, 0.8),
+        (100.0, 0.8 * 100 ** (-1 / 8)),
+        (1e9, 0.2),
+        (np.inf, 0.2),
+        (np.nan, 0.2),
+    ],
+)
+def test_the_next_step_follows_the_error(error: float, factor: float) -> None:
+    """A method of 7th order errs as h⁸: 0.8 of the length that would just do, within limits."""
+    after, moved = one_trial(start(), error)
+    assert moved == (error <= 1)
+    assert after.trial == pytest.approx(FIRST * factor, rel=1e-12)
+    assert after.time == (FIRST if moved else 0)
+    assert (after.trials, after.rejected) == (1, 0 if moved else 1)
+
+
+def test_a_step_cut_short_does_not_shorten_the_next() -> None:
+    wanted = start()._replace(trial=jnp.asarray(FIRST / 100))
+    after, moved = one_trial(wanted, 1e-4)
+    assert moved
+    assert after.trial == FIRST
+
+
+def test_a_lane_begins_only_with_finite_numbers_and_a_time_scale() -> None:
+    assert start().mode == ADVANCING
+    assert [start(finite=False).mode, start(scale=0.0).mode, start(scale=np.nan).mode] == [FAILED] * 3
+    nothing = start(begins=False)
+    assert (nothing.mode, nothing.event) == (ENDED, NOT_BEGUN)
+
+
+@pytest.mark.parametrize(("error", "factor"), [(np.nan, 0.2), (2.0, 0.8 * 2 ** (-1 / 8))])
+def test_steps_that_only_shrink_come_to_an_end(error: float, factor: float) -> None:
+    """At 1e-14 of the time scale."""
+    control = start()
+    while step_control.goes_on(control):
+        control, _ = one_trial(control, error)
+    assert control.mode == FAILED
+    assert control.trials == np.ceil(np.log(1e-14 / FIRST) / np.log(factor))
+
+
+@pytest.mark.parametrize(
+    ("time", "trials", "rejected", "mode"),
+    [
+        (0.999e4, 100, 0, ADVANCING),
+        (1e4, 100, 0, UNFINISHED),
+        (1.0, 19_999, 0, ADVANCING),
+        (1.0, 20_000, 0, UNFINISHED),
+        # Most trials are rejected where the error is rounding.
+        (1.0, 300, 256, ADVANCING),
+        (1.0, 300, 300, FAILED),
+        # 2e-6 of the time scale a trial is too slow.
+        (1e-6, 511, 0, ADVANCING),
+        (1e-6, 513, 0, FAILED),
+    ],
+)
+def test_what_does_not_end_is_given_up(time: float, trials: int, rejected: int, mode: int) -> None:
+    before = start(step=1e-6)._replace(
+        time=jnp.asarray(time), trials=jnp.asarray(trials), rejected=jnp.asarray(rejected)
+    )
+    assert one_trial(before, 0.5)[0].mode == mode
+
+
+@pytest.mark.parametrize("time", [1e5, 1e-6])
+def test_a_time_scale_that_is_no_limit_gives_no_lane_up(time: float) -> None:
+    before = start(step=1e-6)._replace(time=jnp.asarray(time), trials=jnp.asarray(600))
+    assert one_trial(before, 0.5)[0].mode in (UNFINISHED, FAILED)
+    assert one_trial(before, 0.5, Limits(20_000, by_scale=False))[0].mode == ADVANCING
+    assert one_trial(before, 0.5, Limits(600, by_scale=False))[0].mode == UNFINISHED
+
+
+def test_the_eighth_root() -> None:
+    assert step_control.eighth_root(jnp.asarray(256.0)) == 2

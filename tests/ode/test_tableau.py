@@ -1,0 +1,50 @@
+import functools
+
+import diffrax
+import numpy as np
+
+from erosion.ode import tableau
+
+
+@functools.cache
+def _forests(order):
+    """The multisets of rooted trees that have `order` vertices together; a tree is its root's forest."""
+    if order == 0:
+        return {()}
+    return {
+        tuple(sorted((*rest, tree), key=repr))
+        for size in range(1, order + 1)
+        for tree in _forests(size - 1)
+        for rest in _forests(order - size)
+    }
+
+
+def _conditions(order):
+    """The stages' elementary weights (trees, stages) of Butcher's conditions up to an order."""
+    a = np.zeros((tableau.B.size,) * 2)
+    for i, row in enumerate(tableau.A):
+        a[i + 1, : row.size] = row
+
+    def weight(tree):
+        return functools.reduce(np.multiply, [a @ weight(child) for child in tree], np.ones(len(a)))
+
+    return np.array([weight(tree) for size in range(order) for tree in _forests(size)])
+
+
+def test_the_second_estimate_is_of_sixth_order_and_its_own():
+    assert len(_conditions(7)) == 1 + 1 + 2 + 4 + 9 + 20 + 48
+    check, error = tableau.B_CHECK, tableau.B_ERROR
+    assert np.abs(_conditions(7) @ error).max() < 1e-13
+    assert np.abs(_conditions(6) @ check).max() < 1e-13
+    assert np.abs(_conditions(7) @ check).max() > 1e-3
+    assert abs(check @ error) < 1e-13
+    assert np.isclose(check @ check, error @ error)
+    # The step makes both estimates from the same stages.
+    assert np.array_equal(check != 0, error != 0)
+
+
+def test_the_pair_is_that_of_diffrax():
+    pair = diffrax.Dopri8.tableau
+    assert [list(row) for row in tableau.A] == [list(row) for row in pair.a_lower]
+    assert list(tableau.B) == list(pair.b_sol)
+    assert list(tableau.B_ERROR) == list(pair.b_error)
