@@ -10,6 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from erosion import ode
+from erosion.ode.layout import Clock, Options
+from erosion.ode.smoothness import may_have_kinks
+from erosion.ode.solve import lanes_of
 
 BALL = ode.Problem(
     lambda args: {"y": args["h"], "v": 0.0},
@@ -352,3 +355,23 @@ def test_many_lanes_of_a_chain_are_the_same_as_each_alone():
         assert one.t == pytest.approx(
             float(impact({name: np.broadcast_to(v, 50)[i] for name, v in args.items()}, n[i])[0])
         )
+
+
+@pytest.mark.parametrize(
+    ("rate", "rough"),
+    [
+        (lambda y: jnp.where(y["on"] > 0.5, 1.0 - y["x"], -y["x"]), False),
+        (lambda y: jnp.where(y["x"] > 0.5, 1.0, -y["x"]), True),
+        (lambda y: jnp.abs(y["on"] - 0.5) - y["x"], False),
+        (lambda y: jnp.abs(y["x"]), True),
+    ],
+)
+@pytest.mark.parametrize("still", [lambda y: 0.0, lambda y: 0.0 * y["x"], lambda y: jnp.zeros(())])
+def test_a_switch_that_only_resets_change_is_no_kink(rate, rough: bool, still) -> None:
+    problem = ode.Problem(
+        {"x": 0.0, "on": 1.0},
+        lambda t, y, args: {"x": rate(y), "on": still(y)},
+        {"high": ode.Event(lambda t, y, args: y["x"] - 0.6, +1, reset=lambda t, y, args: y | {"on": 0.0})},
+    )
+    layout = lanes_of(problem, None, Clock(0.0, 1.0, np.inf, np.inf), Options(waits=True, clock=True)).layout
+    assert may_have_kinks(layout) == rough

@@ -266,3 +266,15 @@ def test_xla_agrees():
         check=False,
     )
     assert done.stdout == "as computed by XLA\n", done.stderr
+
+
+def test_events_on_the_way_say_that_jax_traces():
+    with pytest.raises(ValueError, match="max_events"):
+        jax.grad(lambda g: ode.solve(BOUNCES, {"g": g}, t1=3.0).events.t[0])(9.81)
+
+
+BOUNCES = ode.Problem(
+    {"y": 1.0, "v": 0.0},
+    lambda t, y, args: {"y": y["v"], "v": -args["g"]},
+    {"bounce": ode.Event(lambda t, y, args: y["y"], -1, reset=lambda t, y, args: y | {"v": -0.9 * y["v"]})},
+)

@@ -4,12 +4,14 @@ Most motions have none, and their programs need not look for any.
 """
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
-from jax.extend.core import Jaxpr, Literal
+import numpy as np
+from jax.extend.core import Jaxpr, Literal, Var
 
+from erosion.lanes.scalars import Atom, Equation
 from erosion.ode.layout import Layout
 from erosion.ode.reduction import WholeMotion
 from erosion.ode.variational import Augmented
@@ -27,7 +29,10 @@ _SMOOTH_FUNCTIONS = frozenset({"sincos"})
 
 @functools.lru_cache(maxsize=256)
 def may_have_kinks(layout: Layout) -> bool:
-    """Whether the rates of state and integrals have an operation on the state that is not smooth everywhere."""
+    """Whether the rates of state and integrals have an operation on the state that is not smooth everywhere.
+
+    A part of the state whose rate is zero, such as a switch that resets change, is constant between two events.
+    """
     if layout.options.smooth is not None:
         return not layout.options.smooth
     start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
@@ -36,7 +41,19 @@ def may_have_kinks(layout: Layout) -> bool:
         return WholeMotion(layout, numbers).rate(Augmented(tuple(elements), ()))
 
     jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
-    return _is_rough(jaxpr, [i < len(start) for i in range(len(jaxpr.invars))])
+    made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}
+    varies = [not _is_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
+    return _is_rough(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
+
+
+def _is_zero(value: Atom, made_by: Mapping[Var, Equation]) -> bool:
+    """Whether a value is zero by its arithmetic: 0, or 0 times anything."""
+    if isinstance(value, Literal):
+        return bool(np.all(value.val == 0))
+    equation = made_by.get(value)
+    if equation is None or equation.primitive.name not in ("mul", "neg", "convert_element_type", "copy"):
+        return False
+    return any(_is_zero(atom, made_by) for atom in equation.invars)
 
 
 def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
@@ -49,6 +66,8 @@ def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
         varying |= set(equation.outvars)
         if equation.params.get("name") in _SMOOTH_FUNCTIONS or equation.primitive.name in _SMOOTH:
             continue
+        if equation.primitive.name == "select_n" and not moves[0]:
+            continue  # the same case all the way
         inner = list(_inner(equation.params))
         # A loop or a branch chooses by the state: only plain calls are looked into.
         if len(inner) != 1 or len(inner[0].invars) != len(moves) or equation.primitive.name in ("while", "scan"):

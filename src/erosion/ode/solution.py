@@ -114,10 +114,10 @@ class Solution(Result):
         return np.array(self.names)[np.asarray(self.outcome)]
 
     def _require_numbers(self, name: str) -> None:
-        if isinstance(self.outcome, Tracer):
+        if any(isinstance(each, Tracer) for each in (self.outcome, self.t, *self.lanes.numbers)):
             raise ValueError(
-                f"`{name}` holds words, and there are none where JAX traces; "
-                "`outcome` is the index in `names` of what ended a lane."
+                f"`{name}` holds words, and there are none where JAX traces; `outcome` is the index in `names` of what "
+                "ended a lane. For the time of the n-th event let it be the end, by `max_events=n`."
             )
 
     def along(self, *names: str) -> Part:
@@ -129,7 +129,10 @@ class Solution(Result):
         found = self.derivatives.get(names) or self.derivatives.get(names[::-1])
         if found is None:
             known = ", ".join(" and ".join(key) for key in self.derivatives) or "none"
-            raise ValueError(f"Arguments of `along` must be among the derivatives ({known}), but are {names}.")
+            raise ValueError(
+                f"Arguments of `along` must be among the derivatives ({known}), but are {names}; "
+                "`wrt` and `derivatives=2` of `solve` ask for more."
+            )
         return found
 
     @property
@@ -149,6 +152,9 @@ class Solution(Result):
     @functools.cached_property
     def events(self) -> Passed:
         """Each event on the way, that at the end included; computed when first read.
+
+        `name`, `t`, `y` (before the event's reset) and `at_once` have one axis more, for the events. They have no
+        derivatives: for those of the n-th event let it be the end, by `max_events=n`.
 
         Raises:
             ValueError: where JAX traces the solution.

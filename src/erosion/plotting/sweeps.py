@@ -91,6 +91,8 @@ def plot_volume_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
 
 
 def _units(sweep: xr.Dataset) -> System:
+    if "unit_system" not in sweep.attrs:
+        raise ValueError("Argument `sweep` must come from `erosion.sweep`; draw others with xarray: `sweep.t.plot()`.")
     return sweep.attrs["unit_system"]
 
 

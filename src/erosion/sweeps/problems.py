@@ -181,8 +181,8 @@ def sweep_problem(
         **options: of `erosion.ode.solve`: t1, wrt, derivatives, rtol, max_events, …
 
     Returns:
-        t, count, each part of the state ("y_vx"), integrals, derivatives ("dt_dangle") and ended_by (codes, see its
-        attributes) over the axes.
+        t, count, each part of the state ("y_vx"), integrals, derivatives ("dt_dangle", "d2t_dangle_ddrag") and
+        ended_by (codes, see its attributes) over the axes.
 
     Raises:
         ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`) that holds something
