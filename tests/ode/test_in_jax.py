@@ -270,11 +270,22 @@ def test_xla_agrees():
 
 def test_events_on_the_way_say_that_jax_traces():
     with pytest.raises(ValueError, match="max_events"):
-        jax.grad(lambda g: ode.solve(BOUNCES, {"g": g}, t1=3.0).events.t[0])(9.81)
+        jax.grad(lambda g: ode.solve(THROWN_DOWN, {"g": g}, t1=3.0).events.t[0])(9.81)
 
 
-BOUNCES = ode.Problem(
+THROWN_DOWN = ode.Problem(
     {"y": 1.0, "v": 0.0},
     lambda t, y, args: {"y": y["v"], "v": -args["g"]},
     {"bounce": ode.Event(lambda t, y, args: y["y"], -1, reset=lambda t, y, args: y | {"v": -0.9 * y["v"]})},
 )
+
+
+def test_numpy_arrays_of_two_dimensions_may_stand_beside_what_is_traced():
+    heights = np.linspace(1.0, 2.0, 6).reshape(2, 3)
+    problem = ode.Problem(
+        lambda args: {"y": args["h"], "v": 0.0},
+        lambda t, y, args: {"y": y["v"], "v": -args["g"]},
+        {"ground": ode.Event(lambda t, y, args: y["y"], -1)},
+    )
+    fall = jax.jit(lambda g: ode.solve(problem, {"h": heights, "g": g}, t1=100.0).t)(9.81)
+    np.testing.assert_allclose(fall, np.sqrt(2 * heights / 9.81), rtol=1e-9)

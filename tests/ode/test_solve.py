@@ -467,3 +467,41 @@ def test_a_span_far_longer_than_the_motion_changes_nothing(t1: float) -> None:
     assert set(near.ended_by) == {"down"}
     np.testing.assert_array_equal(far.ended_by, near.ended_by)
     np.testing.assert_allclose(far.t, near.t, rtol=2e-9)
+
+
+@pytest.mark.parametrize("p", [0.0, 1.0, 1e-3, 1e-6])
+def test_a_number_that_matters_little_has_its_derivative(p: float) -> None:
+    problem = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": -y["x"] + args["p"] * jnp.sin(200 * t)})
+    slope = ode.solve(problem, {"p": p}, t1=1.0, wrt="p").along("p").y["x"]
+    assert slope == pytest.approx((np.sin(200) - 200 * np.cos(200) + 200 / np.e) / (1 + 200**2), rel=1e-8)
+
+
+@pytest.mark.parametrize("radius", [5.0, 1.0, 0.1])
+def test_a_distance_is_seen_in_a_long_step(radius: float) -> None:
+    """A straight line needs few steps, and the distance to a point bends in a small part of one."""
+    line = ode.Problem(
+        {"x": 0.0},
+        lambda t, y, args: {"x": 1.0},
+        {"disc": ode.Event(lambda t, y, args: jnp.hypot(y["x"] - args["at"], radius / 2) - radius, -1)},
+    )
+    at = np.linspace(6, 95, 500)
+    end = ode.solve(line, {"at": at}, t1=100.0)
+    assert set(end.ended_by) == {"disc"}
+    np.testing.assert_allclose(end.t, at - radius * np.sqrt(0.75), rtol=1e-9)
+
+
+def test_sizes_belong_to_the_state_and_not_to_what_is_left_of_it() -> None:
+    problem = ode.Problem(
+        {"x": 1e-3, "z": 1.0}, lambda t, y, args: {"x": -y["x"] * y["z"] + 1e-3 * jnp.cos(20 * t), "z": 0.0}
+    )
+    exact = ode.solve(problem, t1=5.0).y["x"]
+    assert ode.solve(problem, t1=5.0, sizes={"x": 1e-3, "z": 1e6}).y["x"] == pytest.approx(exact, rel=1e-8)
+
+
+def test_a_start_at_rounding_below_the_event_is_at_it() -> None:
+    ball = ode.Problem(
+        {"y": 0.3 - 0.1 - 0.2, "v": 10.0},
+        lambda t, y, args: {"y": y["v"], "v": -9.81},
+        {"ground": ode.Event(lambda t, y, args: y["y"])},
+    )
+    assert ode.solve(ball, t1=10.0).t == pytest.approx(20 / 9.81, rel=1e-12)

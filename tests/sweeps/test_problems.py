@@ -109,6 +109,7 @@ def test_a_problem_that_is_written_again_goes_on_with_its_store(tmp_path) -> Non
         (ARGS, {"angle": ["a"]}, {}, "angle"),
         (ARGS, {"angle": [np.nan]}, {}, "angle"),
         (ARGS, {}, {}, "axes"),
+        (ARGS | {"t1": 1.0}, {"t1": [1.0]}, {}, "t1"),
         (ARGS | {"v0": np.array([1.0, 2.0])}, {"angle": [1.0]}, {}, "args"),
         (ARGS, {"angle": [1.0]}, {"ts": [1.0]}, "ts"),
         (ARGS, {"angle": [1.0]}, {"chunks": {"angle": 1}}, "chunks"),
@@ -124,3 +125,8 @@ def test_workers_of_a_cluster_compute_the_same_bits(tmp_path, swept) -> None:
     with erosion.local_cluster(2):
         lazy = erosion.sweep_problem(BALL, ARGS, AXES, store=tmp_path / "ball.zarr", chunks={"angle": 75}, **OPTIONS)
         assert np.array_equal(lazy["dt_dangle"].values, swept["dt_dangle"])
+
+
+def test_options_may_be_numbers_of_numpy() -> None:
+    short = erosion.sweep_problem(BALL, ARGS, {"angle": [0.5, 1.0]}, t1=np.float64(100.0), rtol=np.float64(1e-9))
+    assert np.isfinite(short["t"]).all()

@@ -18,7 +18,7 @@ from erosion.ode.variational import Augmented, Derivatives, Direction, Variation
 _SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
 _TINY = 1e-200  # keeps 0/0 away
 _LONGER = 1e3  # times as long as a number of the state takes to change by its own size
-_LEAST = 1e-12  # of the span: a number that is almost zero says little
+_LEAST = 1e-9  # of the time scale: a number of the state that changes sooner by its own size is almost zero
 
 
 class Extended:
@@ -103,9 +103,10 @@ class Extended:
         if self.layout.problem.time_scale is not None:
             return scale
         motion = zip(initial[: self.width], slope[: self.width], strict=True)
-        times = (jnp.where(u == 0, jnp.inf, jnp.abs(u) / jnp.maximum(jnp.abs(k), _TINY)) for u, k in motion)
-        shortest = functools.reduce(jnp.minimum, times)
-        return jnp.minimum(scale, jnp.maximum(_LONGER * shortest, _LEAST * scale))
+        times = (jnp.abs(u) / jnp.maximum(jnp.abs(k), _TINY) for u, k in motion)
+        # A number that is almost zero says nothing.
+        told = (jnp.where(time < _LEAST * scale, jnp.inf, time) for time in times)
+        return functools.reduce(jnp.minimum, (_LONGER * time for time in told), scale)
 
     def scale_near(self, step: Scalar, first: float) -> Scalar:
         """The time scale at a step: where the problem names none, no longer than such that `first` of it is the step.

@@ -53,6 +53,7 @@ _ACCUMULATED = (
 )
 _ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
+_APART = 1e-6  # of a row's size is the least size of its derivatives, by a change of a number by its own size
 _LEAST = 1e-8  # of the greatest size that a row has had: a smaller one need not be known relative to itself
 
 
@@ -347,8 +348,12 @@ def _error(problem: Extended, lane: Lane, state: Rows, stages: list[Rows], h: Sc
     # A step far too long may end in a slope that is far greater than all within it, which the estimate knows.
     late = -2 if problem.options.clock else -1
     integrals = range(problem.width - problem.integrals, problem.width)
+    of_motion = sizes
     for first in range(0, len(state), problem.width):
         rows = range(first, first + problem.width)
+        if first and problem.options.clock:
+            # A number may matter far less than by its own size, and its derivatives are wanted all the same.
+            sizes = [_APART * size for size in of_motion]
         for i, row in enumerate(rows):
             moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(_SOON * scale * stages[row][late]))
             sizes[i] = _size(lane.state[row], state[row], moved, sizes[i])
@@ -361,6 +366,7 @@ def _error(problem: Extended, lane: Lane, state: Rows, stages: list[Rows], h: Sc
         # it hides an error, but a second estimate is not zero at the same place.
         for i in range(problem.width) if problem.options.whole else integrals:
             error = _checked_error(error, h, stages[first + i], sizes[i])
+        of_motion = of_motion if first else list(sizes)
     return error
 
 

@@ -163,7 +163,7 @@ def maximum(
     smooth: bool | None = None,
     max_steps: int = 20_000,
     method: str = "auto",
-    shared: Sequence[str] = (),
+    shared: str | Sequence[str] = (),
 ) -> Maximum:
     """The greatest (or least) value of a quantity of the end over one number, for one problem or for arrays of them.
 
@@ -254,7 +254,7 @@ def _checked_range(between: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
-def _with_number(args: PyTree, over: str, number: float, shared: Sequence[str]) -> PyTree:
+def _with_number(args: PyTree, over: str, number: float, shared: str | Sequence[str]) -> PyTree:
     """The arguments with a number in the place of the one that is varied."""
     if any(over == one or over.startswith(f"{one}.") for one in shared):
         raise ValueError(f"Argument `over` must name one number of each lane, but {over!r} is among `shared`.")

@@ -106,9 +106,9 @@ def _elements(parts: Sequence[Any]) -> list[Scalar]:
 def motion_of(layout: Layout) -> Callable[[Sequence[Number]], "WholeMotion | ReducedMotion"]:
     """The motion of one lane's numbers: a tuple of integrals, as few as the arithmetic shows.
 
-    A chain goes on from a whole state, and so keeps it.
+    A chain goes on from a whole state, and so keeps it; so do sizes, which are given for it.
     """
-    if any(layout.problem.resets()):
+    if any(layout.problem.resets()) or layout.options.sizes is not None:
         return functools.partial(WholeMotion, layout)
     start = jax.make_jaxpr(lambda numbers: WholeMotion(layout, numbers).start())(layout.structs())
     integrals = len(layout.problem.integrals)

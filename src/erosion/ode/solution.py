@@ -207,7 +207,12 @@ class Solution(Result):
     def named(self, part: "Part | Solution | Times") -> dict[str, Any]:
         """The parts of a state by their paths: "y.vx"."""
         y = part.ys if isinstance(part, Times) else part.y
-        return {".".join(("y", *path_of(keys))): leaf for keys, leaf in jax.tree_util.tree_flatten_with_path(y)[0]}
+        parts: dict[str, Any] = {}
+        for keys, leaf in jax.tree_util.tree_flatten_with_path(y)[0]:
+            name = ".".join(("y", *path_of(keys)))
+            # Names that are joined may be equal, as of {"a.b": …, "a": {"b": …}}.
+            parts[name if name not in parts else f"y{jax.tree_util.keystr(keys)}"] = leaf
+        return parts
 
     def _named_integrals(self, part: "Part | Solution | Times") -> dict[str, Any]:
         return {f"integrals.{name}": values for name, values in part.integrals.items()}

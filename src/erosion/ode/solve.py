@@ -183,7 +183,12 @@ def checked_lanes(
 
 
 def lanes_of(
-    problem: Problem, args: PyTree, clock: Clock, options: Options, shared: Sequence[str] = (), sizes: PyTree = None
+    problem: Problem,
+    args: PyTree,
+    clock: Clock,
+    options: Options,
+    shared: str | Sequence[str] = (),
+    sizes: PyTree = None,
 ) -> Lanes:
     """Layout, numbers and shape of lanes.
 
@@ -193,6 +198,7 @@ def lanes_of(
     paths, structure = jax.tree_util.tree_flatten_with_path(args)
     names = [".".join(path_of(keys)) for keys, _ in paths]
     leaves = [leaf for _, leaf in paths]
+    shared = (shared,) if isinstance(shared, str) else shared
     whole = [any(name == one or name.startswith(f"{one}.") for one in shared) for name in names]
     for one in shared:
         if not any(name == one or name.startswith(f"{one}.") for name in names):
@@ -237,7 +243,9 @@ def lanes_of(
     layout = Layout(problem, structure, rest, own_shapes, dtypes, options, equations)
     if sizes is not None:
         layout = layout.wanting(sizes=_sizes(layout, sizes))
-    flat = [_flat(number, own_shape, shape) for number, own_shape in zip(numbers, shapes, strict=True)]
+    flat = numbers
+    if not any(isinstance(number, Tracer) for number in numbers):
+        flat = [_flat(number, own_shape, shape) for number, own_shape in zip(numbers, shapes, strict=True)]
     return Lanes(layout, flat, shape, tuple(own))
 
 

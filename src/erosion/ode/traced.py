@@ -86,7 +86,7 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
 
     def at(time: Array) -> Array:
         numbers: list[Number] = list(lanes.numbers)
-        numbers[place] = jnp.minimum(time, solution.t)
+        numbers[place] = jnp.where(time < solution.t, time, solution.t)
         return jnp.where((time > solution.t)[..., None], jnp.nan, many(numbers)[0])
 
     vectors = jax.vmap(at, out_axes=-2)(times)

@@ -21,6 +21,7 @@ _ROUNDING = 1e-15  # of what a function changes by within the time scale: zero
 _LEFT = 1e-9  # of the same: a function of an event that has just happened, with the errors of state and reset
 _TOGETHER = 1e-12  # of the time scale: events this near happen at once, and one this near the end happens
 _TINY = 1e-300
+_SHARP = 8.0  # times what a cubic was seen to err by: it may err by as much
 
 
 class Watched(NamedTuple):
@@ -112,7 +113,9 @@ def look(
         for theta, values in within
     ]
     trial = event_steps.look(control, begun, watched(ends), inside, error, scale, rough=rough)
-    return trial._replace(dip=functools.reduce(jnp.minimum, crests, trial.dip))
+    # A function such as a distance bends in a small part of a step, where the cubic errs by more than was seen.
+    errors = [_SHARP * error for error in trial.cubic_errors]
+    return trial._replace(dip=functools.reduce(jnp.minimum, crests, trial.dip), cubic_errors=errors)
 
 
 def last_moment(event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar) -> tuple[Scalar, Scalar]:

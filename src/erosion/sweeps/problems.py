@@ -79,7 +79,7 @@ class ProblemGrid:
     @functools.cached_property
     def ends(self) -> tuple[str, ...]:
         """Meanings of the codes 0, 1, … in `ended_by`."""
-        return (_NOT_COMPUTED, *self.problem.events, *OTHER_ENDS)
+        return (_NOT_COMPUTED, *(name.replace(" ", "_") for name in self.problem.events), *OTHER_ENDS)
 
     def variables(self) -> dict[str, Variable]:
         """The arrays; `ended_by` comes last."""
@@ -119,7 +119,7 @@ class ProblemGrid:
         return dataset
 
     def _in_words(self) -> dict[str, str]:
-        options = {name: value for name, value in self.options.items() if value not in (None, ())}
+        options = {name: value for name, value in self.options.items() if value is not None and np.size(value)}
         return {"title": "A sweep of an ODE", "args": repr(self.args), "options": repr(options)}
 
     @functools.cached_property
@@ -142,8 +142,13 @@ class ProblemGrid:
             "problem": equations.digest,
             "args": " ".join(digest(str(number.shape).encode() + number.tobytes()) for number in numbers),
             "axes": " ".join(f"{name} {digest(values.tobytes())}" for name, values in self.axes.items()),
-            "options": repr(sorted((name, repr(value)) for name, value in self.options.items())),
+            "options": " ".join(f"{name} {_in_digits(value)}" for name, value in sorted(self.options.items())),
         }
+
+
+def _in_digits(value: Any) -> str:
+    """An option, to its last bit."""
+    return digest(np.asarray(value).tobytes()) if is_number(value) else repr(value)
 
 
 def _numbers(label: str, part: Part | Solution) -> dict[str, np.ndarray]:
@@ -151,6 +156,8 @@ def _numbers(label: str, part: Part | Solution) -> dict[str, np.ndarray]:
     numbers = {label.format("t"): np.asarray(part.t)}
     for keys, leaf in jax.tree_util.tree_flatten_with_path({"y": part.y})[0]:
         name = label.format("_".join(path_of(keys)))
+        if name in numbers:
+            raise ValueError(f"The state's parts must have names of their own, but two are called {name!r}.")
         own = np.shape(leaf)[np.ndim(part.t) :]
         for index in np.ndindex(own):
             numbers["_".join((name, *map(str, index)))] = np.asarray(leaf)[(..., *index)]
@@ -195,6 +202,8 @@ def sweep_problem(
     if "ts" in options:
         raise ValueError("Argument `ts` must be left out of a sweep; make `t1` an axis.")
     known = [".".join(path_of(keys)) for keys, leaf in jax.tree_util.tree_flatten_with_path(args)[0] if is_number(leaf)]
+    if both := {"t0", "t1"} & set(axes) & set(known):
+        raise ValueError(f"Argument `axes` must say which {min(both)!r} is meant: there is one among `args` as well.")
     arrays = {name: _axis(name, values, (*known, "t0", "t1")) for name, values in axes.items()}
     if not arrays:
         raise ValueError("Argument `axes` must name at least one number, but is empty.")
@@ -202,6 +211,8 @@ def sweep_problem(
     one = grid.solved({name: values[:1] for name, values in arrays.items()})
     if np.shape(one.t) != (1,) * len(arrays):
         raise ValueError("Argument `args` must be of one lane; give arrays as axes, or name them in `shared`.")
+    if both := set(arrays) & set(grid.variables()):
+        raise ValueError(f"Argument `axes` must not be called as a result is, but has {min(both)!r}.")
     return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
 
 
