@@ -64,7 +64,7 @@ class Outputs:
         derivatives, wrt, rtol: see `erosion.impact`; `wrt` is one parameter.
         optimum: whether the best angle is computed too, over the other dimensions than "alpha".
         at_contact: whether a model removes something beside the cut.
-        own: quantities of the models' own, those that all models have.
+        own: quantities of the models' own by name, those that all models have.
 
     Raises:
         ValueError, TypeError: for an output that makes no sense.
@@ -75,7 +75,7 @@ class Outputs:
     rtol: float = 1e-9
     optimum: bool = False
     at_contact: bool = False
-    own: tuple[str, ...] = ()
+    own: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -195,7 +195,7 @@ class Grid:
 
     def variables(self) -> dict[str, "Variable"]:
         """The arrays of impacts, and of best angles; `ended_by` comes last."""
-        known = own_quantities(type(next(iter(self.loaded().values())))) | RESULTS
+        known = {**self.outputs.own, **RESULTS}
         variables = {
             name: Variable(self.dims, known[name], self._derivative_attributes(name)) for name in self.outputs.names
         }
@@ -292,7 +292,7 @@ def make_grid(
     models = _labelled_models(model if compared else [model])
     beside = any(_loaded(source).removes_at_contact for source in models.values())
     own_of = [own_quantities(type(_loaded(source))) for source in models.values()]
-    common = tuple(name for name in own_of[0] if all(name in of_model for of_model in own_of))
+    common = {name: own for name, own in own_of[0].items() if all(name in of_model for of_model in own_of)}
     outputs = dataclasses.replace(outputs or Outputs(), at_contact=beside, own=common)
     for source in models.values():
         require_one_impact(_loaded(source), p, "; give it as an axis")
