@@ -8,6 +8,7 @@ import pytest
 import erosion
 from erosion import ode
 from erosion.models.base import CuttingModel, Tip
+from erosion.trajectory.path import path as follow
 
 ALPHAS = np.linspace(0.05, 1.5, 7)
 P = erosion.TABLE_1.replace(k=1.0, alpha=ALPHAS)
@@ -130,3 +131,13 @@ def test_a_second_cut_adds_to_the_first() -> None:
     known = [5.9673558537978376e-05, 0.00016149721385257435, 0.00019475525776928046, 0.00036676674232124124]
     assert np.allclose(end.events.t, known, rtol=1e-9)
     assert end.integrals["volume"] / erosion.impact(model, shallow).volume == pytest.approx(1.19199967051142, rel=1e-9)
+
+
+def test_the_motion_of_a_slow_sphere_is_known_to_the_last_digit() -> None:
+    """At 45° a derivative of the state vanishes: a tolerance of 1e-12 of itself would be below rounding."""
+    sphere = erosion.Parameters(
+        k=10, psi=1, r=2.5e-3, b=2.5e-3, m=5.13781e-4, v0=11.983, sigma=6.3146e8, alpha=np.pi / 4, units="si"
+    )
+    path = erosion.simulate("linearized", sphere)
+    fast = follow(erosion.load_model("linearized"), sphere)
+    assert fast.volume == pytest.approx(path.volume, rel=1e-10)

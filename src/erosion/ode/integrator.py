@@ -54,6 +54,7 @@ _ACCUMULATED = (
 _ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
 _APART = 1e-6  # of a row's size is the least size of its derivatives, by a change of a number by its own size
+_NOISE = 1e-15  # of a row's size: what rounding leaves in its derivatives
 _LEAST = 1e-8  # of the greatest size that a row has had: a smaller one need not be known relative to itself
 
 
@@ -272,7 +273,7 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     slope, events = problem.rate_and_events(state)
     stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
     slack = _SLACK_WHOLE[problem.order] if problem.options.whole else _SLACK
-    error = _error(problem, lane, state, stages, h, scale) / (slack * rtol)
+    error = _error(problem, lane, state, stages, h, scale, rtol) / (slack * rtol)
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
@@ -335,7 +336,9 @@ def _weighted(weights: Iterable[float] | np.ndarray, slopes: Sequence[Scalar]) -
     return sum(terms[1:], terms[0])
 
 
-def _error(problem: Extended, lane: Lane, state: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Scalar:
+def _error(
+    problem: Extended, lane: Lane, state: Rows, stages: list[Rows], h: Scalar, scale: Scalar, rtol: Scalar
+) -> Scalar:
     """The largest error of a row, relative to the row's size in this step.
 
     The size of a derivative's row is at least that of the row which it differentiates. What a row soon changes
@@ -351,9 +354,9 @@ def _error(problem: Extended, lane: Lane, state: Rows, stages: list[Rows], h: Sc
     of_motion = sizes
     for first in range(0, len(state), problem.width):
         rows = range(first, first + problem.width)
-        if first and problem.options.clock:
+        if first and problem.options.clock and problem.layout.problem.typical is None:
             # A number may matter far less than by its own size, and its derivatives are wanted all the same.
-            sizes = [_APART * size for size in of_motion]
+            sizes = [jnp.maximum(_APART, _NOISE / rtol) * size for size in of_motion]
         for i, row in enumerate(rows):
             moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(_SOON * scale * stages[row][late]))
             sizes[i] = _size(lane.state[row], state[row], moved, sizes[i])

@@ -44,7 +44,7 @@ class Times(NamedTuple):
 
     Args:
         ts: shape (n,).
-        ys: a pytree like the state, of arrays (*lanes, n); NaN after a lane's end.
+        ys: a pytree like the state, of arrays (…, n); NaN after a lane's end.
         integrals: by name, of that shape.
     """
 
@@ -54,7 +54,7 @@ class Times(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """The events on the way of lanes, arrays (*lanes, n); n is the greatest number of them.
+    """The events on the way of lanes, arrays (…, n); n is the greatest number of them.
 
     Args:
         name: of the event; "" after the last.
@@ -142,7 +142,7 @@ class Solution(Result):
 
     @property
     def ys(self) -> PyTree:
-        """The states at `ts`, arrays (*lanes, n); NaN after a lane's end."""
+        """The states at `ts`, arrays (…, n); NaN after a lane's end."""
         return None if self.times is None else self.times.ys
 
     def with_times(self, times: Times) -> "Solution":
