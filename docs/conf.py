@@ -56,10 +56,13 @@ autodoc_typehints = "signature"
 # only results hold, stay plain text.
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:class", r"(collections|diffrax|distributed|jax|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray)\..*|ndarray"),
     (
         "py:class",
-        r"erosion\.(advice\.uncertain|calibration\.least_squares|language|parameters\.(per_mass|quantities)|posteriors\.(likelihood|priors|tempering)|streams\.(particles|tally)|tables)\..*",
+        r"(collections|diffrax|distributed|jax|jaxlib|jaxtyping|matplotlib|numpy|pathlib|xarray|xr)\..*|ndarray|Lanes",
+    ),
+    (
+        "py:class",
+        r"erosion\.(advice\.uncertain|calibration\.least_squares|language|models\.own_parameters|ode\.(maximum|solution)|parameters\.(per_mass|quantities)|posteriors\.(likelihood|priors|tempering)|streams\.(particles|tally)|tables)\..*",
     ),
 ]
 napoleon_numpy_docstring = False

@@ -105,7 +105,7 @@ class Solution(Result):
 
     @functools.cached_property
     def ended_by(self) -> PerImpact:
-        """How each lane ended, in words: an event, "start", "t1", "unfinished" or "failed".
+        """The end of each lane in words, an event, "start", "t1", "unfinished" or "failed".
 
         Raises:
             ValueError: where JAX traces the solution.
