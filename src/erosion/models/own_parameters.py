@@ -69,7 +69,9 @@ def own_parameter(
 
 
 def own_quantity(symbol: str, meaning: str, dimension: Dimension = "1") -> Callable[[_Method], _Method]:
-    """Declare a method of a model as the rate of a quantity that is integrated along the cut, beside the volume::
+    """Declare a method of a model as the rate of a quantity that is integrated along the cut, beside the volume.
+
+    For example::
 
         @erosion.own_quantity("W", "work of the tip", "energy")
         def work(self, state, p):
