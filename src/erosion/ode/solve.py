@@ -76,7 +76,7 @@ def solve(
     smooth: bool | None = None,
     max_steps: int = 20_000,
     method: str = "auto",
-    shared: Sequence[str] = (),
+    shared: str | Sequence[str] = (),
 ) -> Solution:
     """Integrate lanes, each to the first event that ends it, or to `t1`.
 
@@ -157,7 +157,7 @@ def checked_lanes(
     smooth: bool | None,
     max_steps: int,
     method: str,
-    shared: Sequence[str],
+    shared: str | Sequence[str],
 ) -> tuple[Lanes, float]:
     """Lanes of arguments that fit, and the tolerance; see `solve`, also for what is raised."""
     for name, given, known in (("start", start, _STARTS), ("method", method, _METHODS)):
