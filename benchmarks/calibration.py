@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import erosion
-from erosion.calibration import calibrate, rank_models
+from erosion.fits import calibrate, rank_models
 
 RESULTS = Path(__file__).with_name("RESULTS-calibration.md")
 

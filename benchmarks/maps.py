@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 import erosion
-from erosion.cfd.impacts import ImpactBlock, Impacts
+from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.rows import ImpactBlock, Impacts
 from erosion.cfd.surface import Surface
-from erosion.maps.erosion_map import erosion_map
 from tests.maps.tables import hump
 
 P = erosion.TABLE_1.to("si")

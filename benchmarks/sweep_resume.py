@@ -58,7 +58,7 @@ def _sweep(store: Path, model: str, n: int) -> None:
     from distributed import Client
 
     import erosion
-    from erosion.cluster import local_cluster
+    from erosion.impacts.cluster import local_cluster
 
     with local_cluster(2) as cluster, Client(cluster) as client:
         # Both workers compile before the clock starts.

@@ -18,7 +18,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 os.environ.setdefault("XDG_CACHE_HOME", os.environ["JAX_COMPILATION_CACHE_DIR"])
 
 # Unchecked: thousands of its small functions run for each program, half of the time to compile one.
-importlib.import_module("erosion.lanes.choice")
+importlib.import_module("erosion.lanes.lanewise")
 
 # Before any other module of the package is imported.
 _hook = install_import_hook("erosion", "beartype.beartype")

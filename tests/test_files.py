@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from erosion.files import _name_of_draft, require_writable, uninterrupted, write_whole, written_whole
+from erosion.output.files import _name_of_draft, require_writable, uninterrupted, write_whole, written_whole
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -196,7 +196,7 @@ HALF_WRITTEN = """
 import sys, time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from erosion.files import written_whole
+from erosion.output.files import written_whole
 with written_whole(Path(sys.argv[1])) as draft:
     draft.write_bytes(b"half")
     print("half", flush=True)

@@ -9,10 +9,10 @@ from scipy import stats
 
 from erosion.advice.advise import advise
 from erosion.distributions import LogNormal, Normal, Samples, Uniform
+from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import SHARE, Correlated, LawSet, Ranges, Rows, law_digest, read_rows
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
-from erosion.posteriors.files import read_draws
 from erosion.streams.stream import stream
 
 POINTS = np.random.default_rng(0).random((100_000, 2))

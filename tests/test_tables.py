@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.tables import Result, abbreviate, format_number, to_json, to_lines, to_plain, with_error
+from erosion.output.tables import Result, abbreviate, format_number, to_json, to_lines, to_plain, with_error
 
 P = erosion.TABLE_1
 

@@ -22,7 +22,7 @@ from scipy import special
 
 from erosion.arguments import check_unmasked
 from erosion.distributions import Distribution, Samples, read_columns
-from erosion.files import digest
+from erosion.output.files import digest
 from erosion.parameters.headings import unused_note
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import Dimension, System

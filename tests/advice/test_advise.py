@@ -8,8 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import erosion
 from erosion.advice.advise import MODELS
-from erosion.advice.figure import plot_advice, sheet
-from erosion.advice.page import notes_of, write_advice
+from erosion.advice.page import notes_of, plot_advice, sheet, write_advice
 from erosion.advice.result import NOZZLE_ANGLES
 from erosion.distributions import Normal, Uniform
 from erosion.joint_laws import Rows

@@ -57,18 +57,18 @@ def in_workshop(workshop, monkeypatch):
 @pytest.fixture
 def no_computing(monkeypatch):
     """What is wrong with the input must be known before the first impact."""
+    import erosion.impacts.diffrax_steps
     import erosion.impacts.impact
+    import erosion.impacts.simulate
     import erosion.ode.maxima
-    import erosion.trajectory.diffrax_steps
-    import erosion.trajectory.path
 
     def computed(*arguments, **options):
         raise AssertionError("computed before the input was checked")
 
     monkeypatch.setattr(erosion.impacts.impact, "integrate", computed)
     monkeypatch.setattr(erosion.ode.maxima, "integrate", computed)
-    monkeypatch.setattr(erosion.trajectory.path, "states_at", computed)
-    monkeypatch.setattr(erosion.trajectory.diffrax_steps, "solve", computed)
+    monkeypatch.setattr(erosion.impacts.simulate, "states_at", computed)
+    monkeypatch.setattr(erosion.impacts.diffrax_steps, "solve", computed)
 
 
 def _contents(folder: Path) -> dict[str, bytes | None]:

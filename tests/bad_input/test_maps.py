@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.cfd.erosion_map import erosion_map
 from erosion.distributions import Normal
-from erosion.maps.erosion_map import erosion_map
 from tests.maps.tables import Table, hump, sand
 
 P = erosion.TABLE_1.to("si")

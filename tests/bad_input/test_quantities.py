@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 import erosion
-from erosion.calibration.columns import HeaderError, read_header
 from erosion.cli import _status
 from erosion.distributions import read_distribution
 from erosion.explorer.state import Case, State
-from erosion.parameters.ranges import read_axis
+from erosion.fits.measurements import HeaderError, read_header
+from erosion.parameters.quantities import read_axis
 from erosion.parameters.units import Dimension, UnitError, check_system, has_unit, read_quantity
 
 

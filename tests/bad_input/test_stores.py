@@ -20,9 +20,9 @@ import erosion
 import erosion.streams.stream
 from erosion.cli import _status
 from erosion.distributions import Normal
-from erosion.files import claimed
-from erosion.storage.identity import StoreError
-from erosion.storage.netcdf import read_netcdf, write_netcdf
+from erosion.impacts.dataset_files import read_netcdf, write_netcdf
+from erosion.models.identity import StoreError
+from erosion.output.files import claimed
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.stores import ZarrStore
 from erosion.sweeps.sweep import SweepInterrupted, prepare_sweep, sweep
@@ -516,7 +516,7 @@ def test_files_that_someone_keeps_in_a_store_stay(tmp_path: Path) -> None:
 
 
 def test_two_threads_never_tear_a_file(tmp_path: Path) -> None:
-    from erosion.files import write_whole
+    from erosion.output.files import write_whole
 
     path = tmp_path / "out.txt"
     contents = [bytes([i]) * 200_000 for i in range(4)]

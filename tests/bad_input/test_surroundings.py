@@ -15,12 +15,12 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import erosion
+from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.map_result import write_map
 from erosion.cli import _status
-from erosion.files import write_whole
-from erosion.maps.erosion_map import erosion_map
-from erosion.maps.export import write_map
+from erosion.impacts.dataset_files import write_netcdf
+from erosion.output.files import write_whole
 from erosion.plotting.style import save_plot
-from erosion.storage.netcdf import write_netcdf
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.stores import ZarrStore
 from tests.maps.tables import hump, sand
@@ -182,7 +182,7 @@ def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
 @pytest.mark.usefixtures("heeds_ctrl_c")
 def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
     """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""
-    import erosion.trajectory.path
+    import erosion.impacts.simulate
 
     class Swallows:
         def __del__(self):
@@ -195,7 +195,7 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
             time.sleep(0.1)
         return "never comes here"
 
-    monkeypatch.setattr(erosion.trajectory.path, "path", simulate)
+    monkeypatch.setattr(erosion.impacts.simulate, "path", simulate)
     assert _status(["run"]) == 130
     assert capsys.readouterr().err == "erosion: interrupted\n"
 

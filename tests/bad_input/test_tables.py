@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from erosion.calibration import MeasurementError, read_measurements
+from erosion.fits import MeasurementError, read_measurements
 
 HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.calibration import Calibration, CalibrationError, calibrate, profiles, rank_models, to_fluent, to_openfoam
-from erosion.calibration.identifiability import identify
+from erosion.fits import Calibration, CalibrationError, calibrate, doubts, rank_models, to_fluent, to_openfoam
+from erosion.fits.least_squares import identify
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 
@@ -306,7 +306,7 @@ def test_a_model_that_fails_is_said_to_fail():
 
 
 def test_an_interval_on_whose_way_the_model_fails_is_said(fit, monkeypatch):
-    monkeypatch.setattr(profiles, "settle", lambda *arguments: None)
+    monkeypatch.setattr(doubts, "settle", lambda *arguments: None)
     again = Calibration(fit.problem, fit.solution)
     assert np.isnan(again.intervals()["k"]).all()
     assert again.statements[0].startswith("The interval of k has an end that is not known: the model fails")

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from erosion.calibration import MeasurementError, Measurements, read_measurements
-from erosion.calibration.measurements import unit_system
+from erosion.fits import MeasurementError, Measurements, read_measurements
+from erosion.fits.measurements import unit_system
 
 HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
 

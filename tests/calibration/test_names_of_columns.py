@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from erosion.calibration import MeasurementError, read_measurements
+from erosion.fits import MeasurementError, read_measurements
 
 SPEEDS = {
     "speed [m/s]": 80, "v [m/s]": 80, "V [m/s]": 80, "velocity [m/s]": 80, "speed (m/s)": 80, "v0 [m/s]": 80,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.calibration.forward import Forward
 from erosion.cli import _status
+from erosion.fits.forward import Forward
 from erosion.models import DeformationWear, Linearized
 from tests.calibration.test_real_data import DENSITY, SAND
 from tests.cli.test_set_option import FILE
@@ -91,7 +91,7 @@ def test_many_points_are_one_call(data, monkeypatch):
     asked = Forward(MODEL, P, ("friction", "psi"), data, None)
     thetas = asked.start + np.linspace(-0.3, 0.3, 7)[:, None]
     one_by_one = [asked.predict(theta, data.conditions)[0] for theta in thetas]
-    monkeypatch.setattr("erosion.calibration.forward.impact", verb)
+    monkeypatch.setattr("erosion.fits.forward.impact", verb)
     np.testing.assert_array_equal(asked.predict_many(thetas, data.conditions), one_by_one)
     assert len(calls) == 1
 

@@ -9,13 +9,11 @@ import pytest
 
 from erosion import TABLE_1, impact
 from erosion.advice.result import FIT
-from erosion.calibration import calibrate, rank_models
-from erosion.calibration.conditions import conditions
-from erosion.calibration.doubts import is_beyond_scatter
-from erosion.calibration.export import to_case
-from erosion.calibration.measurements import read_measurements
-from erosion.calibration.patterns import beyond_scatter, variances_differ
 from erosion.distributions import read_distribution
+from erosion.fits import calibrate, rank_models
+from erosion.fits.doubts import beyond_scatter, is_beyond_scatter, variances_differ
+from erosion.fits.export import to_case
+from erosion.fits.measurements import conditions, read_measurements
 
 P = TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
 # Six weighings with the maximum at 30° and wear at 90°, as a shop has them.

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.calibration import Measurements, calibrate, rank_models, to_fluent, to_openfoam
-from erosion.calibration.advice import advise
-from erosion.calibration.conditions import conditions
-from erosion.calibration.export import exported_case
-from erosion.calibration.forward import Forward
-from erosion.calibration.least_squares import make_problem
-from erosion.calibration.numbers import rounded
-from erosion.calibration.patterns import find_patterns
+from erosion.fits import Measurements, calibrate, rank_models, to_fluent, to_openfoam
+from erosion.fits.doubts import advise, find_patterns, rounded
+from erosion.fits.export import exported_case
+from erosion.fits.forward import Forward
+from erosion.fits.least_squares import make_problem
+from erosion.fits.measurements import conditions
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.read import read_impacts
+from erosion.cfd.rows import ImpactsError
 
 UNSTEADY = """\
 (wall 14)

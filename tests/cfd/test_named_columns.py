@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from erosion.cfd.impacts import ImpactsError
-from erosion.cfd.named_columns import NamedImpacts
+from erosion.cfd.impact_tables import NamedImpacts
 from erosion.cfd.read import read_impacts
+from erosion.cfd.rows import ImpactsError
 
 VECTORS = """\
 count,diameter [um],density [g/cm^3],velocity_x [m/s],velocity_y [m/s],velocity_z [m/s],x [mm],y [mm],z [mm],note

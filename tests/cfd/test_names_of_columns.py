@@ -9,8 +9,8 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.read import read_impacts
+from erosion.cfd.rows import ImpactsError
 
 GRAIN = 2650 * math.pi / 6 * 1e-12  # kg, of 0.1 mm
 BODY = {"diameter [um]": 100.0, "density [kg/m^3]": 2650.0}

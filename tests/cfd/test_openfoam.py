@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from foamlib import FoamFile
 
-from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.read import read_impacts, read_surface
+from erosion.cfd.rows import ImpactsError
 
 RUNS = Path(__file__).parent / "openfoam"
 TABLES = Path("postProcessing") / "lagrangian" / "kinematicCloud" / "impacts"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import pyvista
 
-from erosion.cfd.impacts import ImpactsError
 from erosion.cfd.read import read_impacts, read_surface
+from erosion.cfd.rows import ImpactsError
 from erosion.extras import MissingExtraError
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface
 
 TRIANGLE = [(0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (0.0, 3.0, 0.0)]

@@ -98,7 +98,7 @@ def test_ctrl_c_while_the_program_starts():
 
 PLUG_IN = """
 import atexit, ctypes, os, signal, threading
-from erosion.models.rotating import Rotating
+from erosion.models.rigid import Rotating
 {}
 """
 # What a plug-in does when it is loaded, in place of XLA and of the user.

@@ -14,9 +14,9 @@ import xarray as xr
 import erosion
 from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal
+from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import Correlated, Rows
 from erosion.parameters.quantities import QUANTITIES
-from erosion.posteriors.files import read_draws
 from tests.cli.test_document import SCHEMA
 
 pytestmark = pytest.mark.slow

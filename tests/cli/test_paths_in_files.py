@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from erosion.calibration import calibrate, to_case
 from erosion.cli import _status
+from erosion.fits import calibrate, to_case
+from erosion.fits.posterior_files import model_of_draws
 from erosion.models import ProportionalDeformationWear, Rotating, TanAlpha
 from erosion.parameters.case_files import load_case, load_model_of_case, load_section
-from erosion.posteriors.files import model_of_draws
 from tests.documents import result_of
 
 PLUG_IN = """

@@ -11,10 +11,10 @@ import pytest
 import xarray as xr
 
 from erosion.cli import _status
+from erosion.fits.posterior_files import model_of_draws
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.case_files import load_model_of_case
 from erosion.parameters.parameters import TABLE_1
-from erosion.posteriors.files import model_of_draws
 from tests.documents import result_of
 
 pytestmark = pytest.mark.slow

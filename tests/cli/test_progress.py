@@ -9,8 +9,8 @@ import pytest
 
 import erosion
 from erosion.arguments import Progress, no_progress
-from erosion.cli import progress
-from erosion.cli.progress import progress_bar
+from erosion.cli import output
+from erosion.cli.output import progress_bar
 from erosion.report.page import write_report
 
 
@@ -52,8 +52,8 @@ def test_a_wheel_turns_once_work_takes_its_time(monkeypatch, patience: float, sh
     terminal = Terminal()
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(progress, "_PATIENCE", patience)
-    with progress.working("searching"):
+    monkeypatch.setattr(output, "_PATIENCE", patience)
+    with output.working("searching"):
         # Rich is imported first, which takes its own time.
         until = time.monotonic() + (20.0 if shown else 0.2)
         while "searching" not in terminal.getvalue() and time.monotonic() < until:
@@ -64,7 +64,7 @@ def test_a_wheel_turns_once_work_takes_its_time(monkeypatch, patience: float, sh
 def test_no_wheel_turns_where_nobody_looks(monkeypatch) -> None:
     file = io.StringIO()
     monkeypatch.setattr(sys, "stderr", file)
-    monkeypatch.setattr(progress, "_PATIENCE", 0.0)
-    with progress.working("searching"):
+    monkeypatch.setattr(output, "_PATIENCE", 0.0)
+    with output.working("searching"):
         time.sleep(0.2)
     assert file.getvalue() == ""

@@ -10,8 +10,7 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.cli.errors import InputError
-from erosion.cli.options import CaseOptions
-from erosion.cli.set_option import in_full, load_set, read_settings, settings
+from erosion.cli.options import CaseOptions, in_full, load_set, read_settings, settings
 from erosion.parameters.units import read_quantity
 
 ROOT = Path(__file__).parents[2]

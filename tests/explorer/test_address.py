@@ -2,7 +2,7 @@
 
 import pytest
 
-from erosion.explorer.address import Address, without_token
+from erosion.explorer.state import Address, without_token
 
 OWN = Address("127.0.0.1", 8080)
 SHARED = Address("0.0.0.0", 8080, "a-token")

@@ -12,25 +12,19 @@ import numpy as np
 import pytest
 
 from erosion.explorer import computed as computing
-from erosion.explorer.answers import ANGLES, Answer, Answers
-from erosion.explorer.computed import Computed
+from erosion.explorer.computed import ANGLES, Answer, Answers, Computed, LatestWins, Preparation, SingleEvent, end_times
+from erosion.explorer.controls import Materials
 from erosion.explorer.exports import case_toml, curves_csv, python_lines, results_json
-from erosion.explorer.latest import LatestWins
-from erosion.explorer.materials import Materials
-from erosion.explorer.preparation import Preparation
-from erosion.explorer.single_events import SingleEvent, end_times
 from erosion.explorer.state import Case, State, own_numbers
 from erosion.explorer.tab import Service
-from erosion.explorer.views.curves import volumes
-from erosion.explorer.views.numbers import numbers
-from erosion.explorer.views.spins import sensitivities
+from erosion.explorer.views import numbers, sensitivities, volumes
+from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact
 from erosion.models import Linearized, load_model
-from erosion.optimum.alpha_max import alpha_max
 from erosion.parameters.case_files import load_per_mass
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
-from erosion.plotting.labels import AT_CONTACT
+from erosion.plotting.style import AT_CONTACT
 
 pytestmark = pytest.mark.slow
 

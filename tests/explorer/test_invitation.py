@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, expect
 
-from erosion.explorer.address import Address
+from erosion.explorer.state import Address
 from tests.explorer.conftest import served
 from tests.explorer.driving import enter, settle, slide
 from tests.explorer.test_access import SOCKET, UPGRADE, Answer, ask

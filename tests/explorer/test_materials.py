@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from erosion.explorer.materials import read_materials
+from erosion.explorer.controls import read_materials
 from erosion.parameters.materials import known_particles, known_targets
 from erosion.parameters.units import System
 

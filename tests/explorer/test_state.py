@@ -10,11 +10,9 @@ import pytest
 from nicegui.events import GenericEventArguments
 
 from erosion.explorer.computed import Computed
-from erosion.explorer.elements import _tell
-from erosion.explorer.sliders import Range, at_position, position, range_of, text_of, unit_of, with_spin
-from erosion.explorer.state import Case, OwnNumber, State
-from erosion.explorer.views.numbers import numbers
-from erosion.explorer.wording import sentence
+from erosion.explorer.controls import Range, _tell, at_position, position, range_of, text_of, unit_of, with_spin
+from erosion.explorer.state import Case, OwnNumber, State, sentence
+from erosion.explorer.views import numbers
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass

@@ -9,7 +9,7 @@ import pytest
 
 COUNT = """
 import ctypes, sys, tempfile, threading
-from erosion.explorer.threads import in_thread, share_memory
+from erosion.explorer.computed import in_thread, share_memory
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
 libc.fopen.restype = ctypes.c_void_p

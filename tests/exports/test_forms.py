@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.exports.particle import particle_of
+from erosion.cfd.exports import particle_of
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.exports.tables import to_csv
+from erosion.cfd.exports import to_csv
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.exports.tables import to_csv
+from erosion.cfd.exports import to_csv
 
 P = erosion.TABLE_1
 SI = P.to("si")

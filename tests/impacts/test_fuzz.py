@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import erosion
 from erosion.distributions import Distribution, read_distribution
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.ranges import read_axis
+from erosion.parameters.quantities import read_axis
 from erosion.parameters.units import read_quantity
 from tests.parameters.test_parameters import GOOD, case_text
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.lanes import element_of, split
-from erosion.impacts.outcomes import end_names
+from erosion.impacts.impact import end_names
+from erosion.impacts.volume import element_of, split
 from erosion.ode import batch
 from erosion.ode.batch import integrate
 from tests.reference import AT_20_DEGREES, CLOSED, closed_form

@@ -6,8 +6,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.impacts.lanes import split
-from erosion.ode.smoothness import may_have_kinks
+from erosion.impacts.volume import split
+from erosion.ode.reduction import may_have_kinks
 from tests.kinked_laws import KNOTS_OF, Breaking, Cond, Power, Table, Where, model_of, random_impacts
 
 CONTINUOUS = [Table, Where, Cond, Power]

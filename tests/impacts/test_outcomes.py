@@ -1,7 +1,7 @@
 import jax.numpy as jnp
 
 import erosion
-from erosion.impacts.outcomes import OTHER_ENDS, end_names
+from erosion.impacts.impact import OTHER_ENDS, end_names
 from erosion.models import Linearized
 
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.outcomes import end_names
-from erosion.impacts.states import States, states_at
+from erosion.impacts.impact import States, end_names, states_at
 from tests.reference import closed_form
 
 P = erosion.TABLE_1.replace(phidot0=1000.0)

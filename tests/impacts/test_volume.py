@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.lanes import split
+from erosion.impacts.volume import split
 from erosion.ode import traced as module
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.layout import Layout
-from erosion.ode.variational import Derivatives
+from erosion.ode.variational import Derivatives, Layout
 from erosion.parameters.parameters import QUANTITIES
 from tests.reference import closed_form
 

@@ -7,8 +7,8 @@ import pytest
 
 import erosion
 from erosion import ode
+from erosion.impacts.simulate import path as follow
 from erosion.models.base import CuttingModel, Tip
-from erosion.trajectory.path import path as follow
 
 ALPHAS = np.linspace(0.05, 1.5, 7)
 P = erosion.TABLE_1.replace(k=1.0, alpha=ALPHAS)

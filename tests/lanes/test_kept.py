@@ -10,7 +10,7 @@ import textwrap
 import numpy as np
 import pytest
 
-from erosion.lanes import kept
+from erosion.lanes import machine
 from erosion.lanes.lanewise import Lanewise, number
 from erosion.lanes.machine import llvm
 
@@ -18,7 +18,7 @@ from erosion.lanes.machine import llvm
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     place = tmp_path / "cache" / "lanes"
-    monkeypatch.setattr(kept, "_place", lambda: place)
+    monkeypatch.setattr(machine, "_place", lambda: place)
     return place
 
 
@@ -57,9 +57,9 @@ def test_a_damaged_file_is_replaced(folder, damage):
 def test_a_file_under_another_name_does_not_count(folder):
     _compiled(3.0)
     (file,) = folder.iterdir()
-    other = kept.key_of("other")
+    other = machine.key_of("other")
     file.rename(folder / other)
-    assert kept.read(other) is None
+    assert machine.read_kept(other) is None
 
 
 def test_a_folder_that_others_may_write_is_not_used(folder):
@@ -84,28 +84,28 @@ def test_where_nothing_can_be_written_code_is_made(folder):
 
 
 def test_the_longest_unused_go_first(folder, monkeypatch):
-    monkeypatch.setattr(kept, "_MANY", 2)
+    monkeypatch.setattr(machine, "_KEPT_FILES", 2)
     for age, name in ((30, "a"), (20, "b")):
-        kept.write(kept.key_of(name), b"code")
-        os.utime(folder / kept.key_of(name), (1e9 - age, 1e9 - age))
-    assert kept.read(kept.key_of("a")) == b"code"
+        machine.write_kept(machine.key_of(name), b"code")
+        os.utime(folder / machine.key_of(name), (1e9 - age, 1e9 - age))
+    assert machine.read_kept(machine.key_of("a")) == b"code"
     (folder / "note").touch()
     os.utime(folder / "note", (0, 0))
-    kept.write(kept.key_of("c"), b"code")
+    machine.write_kept(machine.key_of("c"), b"code")
     assert (folder / "note").exists()
-    assert [kept.read(kept.key_of(name)) for name in "abc"] == [b"code", None, b"code"]
+    assert [machine.read_kept(machine.key_of(name)) for name in "abc"] == [b"code", None, b"code"]
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o620, 0o606])
 def test_a_file_that_others_may_have_written_does_not_count(folder, mode):
     """As one that was put there while the folder was open to all."""
-    kept.write(kept.key_of("a"), b"code")
-    (folder / kept.key_of("a")).chmod(mode)
-    assert kept.read(kept.key_of("a")) is None
+    machine.write_kept(machine.key_of("a"), b"code")
+    (folder / machine.key_of("a")).chmod(mode)
+    assert machine.read_kept(machine.key_of("a")) is None
 
 
 def test_a_file_of_another_owner_does_not_count(folder, monkeypatch):
-    kept.write(kept.key_of("a"), b"code")
+    machine.write_kept(machine.key_of("a"), b"code")
     usual = os.fstat
 
     def of_another(handle):
@@ -115,32 +115,32 @@ def test_a_file_of_another_owner_does_not_count(folder, monkeypatch):
         return os.stat_result(status)
 
     monkeypatch.setattr(os, "fstat", of_another)
-    assert kept.read(kept.key_of("a")) is None
+    assert machine.read_kept(machine.key_of("a")) is None
 
 
 def test_a_folder_that_is_exchanged_meanwhile_does_not_count(folder, monkeypatch):
-    kept.write(kept.key_of("a"), b"code")
-    usual = kept._own_folder
+    machine.write_kept(machine.key_of("a"), b"code")
+    usual = machine._own_folder
 
     def exchanged():
         place = usual()
         folder.chmod(0o777)  # as a folder of another owner would be
         return place
 
-    monkeypatch.setattr(kept, "_own_folder", exchanged)
-    assert kept.read(kept.key_of("a")) is None
+    monkeypatch.setattr(machine, "_own_folder", exchanged)
+    assert machine.read_kept(machine.key_of("a")) is None
 
 
 def test_a_pipe_is_not_waited_for(folder):
-    kept.write(kept.key_of("b"), b"code")
-    os.mkfifo(folder / kept.key_of("a"), 0o600)
-    assert kept.read(kept.key_of("a")) is None
+    machine.write_kept(machine.key_of("b"), b"code")
+    os.mkfifo(folder / machine.key_of("a"), 0o600)
+    assert machine.read_kept(machine.key_of("a")) is None
 
 
 def test_code_is_found_where_no_time_can_be_set(folder, monkeypatch):
-    kept.write(kept.key_of("a"), b"code")
+    machine.write_kept(machine.key_of("a"), b"code")
     monkeypatch.setattr(os, "utime", _refused)
-    assert kept.read(kept.key_of("a")) == b"code"
+    assert machine.read_kept(machine.key_of("a")) == b"code"
 
 
 def _refused(*_):
@@ -148,37 +148,37 @@ def _refused(*_):
 
 
 def test_what_cannot_be_removed_stays_alone(folder, monkeypatch):
-    monkeypatch.setattr(kept, "_MANY", 1)
-    kept.write(kept.key_of("a"), b"code")
+    monkeypatch.setattr(machine, "_KEPT_FILES", 1)
+    machine.write_kept(machine.key_of("a"), b"code")
     (folder / "a folder").mkdir()
     os.utime(folder / "a folder", (1e9 - 2, 1e9 - 2))
-    os.utime(folder / kept.key_of("a"), (1e9 - 1, 1e9 - 1))
-    kept.write(kept.key_of("b"), b"code")
-    assert kept.read(kept.key_of("a")) is None
+    os.utime(folder / machine.key_of("a"), (1e9 - 1, 1e9 - 1))
+    machine.write_kept(machine.key_of("b"), b"code")
+    assert machine.read_kept(machine.key_of("a")) is None
 
 
 def test_an_interrupt_leaves_no_draft(folder, monkeypatch):
-    kept.write(kept.key_of("a"), b"code")
+    machine.write_kept(machine.key_of("a"), b"code")
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(kept.Path, "replace", interrupted)
+    monkeypatch.setattr(machine.Path, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        kept.write(kept.key_of("b"), b"code")
-    assert [file.name for file in folder.iterdir()] == [kept.key_of("a")]
+        machine.write_kept(machine.key_of("b"), b"code")
+    assert [file.name for file in folder.iterdir()] == [machine.key_of("a")]
 
 
 def test_a_user_without_a_home_keeps_nothing(tmp_path, monkeypatch):
     import platformdirs
 
-    kept._place.cache_clear()
-    monkeypatch.setattr(platformdirs, "user_cache_path", lambda *_, **__: kept.Path("~/.cache/erosion"))
+    machine._place.cache_clear()
+    monkeypatch.setattr(platformdirs, "user_cache_path", lambda *_, **__: machine.Path("~/.cache/erosion"))
     monkeypatch.chdir(tmp_path)
     try:
-        kept.write(kept.key_of("a"), b"code")
+        machine.write_kept(machine.key_of("a"), b"code")
     finally:
-        kept._place.cache_clear()
+        machine._place.cache_clear()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -198,7 +198,7 @@ def test_processes_that_write_one_file_at_once(folder):
     command = [sys.executable, "-c", textwrap.dedent(program), str(folder)]
     processes = [subprocess.Popen(command) for _ in range(3)]
     assert [process.wait(60) for process in processes] == [0, 0, 0]
-    assert [file.name for file in folder.iterdir()] == [kept.key_of("a")]
+    assert [file.name for file in folder.iterdir()] == [machine.key_of("a")]
 
 
 @pytest.mark.slow

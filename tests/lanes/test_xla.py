@@ -8,8 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from erosion.lanes.lanewise import Lanewise, number
-from erosion.lanes.xla import XlaLanes
+from erosion.lanes.lanewise import Lanewise, XlaLanes, number
 from tests.lanes.test_lanewise import FUNCTIONS, X, Y
 
 pytestmark = pytest.mark.slow
@@ -30,7 +29,7 @@ def test_both_compilers_agree(function):
 # Without its passes of fusion XLA compiles in a tenth of the time, see `lanes/xla.py`.
 PROGRAM = """
 import jax, erosion
-from erosion.lanes.xla import _ON_A_CPU
+from erosion.lanes.lanewise import _ON_A_CPU
 p = erosion.TABLE_1
 hits = erosion.impact("linearized", p.replace(alpha=[0.3, 0.6, 1.1]))
 slope = jax.grad(lambda alpha: erosion.volume("linearized", p.replace(alpha=alpha)))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.cfd.impacts import ImpactBlock, Impacts
+from erosion.cfd.rows import ImpactBlock, Impacts
 from erosion.cfd.surface import Surface
 
 _COLUMNS = [field.name for field in dataclasses.fields(ImpactBlock)][2:]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import erosion
-import erosion.maps.job
-from erosion.cfd.impacts import ImpactsError
+import erosion.cfd.erosion_map
+from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.map_result import MapSummary
+from erosion.cfd.rows import ImpactsError
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
-from erosion.maps.erosion_map import erosion_map
-from erosion.maps.result import MapSummary
 from tests.maps.tables import Table, hump, sand
 
 pytestmark = pytest.mark.slow
@@ -79,7 +79,7 @@ def test_finnie_is_the_formula_that_openfoam_sums() -> None:
 
 @pytest.mark.parametrize("block", [1, 7, 100, 10**6])
 def test_the_bits_do_not_depend_on_the_blocks(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
-    monkeypatch.setattr("erosion.maps.job._PORTION", 128)
+    monkeypatch.setattr("erosion.cfd.erosion_map._PORTION", 128)
     table, law = sand(SURFACE, 300), Normal(0.0, 1e4)
     whole = erosion_map("rotating", P, table, SURFACE, spin=law, seed=3)
     cut = erosion_map("rotating", P, sand(SURFACE, 300, block=block), SURFACE, spin=law, seed=3)
@@ -263,7 +263,7 @@ class TestRows:
         np.testing.assert_array_equal(there["volume"], erosion_map("rotating", P, table, SURFACE)["volume"])
 
     def test_impacts_that_fail_are_counted_apart(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        table, computed = sand(SURFACE, 40), erosion.maps.job.impact
+        table, computed = sand(SURFACE, 40), erosion.cfd.erosion_map.impact
         failed = erosion.impact("rotating", P.replace(v0=[np.nan])).outcome[0]
 
         def failing(*arguments: Any, **options: Any) -> Any:
@@ -271,7 +271,7 @@ class TestRows:
             outcome = np.where(lost, failed, results.outcome)
             return dataclasses.replace(results, volume=np.where(lost, np.nan, results.volume), outcome=outcome)
 
-        monkeypatch.setattr("erosion.maps.job.impact", failing)
+        monkeypatch.setattr("erosion.cfd.erosion_map.impact", failing)
         lose = 4
         wear = erosion_map("rotating", P, table, SURFACE)
         assert dict(zip(wear["end"].values, wear["ends"].sum("patch").values, strict=True))["failed"] == 4

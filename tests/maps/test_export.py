@@ -9,8 +9,8 @@ import xarray as xr
 
 import erosion
 import erosion.cfd.surface
-from erosion.maps.erosion_map import erosion_map
-from erosion.maps.export import write_map
+from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.map_result import write_map
 from tests.maps.tables import hump, sand
 
 pyvista = pytest.importorskip("pyvista")

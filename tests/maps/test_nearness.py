@@ -8,11 +8,11 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.cfd.impacts import ImpactsError
+from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_surface
+from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface
-from erosion.maps.erosion_map import erosion_map
-from erosion.maps.result import MapSummary
 from tests.maps.parts import PARTS, pipe, plate, polygons, rows_on, write
 from tests.maps.tables import Table
 

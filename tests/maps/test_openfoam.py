@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.read import read_impacts, read_surface
-from erosion.maps.erosion_map import erosion_map
 
 foamlib = pytest.importorskip("foamlib")
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from erosion.maps.incidence import LEFT_OUT, Hits
-from erosion.maps.tally import Tally, portion_of
+from erosion.cfd.incidence import LEFT_OUT, Hits
+from erosion.cfd.tally import Tally, portion_of
 
 
 def hits(rows: int, face: np.ndarray, **changes: np.ndarray) -> Hits:

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import erosion
-import erosion.maps.job
+import erosion.cfd.erosion_map
+from erosion.cfd.bodies import Bodies
+from erosion.cfd.erosion_map import erosion_map, prepare_map
+from erosion.cfd.map_result import MapOptions, MapSummary
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.joint_laws import Correlated, JointLaw, Rows
-from erosion.maps.bodies import Bodies
-from erosion.maps.erosion_map import erosion_map, prepare_map
-from erosion.maps.options import MapOptions
-from erosion.maps.result import MapSummary
 from tests.maps.tables import Table, hump, sand
 
 pytestmark = pytest.mark.slow
@@ -111,7 +110,7 @@ def test_it_is_a_map_for_each_draw() -> None:
 
 @pytest.mark.parametrize("block", [7, 100])
 def test_the_bits_do_not_depend_on_the_blocks(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
-    monkeypatch.setattr("erosion.maps.job._PORTION", 16 * 64)
+    monkeypatch.setattr("erosion.cfd.erosion_map._PORTION", 16 * 64)
     options: dict[str, Any] = {"uncertain": metal(), "spin": Normal(0.0, 1e4), "draws": 16, "k": Uniform(1.5, 2.5)}
     whole = erosion_map("rotating", P, sand(SURFACE, 300), SURFACE, **options)
     assert whole.identical(erosion_map("rotating", P, sand(SURFACE, 300, block=block), SURFACE, **options))
@@ -148,7 +147,7 @@ def test_the_identity_of_a_map_knows_the_rows_of_a_law() -> None:
 def test_an_impact_that_fails_for_one_draw_is_counted_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     import dataclasses
 
-    computed, failed = erosion.maps.job.impact, erosion.impact("rotating", P.replace(v0=[np.nan])).outcome[0]
+    computed, failed = erosion.cfd.erosion_map.impact, erosion.impact("rotating", P.replace(v0=[np.nan])).outcome[0]
 
     def failing(*arguments: Any, **options: Any) -> Any:
         results = computed(*arguments, **options)
@@ -157,7 +156,7 @@ def test_an_impact_that_fails_for_one_draw_is_counted_apart(monkeypatch: pytest.
         outcome = np.where(lost, failed, results.outcome)
         return dataclasses.replace(results, volume=np.where(lost, np.nan, results.volume), outcome=outcome)
 
-    monkeypatch.setattr("erosion.maps.job.impact", failing)
+    monkeypatch.setattr("erosion.cfd.erosion_map.impact", failing)
     wear = erosion_map("rotating", P, TABLE, SURFACE, uncertain=metal(), draws=4)
     assert int(wear["total_impacts"]) == 995
     assert MapSummary(wear).warnings == ["5 impacts could not be computed, and are not counted."]

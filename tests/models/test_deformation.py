@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.checks.verify import Subject
 from erosion.cli import _status
 from erosion.distributions import Normal
 from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating
 from erosion.models.own_parameters import own_parameters
-from erosion.verification.checks import Subject
 
 P = erosion.TABLE_1
 STRESS = float(P.sigma * P.psi)

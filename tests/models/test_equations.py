@@ -13,9 +13,9 @@ import pytest
 
 import erosion
 from erosion.distributions import Normal
-from erosion.impacts.lanes import split
+from erosion.impacts.simulate import path
+from erosion.impacts.volume import split
 from erosion.models.equations import equations_of, model_digest
-from erosion.trajectory.path import path
 from tests.impacts.test_force_laws import Table
 
 P = erosion.TABLE_1

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.calibration import Measurements, rank_models
 from erosion.cli import _status
 from erosion.distributions import Normal
-from erosion.explorer.answers import Answers
+from erosion.explorer.computed import Answers
 from erosion.explorer.state import Case
+from erosion.fits import Measurements, rank_models
 from erosion.models import load_model, model_source
 from erosion.models.equations import model_digest
 from erosion.sweeps.grid import make_grid
@@ -187,7 +187,7 @@ def test_a_worker_that_finds_another_text_stops_the_sweep(tmp_path: Path, monkey
     store = tmp_path / "out.zarr"
     job = prepare_sweep(grid, store=store)
     (region,) = job.store.missing()
-    from erosion.storage.identity import code_version
+    from erosion.models.identity import code_version
 
     path.write_text(text("2.0"))
     monkeypatch.setattr("erosion.sweeps.grid._known", {})  # as in another process

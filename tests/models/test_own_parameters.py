@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli.optimum import _print, _print_sensitivities
+from erosion.checks.verify import Subject
+from erosion.cli.run import _print, _print_sensitivities
+from erosion.impacts.alpha_max import EndTime
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.equations import flaw
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.ode import batch
-from erosion.optimum.objectives import EndTime
-from erosion.verification.checks import Subject
 from tests.reference import closed_form
 
 P = erosion.TABLE_1

@@ -7,10 +7,9 @@ import jax
 import numpy as np
 
 from erosion.ode.batch import integrate
-from erosion.ode.equations import is_number, struct_of
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.layout import Layout, Options
-from erosion.ode.problem import Problem
+from erosion.ode.problem import Problem, is_number, struct_of
+from erosion.ode.variational import Layout, Options
 
 
 def lanes_of(problem: Problem, args: Any, options: Options | None = None) -> tuple[Layout, list[Any]]:

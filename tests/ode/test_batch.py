@@ -9,9 +9,8 @@ import pytest
 from erosion.lanes.lanewise import WIDTH
 from erosion.ode import batch
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.layout import Layout
 from erosion.ode.problem import Event, Problem
-from erosion.ode.variational import Derivatives
+from erosion.ode.variational import Derivatives, Layout
 from tests.ode.problems import lanes_of
 
 RTOL = 1e-9

@@ -10,9 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from erosion import ode
-from erosion.ode.layout import Clock, Options
-from erosion.ode.smoothness import may_have_kinks
+from erosion.ode.reduction import may_have_kinks
 from erosion.ode.solve import lanes_of
+from erosion.ode.variational import Clock, Options
 
 BALL = ode.Problem(
     lambda args: {"y": args["h"], "v": 0.0},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from erosion.ode import event_steps, step_control
+from erosion.ode import crossings, step_control
 from erosion.ode.crossings import Ends
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, LOCATING, Control, Limits
 
@@ -22,10 +22,10 @@ def start(step: float = FIRST) -> Control:
 @jax.jit
 def after_trial(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
     """As the integrator does it."""
-    trial = event_steps.look(control, before, after, list(zip((0.15, 0.92), within, strict=True)), error, jnp.ones(()))
+    trial = crossings.look(control, before, after, list(zip((0.15, 0.92), within, strict=True)), error, jnp.ones(()))
     return jax.lax.cond(
-        event_steps.is_near_an_end(control, trial),
-        lambda: event_steps.decide(control, trial, SCALE, LIMITS),
+        crossings.is_near_an_end(control, trial),
+        lambda: crossings.decide(control, trial, SCALE, LIMITS),
         lambda: step_control.go_on(control, trial.error, trial.lowest, SCALE, LIMITS),
     )
 
@@ -39,7 +39,7 @@ def follow(
         return [Ends(jnp.asarray(event(time)), jnp.asarray(event.deriv()(time))) for event in events]
 
     def within_limit(control: Control) -> Control:
-        return control if until is None else event_steps.stop_at(control, until)
+        return control if until is None else crossings.stop_at(control, until)
 
     control, here = within_limit(start(step)), at(0.0)
     while step_control.goes_on(control):
@@ -49,7 +49,7 @@ def follow(
         control, moved = after_trial(control, here, there, within, jnp.asarray(error))
         control = within_limit(control)
         here = there if moved else here
-    event, remaining = event_steps.first_fall(control, at(float(control.time + control.left)))
+    event, remaining = crossings.first_fall(control, at(float(control.time + control.left)))
     return control, int(event), float(control.time + control.left + remaining)
 
 
@@ -80,11 +80,11 @@ def test_a_wrong_expectation_of_two_falls_is_mended() -> None:
     """Newton's method at the place where event 0 was expected says that event 1 falls before."""
     ended = start()._replace(mode=ENDED, event=jnp.asarray(0), left=jnp.asarray(0.01))
     ends = [Ends(jnp.asarray(1e-6), jnp.asarray(-1.0)), Ends(jnp.asarray(-1e-6), jnp.asarray(-1.0))]
-    event, remaining = event_steps.first_fall(ended, ends)
+    event, remaining = crossings.first_fall(ended, ends)
     assert (event, remaining) == (1, -1e-6)
     # An event that fell before the step began is not this lane's end; nor is one that rises.
     for other in (Ends(jnp.asarray(-0.5), jnp.asarray(-1.0)), Ends(jnp.asarray(1e-6), jnp.asarray(1.0))):
-        assert event_steps.first_fall(ended, [ends[0], other]) == (0, 1e-6)
+        assert crossings.first_fall(ended, [ends[0], other]) == (0, 1e-6)
 
 
 def dip(lowest: float) -> Polynomial:

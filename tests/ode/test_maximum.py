@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
 from erosion import ode
-from erosion.tables import to_json
+from erosion.output.tables import to_json
 
 G = 9.81
 SHOT = {"angle": 0.0, "v": 50.0, "drag": 0.0}

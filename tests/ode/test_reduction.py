@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from erosion.ode.layout import Options
 from erosion.ode.problem import Event, Problem
 from erosion.ode.reduction import WholeMotion, motion_of
+from erosion.ode.variational import Options
 from tests.ode.problems import ended, lanes_of
 
 

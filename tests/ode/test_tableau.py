@@ -3,7 +3,7 @@ import functools
 import diffrax
 import numpy as np
 
-from erosion.ode import tableau
+from erosion.ode import step_control
 
 
 @functools.cache
@@ -21,8 +21,8 @@ def _forests(order):
 
 def _conditions(order):
     """The stages' elementary weights (trees, stages) of Butcher's conditions up to an order."""
-    a = np.zeros((tableau.B.size,) * 2)
-    for i, row in enumerate(tableau.A):
+    a = np.zeros((step_control.B.size,) * 2)
+    for i, row in enumerate(step_control.A):
         a[i + 1, : row.size] = row
 
     def weight(tree):
@@ -33,7 +33,7 @@ def _conditions(order):
 
 def test_the_second_estimate_is_of_sixth_order_and_its_own():
     assert len(_conditions(7)) == 1 + 1 + 2 + 4 + 9 + 20 + 48
-    check, error = tableau.B_CHECK, tableau.B_ERROR
+    check, error = step_control.B_CHECK, step_control.B_ERROR
     assert np.abs(_conditions(7) @ error).max() < 1e-13
     assert np.abs(_conditions(6) @ check).max() < 1e-13
     assert np.abs(_conditions(7) @ check).max() > 1e-3
@@ -45,6 +45,6 @@ def test_the_second_estimate_is_of_sixth_order_and_its_own():
 
 def test_the_pair_is_that_of_diffrax():
     pair = diffrax.Dopri8.tableau
-    assert [list(row) for row in tableau.A] == [list(row) for row in pair.a_lower]
-    assert list(tableau.B) == list(pair.b_sol)
-    assert list(tableau.B_ERROR) == list(pair.b_error)
+    assert [list(row) for row in step_control.A] == [list(row) for row in pair.a_lower]
+    assert list(step_control.B) == list(pair.b_sol)
+    assert list(step_control.B_ERROR) == list(pair.b_error)

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.lanes import split
+from erosion.impacts.maxima import over_angles
+from erosion.impacts.volume import split
 from erosion.ode.resolve import Cells, Scan, joined
-from erosion.optimum.maxima import over_angles
-from erosion.tables import to_json
+from erosion.output.tables import to_json
 from tests.reference import closed_form
 
 pytestmark = pytest.mark.slow

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.impacts.alpha_max import OBJECTIVES
 from erosion.models import Linearized
 from erosion.models.base import Broadcast
 from erosion.models.deformation import Deformation
 from erosion.models.trigonometry import sincos
-from erosion.optimum.objectives import OBJECTIVES
 from tests.kinked_laws import Breaking, model_of
 
 P = erosion.TABLE_1

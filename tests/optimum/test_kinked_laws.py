@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.plotting.angles import pieces, plot_optimum
+from erosion.plotting.curves import pieces, plot_optimum
 from tests.kinked_laws import Breaking, Power, Table, Where, model_of
 
 P = erosion.TABLE_1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.optimum.maxima import limit_at_zero
+from erosion.impacts.maxima import limit_at_zero
 from tests.reference import closed_form
 
 P = erosion.TABLE_1
@@ -103,7 +103,7 @@ def test_least_removal_over_all_angles_is_nothing():
 
 @pytest.mark.parametrize("ends", [(0.0, 1e-5), (0.3, 0.3 + 1e-9)])
 def test_a_narrow_range_is_drawn(ends):
-    from erosion.plotting.angles import pieces
+    from erosion.plotting.curves import pieces
 
     best = erosion.alpha_max("linearized", P, alpha_range=ends)
     angles = np.concatenate([piece.alpha for piece in pieces(best)])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from erosion.parameters.ranges import read_axis
+from erosion.parameters.quantities import read_axis
 from erosion.parameters.units import UnitError
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.plotting.angles import plot_optimum
+from erosion.plotting.curves import plot_optimum
 from erosion.plotting.motion import plot_path
-from erosion.plotting.studies import plot_comparison
 from erosion.plotting.style import new_figure, render
-from erosion.plotting.sweeps import plot_sweep
+from erosion.plotting.sweeps import plot_comparison, plot_sweep
 
 pytestmark = pytest.mark.slow
 

@@ -7,10 +7,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 from matplotlib.text import Text
 
-from erosion.calibration import calibrate
+from erosion.fits import calibrate
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
-from erosion.plotting.calibrations import plot_calibration, plot_profile
+from erosion.plotting.fits import plot_calibration, plot_profile
 from erosion.plotting.style import new_axes
 
 pytestmark = pytest.mark.slow

@@ -8,8 +8,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import erosion
+from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.surface import Surface
-from erosion.maps.erosion_map import erosion_map
 from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view
 from tests.maps.tables import Table, hump, sand

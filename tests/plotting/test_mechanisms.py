@@ -6,10 +6,10 @@ from matplotlib.figure import Figure
 
 import erosion
 from erosion.models import Linearized, ProportionalDeformationWear
-from erosion.plotting.angles import plot_optimum
-from erosion.plotting.labels import AT_CONTACT
+from erosion.plotting.curves import plot_optimum
 from erosion.plotting.motion import plot_trajectory
-from erosion.plotting.studies import plot_comparison
+from erosion.plotting.style import AT_CONTACT
+from erosion.plotting.sweeps import plot_comparison
 
 P = erosion.TABLE_1
 MODEL = Linearized(deformation=ProportionalDeformationWear(1.6, 0.25 * float(P.v0)))

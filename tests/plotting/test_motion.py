@@ -5,6 +5,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
+from erosion.impacts.simulate import Trajectory, simulate
 from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
@@ -18,8 +19,6 @@ from erosion.plotting.motion import (
     plot_volume,
 )
 from erosion.plotting.style import new_axes, new_figure, save_plot
-from erosion.trajectory.simulate import simulate
-from erosion.trajectory.trajectory import Trajectory
 
 CLOSED = LinearizedCut()
 

@@ -7,10 +7,10 @@ import pytest
 from matplotlib.container import ErrorbarContainer
 
 from erosion import impact
+from erosion.fits import next_experiment, posterior, rank_posteriors
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
-from erosion.plotting.posteriors import plot_best_angles, plot_next_experiment, plot_pairs, plot_prediction, plot_traces
-from erosion.posteriors import next_experiment, posterior, rank_posteriors
+from erosion.plotting.fits import plot_best_angles, plot_next_experiment, plot_pairs, plot_prediction, plot_traces
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from erosion import ode
-from erosion.plotting.solutions import plot_solution
+from erosion.plotting.motion import plot_solution
 
 SPRING = ode.Problem(
     y0={"x": 1.0, "v": np.zeros(2)},

@@ -2,7 +2,7 @@
 
 import erosion
 from erosion.distributions import Normal
-from erosion.plotting.streams import plot_stream
+from erosion.plotting.maps import plot_stream
 
 
 def test_errors_and_bands_say_that_they_are_by_sampling_alone():

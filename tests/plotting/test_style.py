@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
+from erosion.impacts.simulate import Trajectory
 from erosion.plotting.motion import plot_path, plot_trajectory
 from erosion.plotting.style import new_axes, new_figure, save_figure, save_plot
-from erosion.trajectory.trajectory import Trajectory
 
 pytestmark = pytest.mark.slow
 

@@ -9,12 +9,12 @@ from matplotlib.collections import QuadMesh
 
 import erosion
 from erosion.distributions import LogNormal
-from erosion.plotting.streams import plot_nozzle_angle, plot_stream
+from erosion.plotting.maps import plot_nozzle_angle, plot_stream
 from erosion.plotting.style import new_axes
 from erosion.plotting.sweeps import plot_sweep
-from erosion.streams.nozzle import NozzleAngle
-from erosion.streams.replicates import Estimate
+from erosion.streams.result import NozzleAngle
 from erosion.streams.stream import stream
+from erosion.streams.tally import Estimate
 from erosion.sweeps.sweep import sweep
 
 P = erosion.TABLE_1

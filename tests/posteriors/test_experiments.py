@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from erosion.distributions import Normal, Uniform
+from erosion.fits import next_experiment, posterior, rank_posteriors
+from erosion.fits.experiments import NextExperiment, _gains
 from erosion.impacts.impact import impact
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
-from erosion.posteriors import next_experiment, posterior, rank_posteriors
-from erosion.posteriors.experiments import NextExperiment, _gains
 
 pytestmark = pytest.mark.slow
 

@@ -8,15 +8,14 @@ import xarray as xr
 from scipy import stats
 
 import erosion
-from erosion.calibration.fitting import make_forward
 from erosion.distributions import LogUniform, Normal, Uniform
+from erosion.fits import ConvergenceWarning, Posterior, SamplingError, posterior, tempering
+from erosion.fits.calibration import make_forward
+from erosion.fits.posterior_files import read_draws
+from erosion.fits.tempering import Likelihood, make_priors
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
-from erosion.posteriors import ConvergenceWarning, Posterior, SamplingError, posterior, tempering
-from erosion.posteriors.files import read_draws
-from erosion.posteriors.likelihood import Likelihood
-from erosion.posteriors.priors import make_priors
 
 pytestmark = pytest.mark.slow
 
@@ -263,7 +262,7 @@ def test_bad_arguments(options, message):
 
 
 def test_a_model_that_fails_is_said_to_fail(monkeypatch):
-    from erosion.calibration.forward import Forward
+    from erosion.fits.forward import Forward
 
     monkeypatch.setattr(
         Forward, "erosion", lambda self, values, conditions, rtol: np.full((len(values["psi"]), 5), np.nan)

@@ -7,8 +7,9 @@ import pytest
 from scipy import stats
 
 from erosion.arguments import no_progress
-from erosion.posteriors import convergence, tempering
-from erosion.posteriors.tempering import Misfit, Run, SamplingError, sample
+from erosion.fits import tempering
+from erosion.fits.posterior import effective, rhats
+from erosion.fits.tempering import Misfit, Run, SamplingError, sample
 
 LINE = np.linspace(-6.0, 6.0, 12_001)
 
@@ -152,11 +153,11 @@ def test_progress_only_grows_to_its_end():
 def test_populations_that_disagree_have_a_great_rhat():
     rng = np.random.default_rng(0)
     draws = rng.standard_normal((4, 500, 2))
-    assert (convergence.rhats(draws) < 1.01).all()
-    assert (convergence.effective(draws) > 1500).all()
+    assert (rhats(draws) < 1.01).all()
+    assert (effective(draws) > 1500).all()
     draws[0, :, 1] += 2
-    agree, disagree = convergence.rhats(draws)
+    agree, disagree = rhats(draws)
     assert agree < 1.01 < 1.2 < disagree
     # Copies side by side count once.
     copies = np.repeat(rng.standard_normal((4, 50, 1)), 10, axis=1)
-    assert convergence.effective(copies)[0] < 400
+    assert effective(copies)[0] < 400

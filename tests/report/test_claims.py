@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.impacts.simulate import path
 from erosion.models import load_model
 from erosion.models.closed_forms import LinearizedCut, StraightCut
 from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.case import Case
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.questions.q3 import midpoint_rule
-from erosion.trajectory.path import path
 
 N = 200
 RNG = np.random.default_rng(16)

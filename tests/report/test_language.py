@@ -12,12 +12,11 @@ import pytest
 from matplotlib.text import Text
 
 import erosion
-from erosion.advice.figure import plot_advice
-from erosion.advice.page import write_advice
+from erosion.advice.page import plot_advice, write_advice
 from erosion.cli import _status
 from erosion.exercises import AnswerKey, notebook
 from erosion.exercises.answer_key import IN_OTHER_UNITS, NO_NUMBER, SLIPS, TASKS, UNKNOWN_TASK
-from erosion.language import ENGLISH, Language, catalogue_path, language, languages, message_blocks
+from erosion.output.language import ENGLISH, Language, catalogue_path, language, languages, message_blocks
 from erosion.parameters.materials import known_particles, known_targets
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.report import page, write_report

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from erosion.impacts.simulate import SimulationError
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1, Parameters
-from erosion.report.newton import Jet, greatest
-from erosion.trajectory.trajectory import SimulationError
+from erosion.report.studies import Jet, greatest
 
 CLOSED = LinearizedCut()
 

@@ -18,11 +18,9 @@ from erosion.parameters.per_mass import PerMass
 from erosion.plotting.style import legend_below, new_axes
 from erosion.report import write_report
 from erosion.report.case import Answer, Case, question
-from erosion.report.figures import fit_on_sheet
-from erosion.report.page import PARTS
+from erosion.report.page import PARTS, write_text
 from erosion.report.questions import QUESTIONS, a1, text_file
-from erosion.report.rotation import sensitivities
-from erosion.report.template import write_text
+from erosion.report.studies import fit_on_sheet, sensitivities
 from erosion.report.text import degrees
 
 pytestmark = pytest.mark.slow

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from erosion.parameters.parameters import TABLE_1
 from erosion.report.case import Answer, Case
-from erosion.report.markdown import to_html
-from erosion.report.template import Text, TextError, write_text
+from erosion.report.page import Text, TextError, write_text
+from erosion.report.text import to_html
 
 CASE = Case(TABLE_1, "Table 1")
 

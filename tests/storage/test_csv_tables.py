@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.storage.csv_tables import write_csv
+from erosion.impacts.dataset_files import write_csv
 
 P = erosion.TABLE_1.to("si")
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from erosion.storage.identity import StoreError
-from erosion.storage.netcdf import read_netcdf, write_netcdf
+from erosion.impacts.dataset_files import read_netcdf, write_netcdf
+from erosion.models.identity import StoreError
 
 DATASET = xr.Dataset(
     {
@@ -54,7 +54,7 @@ def test_a_write_that_fails_keeps_no_memory(tmp_path: Path, monkeypatch: pytest.
         contents.append(content)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("erosion.storage.netcdf.write_whole", full_disk)
+    monkeypatch.setattr("erosion.impacts.dataset_files.write_whole", full_disk)
     with pytest.raises(OSError, match="No space left"):
         write_netcdf(DATASET, tmp_path / "out.nc", IDENTITY)
     with pytest.raises(ValueError, match="released"):

@@ -10,8 +10,8 @@ from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.impacts.impact import impact
 from erosion.joint_laws import Correlated, Rows
 from erosion.parameters.parameters import TABLE_1
-from erosion.streams.sensitivity import sobol_indices
 from erosion.streams.stream import stream
+from erosion.streams.tally import sobol_indices
 
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
 

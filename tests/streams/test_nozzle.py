@@ -8,8 +8,8 @@ import pytest
 import erosion
 from erosion.distributions import LogNormal, Normal
 from erosion.models.closed_forms import LinearizedCut
+from erosion.output.tables import to_json
 from erosion.streams.stream import stream
-from erosion.tables import to_json
 
 pytestmark = pytest.mark.slow
 

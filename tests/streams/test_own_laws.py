@@ -14,10 +14,9 @@ import erosion
 from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.models import ForceLaw, Linearized
-from erosion.storage.identity import StoreError
-from erosion.streams.particles import Particles
-from erosion.streams.replicates import Points
+from erosion.models.identity import StoreError
 from erosion.streams.stream import REPLICATES, stream
+from erosion.streams.tally import Particles, Points
 from tests.cli.test_set_option import FILE
 from tests.documents import result_of
 from tests.models.test_own_parameters import MODEL, P, with_friction

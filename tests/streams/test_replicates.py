@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from erosion.streams.replicates import Estimate, Points
+from erosion.streams.tally import Estimate, Points
 
 
 @pytest.mark.parametrize("kind", ["sobol", "random"])

@@ -10,9 +10,9 @@ import erosion
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
 from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
-from erosion.storage.identity import StoreError
-from erosion.streams.particles import Particles
+from erosion.models.identity import StoreError
 from erosion.streams.stream import StreamInterrupted, stream
+from erosion.streams.tally import Particles
 
 P = erosion.TABLE_1
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}

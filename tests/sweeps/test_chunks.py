@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from erosion.sweeps.chunks import block_shape, regions
+from erosion.sweeps.grid import block_shape, regions
 
 NAMES = ("alpha", "k", "v0")
 

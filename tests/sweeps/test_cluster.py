@@ -32,7 +32,7 @@ def whole() -> xr.Dataset:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator:
-    from erosion.cluster import local_cluster
+    from erosion.impacts.cluster import local_cluster
 
     with local_cluster(2) as cluster, distributed.Client(cluster) as client:
         yield client
@@ -83,7 +83,7 @@ def test_a_plug_in_is_given_by_its_path(client, tmp_path):
 def test_workers_of_several_threads_are_refused(tmp_path):
     from distributed import Client, LocalCluster
 
-    from erosion.cluster import active_client
+    from erosion.impacts.cluster import active_client
 
     with (
         LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address="localhost:0") as cluster,
@@ -118,5 +118,5 @@ erosion.sweep("linearized", erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS
 
 
 def test_importing_the_cluster_leaves_jax_alone():
-    code = "import sys, erosion.cluster; sys.exit('jax' in sys.modules)"
+    code = "import sys, erosion.impacts.cluster; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0

@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.plotting.angles import pieces, plot_optimum
-from erosion.plotting.correlations import plot_against_correlations
-from erosion.plotting.curves import broken
-from erosion.plotting.studies import plot_comparison, plot_regimes
+from erosion.plotting.curves import broken, pieces, plot_against_correlations, plot_optimum
 from erosion.plotting.style import render
+from erosion.plotting.sweeps import plot_comparison, plot_regimes
 from tests.reference import closed_form
 
 pytestmark = pytest.mark.slow

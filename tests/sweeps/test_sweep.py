@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.storage.identity import StoreError
+from erosion.models.identity import StoreError
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import SweepInterrupted, sweep
 
@@ -163,7 +163,7 @@ def test_another_version_and_foreign_files_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "out.nc"
     sweep("linearized", P, store=path, alpha=[0.2])
     with monkeypatch.context() as patch:
-        patch.setattr("erosion.storage.identity.__version__", "9.9")
+        patch.setattr("erosion.models.identity.__version__", "9.9")
         with pytest.raises(StoreError, match="another version"):
             sweep("linearized", P, store=path, alpha=[0.2])
     path.write_text("notes")

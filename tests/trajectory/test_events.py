@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from erosion.trajectory.events import Fall, find_root, first_fall
+from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
 
 
 def looks(times: np.ndarray, **functions: Polynomial) -> Fall | None:

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.states import States, states_at
-from erosion.trajectory import path as module
-from erosion.trajectory.path import path
-from erosion.trajectory.trajectory import SimulationError
+from erosion.impacts import simulate as module
+from erosion.impacts.impact import States, states_at
+from erosion.impacts.simulate import SimulationError, path
 from tests.reference import closed_form
 
 P = erosion.TABLE_1

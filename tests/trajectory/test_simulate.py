@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.trajectory.trajectory import SimulationError, TurnWarning
+from erosion.impacts.simulate import SimulationError, TurnWarning
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
 
 pytestmark = pytest.mark.slow

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.plotting.validation import plot_validation
-from erosion.validation import Comparison, Fact, Validation, published_facts
-from erosion.validation.computed import COMPUTATIONS
-from erosion.validation.facts import KINDS
+from erosion.checks import Comparison, Fact, Validation, published_facts
+from erosion.checks.validate import COMPUTATIONS, KINDS
+from erosion.plotting.sweeps import plot_validation
 
 pytestmark = pytest.mark.slow
 

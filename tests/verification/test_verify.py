@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.checks.reference_solutions import EQUATIONS_OF, has_heyoka, heyoka_solutions, scipy_solution
+from erosion.checks.verify import BOUNDS, Check, Subject, Verification, cases
 from erosion.cli import main
 from erosion.models.registry import BUILT_IN
-from erosion.verification.checks import Subject, cases
-from erosion.verification.reference_solutions import EQUATIONS_OF, has_heyoka, heyoka_solutions, scipy_solution
-from erosion.verification.result import BOUNDS, Check, Verification
 from tests.documents import result_of
 from tests.reference import AS_PRINTED, AT_20_DEGREES
 

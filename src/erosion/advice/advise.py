@@ -5,26 +5,25 @@ from typing import Any
 
 import numpy as np
 
-from erosion.advice.result import NOZZLE_ANGLES, Advice, Curve
-from erosion.advice.uncertain import DRAWS, Uncertain
+from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress
-from erosion.calibration.forward import FRACTION
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
+from erosion.fits.forward import FRACTION
+from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact
+from erosion.impacts.simulate import SimulationError
 from erosion.models import called, load_model
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, correlated, made_for, members, per_mass_of
-from erosion.ode.precision import require_float64
-from erosion.optimum.alpha_max import alpha_max
+from erosion.ode.step_control import require_float64
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import QUANTITIES
-from erosion.streams.particles import Particles
-from erosion.trajectory.trajectory import SimulationError
+from erosion.streams.tally import Particles
 
 MODELS = (
     "linearized",

@@ -1,19 +1,143 @@
-"""An advice as one page: HTML for the browser and the printer, or a PDF of one sheet."""
+"""The curves of an advice, and the sheet of A4 that has them with the sentences and the table.
+
+An advice as one page: HTML for the browser and the printer, or a PDF of one sheet.
+"""
 
 import dataclasses
 import tempfile
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from erosion.advice.figure import plot_advice, sheet
-from erosion.advice.result import Advice, degrees
-from erosion.files import require_writable, write_whole
-from erosion.language import language
+from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees
+from erosion.output.files import require_writable, write_whole
+from erosion.output.language import language
 from erosion.parameters.quantities import QUANTITIES, quantity_row
-from erosion.plotting.style import render, save_plot
+from erosion.plotting.style import DIM, FAINT, INK, STYLES, house_style, new_axes, render, save_plot
 from erosion.report.frame import render_page
-from erosion.report.inline import inline_svg
+from erosion.report.text import inline_svg
+from erosion.version import __version__
+
+_DASHES: Sequence[Any] = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
+_MARKS = ("o", "s", "^", "v", "D", "x")
+_COLUMNS = ((0.09, 42), (0.43, 17), (0.595, 16), (0.745, 22))
+"""Where a column of the sheet's table begins, and the letters that it takes."""
+_A4 = (8.27, 11.69)  # in
+
+
+@house_style()
+def plot_advice(advice: Advice) -> Figure:
+    """Erosion over the nozzle's angle, each curve over its own maximum, and the advised angle."""
+    # Narrow, so that letters can be read where a phone shows it.
+    fig, ax = new_axes(4.6, 5.4)
+    _draw(advice, ax)
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    return fig
+
+
+@house_style()
+def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
+    """The whole advice on one sheet of A4.
+
+    Args:
+        advice: of `erosion.advise`.
+        notes: what it rests on: names with their texts.
+    """
+    fig = Figure(figsize=_A4)
+    left, y = 0.09, 0.945
+    fig.text(left, y, advice.language.text("Advice on a nozzle's angle"), fontsize=10, color=DIM)
+    y = _paragraphs(fig, [advice.title], y - 0.006, width=52, size=15.0, weight="bold")
+    y = _paragraphs(fig, advice.statements, y - 0.005, width=99, size=9.5)
+    texts = [f"{name}: {text}" for name, text in notes]
+    # The curves take what the table and the notes leave of the sheet.
+    below = 0.14 + _table_height(advice) + _paragraphs_height(texts, width=128, size=7.5) + 0.05
+    height = min(max(y - below, 0.12), 0.3)
+    ax = fig.add_axes((left + 0.02, y - 0.015 - height, 0.8, height))
+    _draw(advice, ax)
+    ax.yaxis.label.set_fontsize(8)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.035 / height), ncols=3, fontsize=8)
+    y = _table(fig, advice, y - height - 0.14)
+    _paragraphs(fig, texts, y - 0.005, width=128, size=7.5)
+    fig.text(left, 0.02, f"erosion {__version__}", fontsize=7.5, color=DIM)
+    return fig
+
+
+def _draw(advice: Advice, ax: Axes) -> None:
+    nozzle, say = np.rad2deg(NOZZLE_ANGLES), advice.language.say
+    for curve in (*advice.group("k"), *advice.group("psi"), *advice.group("draws")):
+        ax.plot(nozzle, curve.shares, color=DIM, linewidth=0.5, alpha=0.45)
+    for i, curve in enumerate(advice.group("correlations")):
+        ax.plot(nozzle, curve.shares, color=DIM, linewidth=1.4, linestyle=_DASHES[i % len(_DASHES)],
+                marker=_MARKS[i % len(_MARKS)], markersize=4, markerfacecolor="none", markevery=(10 + 4 * i, 30),
+                label=advice.language.number(f"{curve.name}: {degrees(curve.best)}"))  # fmt: skip
+    for i, curve in enumerate(advice.group("models")):
+        color, line = STYLES[i % len(STYLES)]
+        ax.plot(nozzle, curve.shares, color=color, linestyle=line, linewidth=1.8,
+                label=advice.language.number(f"{curve.name}: {degrees(curve.best)}"))  # fmt: skip
+    best = float(np.rad2deg(advice.alpha))
+    ax.plot(
+        nozzle,
+        advice.worst_shares,
+        color=INK,
+        linewidth=2.6,
+        label=say("the least of all: {angle}", angle=degrees(advice.alpha)),
+    )
+    ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    ax.plot(best, advice.worst_shares.max(), "*", color=INK, markersize=13)
+    ax.set_xlim(0, 90)
+    ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
+    ax.set_ylim(0, 1.03)
+    ax.set_xlabel(say("angle of the nozzle, from the surface"))
+    ax.set_ylabel(say("erosion by the jet, over its own greatest"))
+    ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.1f}"))
+
+
+def _paragraphs(
+    fig: Figure, texts: Sequence[str], y: float, *, width: int, size: float, weight: str = "normal"
+) -> float:
+    """Write paragraphs below each other from the height y; the height below them."""
+    line = 1.45 * size / 72 / _A4[1]
+    for text in texts:
+        for words in textwrap.wrap(text, width):
+            y -= line
+            fig.text(0.09, y, words, fontsize=size, weight=weight)
+        y -= 0.4 * line
+    return y
+
+
+def _paragraphs_height(texts: Sequence[str], *, width: int, size: float) -> float:
+    lines = sum(len(textwrap.wrap(text, width)) for text in texts)
+    return (lines + 0.4 * len(texts)) * 1.45 * size / 72 / _A4[1]
+
+
+def _cells(advice: Advice) -> list[list[list[str]]]:
+    """The lines of each cell of the table, row by row, the headings first."""
+    return [[textwrap.wrap(cell, letters) for cell, (_, letters) in zip(row, _COLUMNS, strict=True)]
+            for row in (advice.headings, *advice.rows())]  # fmt: skip
+
+
+def _table_height(advice: Advice) -> float:
+    return sum(0.004 + 0.0125 * max(map(len, cells)) for cells in _cells(advice))
+
+
+def _table(fig: Figure, advice: Advice, y: float) -> float:
+    """Write the table from the height y; the height below it."""
+    for i, cells in enumerate(_cells(advice)):
+        y -= 0.004
+        for line in range(max(map(len, cells))):
+            y -= 0.0125
+            for (x, _), lines in zip(_COLUMNS, cells, strict=True):
+                fig.text(x, y, "".join(lines[line : line + 1]), fontsize=8.5, weight="bold" if i == 0 else "normal")
+        fig.add_artist(Line2D([_COLUMNS[0][0], 0.93], [y - 0.004, y - 0.004], color=FAINT, linewidth=0.7))
+    return y - 0.01
+
 
 _DESCRIPTION = "Erosion by the jet over the angle of the nozzle, by every model and correlation, and the advised angle."
 

@@ -1,1 +1,1 @@
-"""What runs of CFD codes leave: tables of impacts, and the surfaces that they hit. No model is known here."""
+"""A CFD run: its tables of impacts and its surfaces, the wear of each face, and what the codes take of a model."""

@@ -1,17 +1,89 @@
-"""Open tables of impacts and surfaces by the kind of their files."""
+"""Surfaces from files of VTK and STL.
 
-from collections.abc import Sequence
+Open tables of impacts and surfaces by the kind of their files.
+"""
+
+import contextlib
+import logging
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from erosion.arguments import check_path
-from erosion.cfd import fluent, named_columns, openfoam_impacts, surface_files
-from erosion.cfd.impacts import Impacts, ImpactsError
-from erosion.cfd.openfoam_mesh import case_of, open_case
+from erosion.cfd import impact_tables, openfoam
+from erosion.cfd.openfoam import case_of, open_case
+from erosion.cfd.rows import Impacts, ImpactsError
 from erosion.cfd.surface import Surface, metres_of
+from erosion.extras import library
 from erosion.parameters.units import about, read_quantity
+
+SURFACE_SUFFIXES = (".vtp", ".stl", ".vtu")
+_STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
+_POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
+
+
+def open_surface(path: Path) -> Surface:
+    """The polygons of a file; of a VTU those cells that are polygons.
+
+    Raises:
+        ImpactsError: for a file that cannot be read, or that holds no polygons.
+    """
+    pyvista = library("pyvista", "cfd")
+    if path.suffix.lower() == ".stl":
+        _require_whole_stl(path)
+    try:
+        with _quiet(), pyvista.vtk_verbosity("off"):
+            mesh = pyvista.read(path)
+    except Exception as error:
+        raise ImpactsError(f"{path}: cannot be read; it is damaged, or no {path.suffix} file.") from error
+    grid = mesh.cast_to_unstructured_grid() if hasattr(mesh, "cast_to_unstructured_grid") else None
+    chosen = np.isin(grid.celltypes, _POLYGONS) if grid is not None and grid.n_cells else np.zeros(0, bool)
+    if grid is None or not chosen.any():
+        raise ImpactsError(f"{path}: holds no polygons; extract the surface of a volume's mesh first.")
+    cells = grid.GetCells()
+    corners = np.asarray(pyvista.convert_array(cells.GetConnectivityArray()), np.int64)
+    sizes = np.diff(pyvista.convert_array(cells.GetOffsetsArray()))
+    return Surface(
+        title=str(path),
+        points=np.asarray(grid.points, float),
+        corners=corners[np.repeat(chosen, sizes)],
+        ends=np.cumsum(sizes[chosen], dtype=np.int64),
+        patches=(path.stem,),
+        patch=np.zeros(int(chosen.sum()), np.int64),
+    )
+
+
+def _require_whole_stl(path: Path) -> None:
+    """Refuse a binary file that has other facets than its header says; VTK reads those that are there."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        start = file.read(_STL_HEAD)
+    # Binary files may begin with "solid", too.
+    if b"\0" not in start and start.lstrip().startswith(b"solid"):
+        return
+    facets = int.from_bytes(start[80:84], "little")
+    if size != 84 + 50 * facets:
+        raise ImpactsError(
+            f"{path}: cannot be read; it is damaged, or no .stl file: a binary one of its {size:,} bytes has "
+            f"{max(size - 84, 0) / 50:,.6g} facets, but it says that it has {facets:,}."
+        )
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Make pyvista raise what it would log and warn of, before it goes on with an empty mesh."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            yield
+    finally:
+        logging.disable(before)
+
 
 _IMPACTS = ".post, .dat, .dpm, .csv or .parquet"
 _SURFACES = ".vtp, .stl or .vtu"
@@ -66,16 +138,16 @@ def read_impacts(
     if duration is not None and not (np.isfinite(duration) and duration > 0):
         raise ImpactsError(f"Argument `duration` must be positive and finite, but is {duration!r}.")
     seconds = None if duration is None else float(duration)
-    if ignore and not named_columns.is_named(path):
+    if ignore and not impact_tables.is_named(path):
         raise ImpactsError(
             f"{path}: is no table with named columns (.csv, .parquet), so Argument `ignore` must be left out."
         )
-    if path.is_dir() or openfoam_impacts.is_table(path):
-        return openfoam_impacts.open_openfoam(path, case, kilograms, seconds)
-    if named_columns.is_named(path):
-        return named_columns.open_named(path, kilograms, seconds, ignore)
-    if path.name.removesuffix(".gz").endswith(fluent.SUFFIXES):
-        return fluent.open_fluent(path, kilograms, seconds)
+    if path.is_dir() or openfoam.is_table(path):
+        return openfoam.open_openfoam(path, case, kilograms, seconds)
+    if impact_tables.is_named(path):
+        return impact_tables.open_named(path, kilograms, seconds, ignore)
+    if path.name.removesuffix(".gz").endswith(impact_tables.FLUENT_SUFFIXES):
+        return impact_tables.open_fluent(path, kilograms, seconds)
     raise ImpactsError(f"{path}: is no table of impacts; its name must end in {_IMPACTS}.")
 
 
@@ -105,10 +177,10 @@ def read_surface(
     if path.is_dir():
         case = case_of(path)
         surface = open_case(path if case is None else case).surface(patch)
-    elif path.suffix.lower() in surface_files.SUFFIXES:
+    elif path.suffix.lower() in SURFACE_SUFFIXES:
         if patch is not None:
             raise ImpactsError(f"{path}: has no patches, so Argument `patch` must be left out.")
-        surface = surface_files.open_surface(path)
+        surface = open_surface(path)
     else:
         raise ImpactsError(f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {_SURFACES}.")
     surface = surface.in_unit(unit)

@@ -1,12 +1,114 @@
-"""From columns of a table to blocks of impacts: the same names and checks for all formats."""
+"""Impacts of a CFD run, read in blocks of rows, so that memory does not grow with their number.
 
+From columns of a table to blocks of impacts: the same names and checks for all formats.
+
+Tables of numbers between spaces and parentheses, as OpenFOAM and Fluent write them.
+"""
+
+import abc
+import codecs
+import contextlib
+import dataclasses
+import gzip
+import hashlib
+import io
 import math
-from collections.abc import Collection, Iterator, Mapping
+import re
+import zlib
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from erosion.cfd.impacts import ImpactBlock, ImpactsError
+from erosion.arguments import Indices, Numbers, Vectors
+from erosion.extras import library
+
+
+@dataclasses.dataclass(frozen=True)
+class ImpactBlock:
+    """Some consecutive rows of a table of impacts, each a parcel of equal particles, in SI units.
+
+    A row says how fast and how steeply it hits either by `velocity`, from which the surface's normal gives the angle of
+    attack, or by `speed` and `alpha`. It says where by `face`, else by `position`; a table may say neither.
+
+    Args:
+        source: the file of the rows, for messages.
+        first: number of the first row in this file, from 0.
+        count: particles that a row stands for, shape (rows,) [-].
+        mass: of one particle, shape (rows,) [kg].
+        diameter: of one particle, shape (rows,) [m].
+        velocity: of the impact, before the rebound, shape (rows, 3) [m/s].
+        speed: v₀, shape (rows,) [m/s].
+        alpha: angle of attack, shape (rows,) [rad].
+        spin: φ̇₀ as `Parameters` has it, shape (rows,) [rad/s].
+        position: shape (rows, 3) [m].
+        face: index among the faces of the surface, -1 where the row names none of them, shape (rows,).
+        time: shape (rows,) [s].
+    """
+
+    source: str
+    first: int
+    count: Numbers
+    mass: Numbers
+    diameter: Numbers
+    velocity: Vectors | None = None
+    speed: Numbers | None = None
+    alpha: Numbers | None = None
+    spin: Numbers | None = None
+    position: Vectors | None = None
+    face: Indices | None = None
+    time: Numbers | None = None
+
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        return len(self.count)
+
+
+class Impacts(abc.ABC):
+    """A table of impacts that can be read again and again; `erosion.read_impacts` opens one.
+
+    Attributes:
+        title: file or folder, for messages and titles.
+        rows: their number, None where only reading all of them tells it.
+        duration: time that the table covers [s], None where it does not say; rates need it.
+        mesh_faces: whether `face` of its blocks counts the faces of the whole mesh (`Surface.face_of_mesh` leads from
+            them to the surface's own).
+        notes: sentences on what the table does not say, and what is taken instead.
+    """
+
+    title: str
+    rows: int | None
+    duration: float | None
+    mesh_faces: bool
+    notes: tuple[str, ...] = ()
+
+    @abc.abstractmethod
+    def blocks(self, rows: int) -> Iterator[ImpactBlock]:
+        """All rows in the order of the table, at most `rows` at a time.
+
+        Raises:
+            ImpactsError: a ValueError that names file and row.
+        """
+
+    @abc.abstractmethod
+    def identity(self) -> str:
+        """A digest of the content of all files, the same only for the same rows."""
+
+
+class ImpactsError(ValueError):
+    """A table of impacts or a surface that cannot be used; says which file, which row, and what to do."""
+
+
+def digest_of(paths: Sequence[Path], more: str) -> str:
+    """A digest of the content of files, in their order, and of what else the rows depend on."""
+    digest = hashlib.sha256(more.encode())
+    for path in paths:
+        with path.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()[:16]
+
 
 Columns = Mapping[str, np.ndarray]
 """Numbers in SI units by name, see `NAMES`; each shape (rows,)."""
@@ -175,3 +277,156 @@ def _faces(source: str, first: int, columns: Columns) -> np.ndarray | None:
             f"but is {values[row]:g}."
         )
     return faces
+
+
+_CHUNK = 1 << 22  # bytes that are read and parsed at once
+_HEAD = 1 << 16  # bytes in which a header must end
+_SPACES = bytes.maketrans(b"\t\r", b"  ")
+
+
+@contextlib.contextmanager
+def open_table(path: Path) -> Iterator[io.BufferedIOBase]:
+    """The file for reading within, decompressed where its name ends in ".gz".
+
+    Raises:
+        ImpactsError: where it cannot be opened or read.
+    """
+    try:
+        with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
+            yield file
+    except (OSError, EOFError, zlib.error) as error:
+        raise ImpactsError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
+
+
+def beginning(path: Path) -> bytes:
+    """The bytes in which a header must end.
+
+    Raises:
+        ImpactsError: for a file that cannot be read, an empty one, and one that is no text.
+    """
+    with open_table(path) as file:
+        start = file.read(_HEAD).removeprefix(codecs.BOM_UTF8)
+    if not start.strip():
+        raise ImpactsError(f"{path}: is empty.")
+    if b"\0" in start:
+        raise ImpactsError(f"{path}: is no table of text.")
+    return start
+
+
+def head(path: Path) -> list[str]:
+    """The first lines of a file, complete ones; errors as of `beginning`."""
+    start = beginning(path)
+    try:
+        lines = (start if len(start) < _HEAD else start[: start.rfind(b"\n") + 1]).decode().splitlines()
+    except UnicodeDecodeError:
+        lines = []
+    if not lines:
+        raise ImpactsError(f"{path}: is no table of text.")
+    return lines
+
+
+def header_names(path: Path, line: str) -> tuple[str, ...]:
+    """The columns that a header of OpenFOAM or Fluent names.
+
+    Raises:
+        ImpactsError: where it repeats one.
+    """
+    names = tuple(re.sub(r"[#()]", " ", line).split())
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ImpactsError(f"{path}: the header repeats {', '.join(repeated)}.")
+    return names
+
+
+def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str]) -> Iterator[dict[str, np.ndarray]]:
+    """The numbers of some columns, some thousand rows at a time.
+
+    Args:
+        path: of the file.
+        skipped: lines before the first row.
+        names: of all columns.
+        wanted: of those that are read.
+
+    Raises:
+        ImpactsError: naming the first row that has another number of fields, or a field that is no number.
+    """
+    csv, arrow = library("pyarrow.csv", "cfd"), library("pyarrow", "cfd")
+    with open_table(path) as file:
+        for _ in range(skipped):
+            file.readline()
+        try:
+            reader = csv.open_csv(
+                arrow.PythonFile(_Plain(file), mode="r"),
+                csv.ReadOptions(column_names=list(names), block_size=_CHUNK),
+                csv.ParseOptions(delimiter=" ", quote_char=False),
+                csv.ConvertOptions(
+                    include_columns=list(wanted),
+                    column_types=dict.fromkeys(wanted, arrow.float64()),
+                    null_values=[],
+                ),
+            )
+            for batch in reader:
+                yield {
+                    name: column.to_numpy(zero_copy_only=False)
+                    for name, column in zip(wanted, batch.columns, strict=True)
+                }
+        except arrow.ArrowInvalid as error:
+            # A file without rows is one, too: pyarrow takes it for an error.
+            if (message := _first_wrong_row(path, skipped, names, wanted)) is not None:
+                raise ImpactsError(f"{path}: {message}.") from error
+
+
+class _Plain(io.RawIOBase):
+    """The file without its parentheses, with one space between fields, for pyarrow's parser."""
+
+    def __init__(self, file: io.BufferedIOBase):
+        self._file = file
+        self._rest = b""
+
+    def readable(self) -> bool:
+        """Yes."""
+        return True
+
+    def read(self, size: int = -1, /) -> bytes:
+        """Some lines, at most `size` bytes of them."""
+        while not self._rest:
+            lines = self._file.read(_CHUNK)
+            if not lines:
+                return b""
+            self._rest = plain(lines + self._file.readline())
+        size = len(self._rest) if size is None or size < 0 else size
+        part, self._rest = self._rest[:size], self._rest[size:]
+        return part
+
+
+def plain(lines: bytes) -> bytes:
+    """Complete lines without parentheses, with one space between fields."""
+    lines = lines.translate(_SPACES, b"()")
+    if b"  " in lines:
+        lines = re.sub(rb" {2,}", b" ", lines)
+    return lines.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")
+
+
+def _first_wrong_row(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str]) -> str | None:
+    """What is wrong with the first row that pyarrow refuses; None for a file without rows."""
+    row = 0
+    with open_table(path) as file:
+        for number, line in enumerate(file):
+            fields = plain(line).split()
+            if number < skipped or not fields:
+                continue
+            row += 1
+            if len(fields) != len(names):
+                return f"row {row:,} has {len(fields)} fields, but the header names {len(names)}"
+            for name in wanted:
+                field = fields[names.index(name)].decode(errors="replace")
+                if not _is_number(field):
+                    return f"row {row:,}: column `{name}` must be a number, but is {field[:40]!r}"
+    return None if row == 0 else "cannot be read"
+
+
+def _is_number(text: Any) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from erosion.array_types import Indices, Numbers, Vectors
-from erosion.cfd.impacts import ImpactsError
-from erosion.cfd.rows import GREATEST
+from erosion.arguments import Indices, Numbers, Vectors
+from erosion.cfd.rows import GREATEST, ImpactsError
 from erosion.extras import library
 from erosion.parameters.units import about, read_quantity
 

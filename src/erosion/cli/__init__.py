@@ -17,23 +17,16 @@ import cyclopts
 
 from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
+from erosion.cli.checks import validate, verify
 from erosion.cli.compare import compare
-from erosion.cli.errors import InputError, sentence
-from erosion.cli.exercise import exercise
-from erosion.cli.explore import explore
+from erosion.cli.errors import InputError, explain, sentence, spell_out
 from erosion.cli.export import export
+from erosion.cli.lists import materials, models
 from erosion.cli.map import map_
-from erosion.cli.materials import materials
-from erosion.cli.mistakes import explain
-from erosion.cli.models import models
-from erosion.cli.optimum import optimum
-from erosion.cli.report import report
-from erosion.cli.run import run
-from erosion.cli.spelling import spell_out
+from erosion.cli.pages import exercise, explore, report
+from erosion.cli.run import optimum, run
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
-from erosion.cli.validate import validate
-from erosion.cli.verify import verify
 from erosion.extras import MissingExtraError
 from erosion.interrupts import INTERRUPTED, between_imports
 from erosion.version import __version__

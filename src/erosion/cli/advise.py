@@ -8,18 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import user_errors
-from erosion.cli.fitted import FitOptions, GivenFit, section_of
+from erosion.cli.fitting import GivenFit, TestedFitOptions, section_of
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import AllAngles, CaseFile, JsonOption, LangOption, read_option, with_file
-from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
-from erosion.cli.progress import progress_bar
+from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, progress_bar, require_outputs, weighing
 
 if TYPE_CHECKING:
-    from erosion.advice.result import Advice
-    from erosion.advice.uncertain import Uncertain
-    from erosion.posteriors.files import Draws
+    from erosion.advice.result import Advice, Uncertain
+    from erosion.fits.posterior_files import Draws
 
 
 def advise(
@@ -33,7 +30,7 @@ def advise(
     speed_spread: Annotated[float, Parameter(help="Standard deviation of the speeds: 0.1 is 10 %.")] = 0.0,
     abrasive: PerMassOptions | None = None,
     model: ModelsOption = None,
-    fit_of_tests: FitOptions | None = None,
+    fit_of_tests: TestedFitOptions | None = None,
     output: Annotated[
         Path | None, Parameter(name=("--output", "-o"), help="Also write it as a page: advice.html or advice.pdf.")
     ] = None,
@@ -55,7 +52,7 @@ def advise(
     options.refuse_angle("all angles of the nozzle are compared")
     p = options.parameters()
     deviation = read_option("spread", spread, "angle", "si")
-    fit = GivenFit(fit_of_tests or FitOptions(), options, section_of(options, model))
+    fit = GivenFit(fit_of_tests or TestedFitOptions(), options, section_of(options, model))
     _require(output, plot, (options.case, *fit.files, *(model or ())), lang)
     models = fit.models(chosen_models(model), p)
     abrasive = abrasive or PerMassOptions()
@@ -99,7 +96,7 @@ def _usual_fraction(uncertain: "Uncertain | None", draws: "Sequence[Draws]") -> 
 
 def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any], lang: str) -> None:
     """Know before computing that the page and the figure can be written, in the language."""
-    from erosion.language import language
+    from erosion.output.language import language
 
     with user_errors():
         language(lang)
@@ -113,14 +110,14 @@ def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any], lang
 
 def _write(advice: "Advice", output: Path | None, plot: Path | None, lang: str) -> None:
     """Write the page and the figure that are asked for."""
-    from erosion.language import language
+    from erosion.output.language import language
 
     if output is not None:
         from erosion.advice.page import write_advice
 
         write_advice(advice, output, lang)
     if plot is not None:
-        from erosion.advice.figure import plot_advice
+        from erosion.advice.page import plot_advice
         from erosion.plotting.style import save_plot
 
         save_plot(plot_advice(dataclasses.replace(advice, language=language(lang))), plot)

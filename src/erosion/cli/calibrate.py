@@ -7,21 +7,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.draw_options import Drawn, DrawOptions
 from erosion.cli.errors import InputError, user_errors
-from erosion.cli.fit_files import FitFiles
-from erosion.cli.fit_options import FitOptions
+from erosion.cli.fitting import Drawn, DrawOptions, FitFiles, FitOptions
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import IgnoreOption, ModelsOption, chosen_models, refuse_same
-from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
-from erosion.cli.output import Output, print_table
-from erosion.cli.per_mass import weighing
-from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption, Settings, load_set, model_and_settings
+from erosion.cli.options import (
+    AllAngles,
+    CaseFile,
+    CaseOptions,
+    JsonOption,
+    SetOption,
+    Settings,
+    load_set,
+    model_and_settings,
+    with_file,
+)
+from erosion.cli.output import Output, print_table, progress_bar, weighing
 
 if TYPE_CHECKING:
-    from erosion.calibration import Calibration, Ranking
-    from erosion.calibration.profiles import Profile
+    from erosion.fits import Calibration, Ranking
+    from erosion.fits.doubts import Profile
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or '
@@ -59,7 +64,7 @@ def calibrate(
     draw.require_sense(p, files.paths, inputs=(data, options.case, *names))
     start_engine()
     from erosion.arguments import check_level
-    from erosion.calibration import rank_models, read_measurements
+    from erosion.fits import rank_models, read_measurements
     from erosion.parameters.headings import unused_note
 
     chosen = [load_set(names[0], given, options, p.units)] if len(names) == 1 else list(map(options.load, names))
@@ -101,7 +106,7 @@ def _in_units_of(data: Path, options: CaseOptions, ignore: Sequence[str]) -> Cas
     """Without a case file and --units, Table 1 in the unit system of the data."""
     if options.case is not None or options.units is not None:
         return options
-    from erosion.calibration.measurements import unit_system
+    from erosion.fits.measurements import unit_system
 
     if data.is_fifo():
         raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
@@ -122,7 +127,7 @@ def _advice(
     ranking: "Ranking", options: CaseOptions, case_file: Path | None, draws: Path | None, drawn: "Drawn | None"
 ) -> list[str]:
     """The commands for the best angle and the advice, and what to measure next, where that is asked for."""
-    from erosion.calibration.export import advice_command, command
+    from erosion.fits.export import advice_command, command
 
     lines = [] if case_file is None else [f"the best angle of this fit: {command(str(case_file))}"]
     if case_file is not None:

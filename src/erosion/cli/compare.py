@@ -12,9 +12,7 @@ from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, refuse_same
 from erosion.cli.options import CaseFile, CaseOptions, JsonOption, with_file
-from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
-from erosion.cli.progress import working
+from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, require_outputs, weighing, working
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -113,8 +111,8 @@ def _curves(models: "list[str | CuttingModel]", p: "Parameters") -> "tuple[xr.Da
     import numpy as np
 
     from erosion.correlations import OutOfRangeWarning
-    from erosion.parameters.ranges import QUARTER_DEGREES
-    from erosion.sweeps.studies import compare as compare_models
+    from erosion.parameters.quantities import QUARTER_DEGREES
+    from erosion.sweeps.sweep import compare as compare_models
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", OutOfRangeWarning)
@@ -146,7 +144,7 @@ def _at_the_case(curves: "xr.Dataset", p: "Parameters", weights: "Mapping[str, P
 def _require_volumes(curves: "xr.Dataset", lost: list[str]) -> None:
     import numpy as np
 
-    from erosion.trajectory.trajectory import SimulationError
+    from erosion.impacts.simulate import SimulationError
 
     if not np.isfinite(curves.volume).any():
         raise SimulationError(f"{', '.join(lost)}: no impact could be computed.")
@@ -154,8 +152,7 @@ def _require_volumes(curves: "xr.Dataset", lost: list[str]) -> None:
 
 def _keep(curves: "xr.Dataset", p: "Parameters", weights: "Mapping[str, PerMass]", output: Path | None) -> None:
     """Write the curves into the file that is asked for."""
-    from erosion.storage.csv_tables import write_csv
-    from erosion.storage.netcdf import write_netcdf
+    from erosion.impacts.dataset_files import write_csv, write_netcdf
 
     if output is None:
         return
@@ -170,9 +167,9 @@ def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None) -> None:
     """Draw the figure that is asked for."""
     with user_errors():
         if plot is not None:
-            from erosion.plotting.correlations import plot_against_correlations
-            from erosion.plotting.studies import plot_comparison
+            from erosion.plotting.curves import plot_against_correlations
             from erosion.plotting.style import save_plot
+            from erosion.plotting.sweeps import plot_comparison
 
             save_plot(plot_against_correlations(curves, overlay) if overlay else plot_comparison(curves), plot)
 
@@ -180,9 +177,9 @@ def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None) -> None:
 def _print(
     lines: list[dict[str, Any]], p: "Parameters", weights: "Mapping[str, PerMass]", statements: list[str]
 ) -> None:
+    from erosion.output.tables import largest_of
     from erosion.parameters.per_mass import BEYOND_TESTS
     from erosion.parameters.scales import table_scale
-    from erosion.tables import largest_of
 
     largest = max(largest_of(line[name]) for line in lines for name in ("volume", "volume_max"))
     scale = table_scale("volume", p.units, largest)
@@ -247,7 +244,7 @@ def _spread(lines: list[dict[str, Any]]) -> list[str]:
 
 def _require_comparison(path: Path) -> None:
     """Only a comparison is replaced by a comparison: a sweep took longer."""
-    from erosion.storage.netcdf import read_netcdf
+    from erosion.impacts.dataset_files import read_netcdf
 
     with user_errors():
         read_netcdf(path, _COMPARISON)

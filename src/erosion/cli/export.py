@@ -10,11 +10,8 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, with_file
-from erosion.cli.output import Output, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, density_option, weighing
-from erosion.cli.progress import working
-from erosion.cli.set_option import SetOption, in_full, named_model
+from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, SetOption, in_full, named_model, with_file
+from erosion.cli.output import Output, PerMassOptions, density_option, print_table, require_outputs, weighing, working
 from erosion.parameters.quantities import QUANTITIES, RESULTS
 
 if TYPE_CHECKING:
@@ -88,7 +85,7 @@ def export(
         particles = _particles(particle_density, cutting_fraction, options)
         require_outputs(*outputs, inputs=(options.case, name))
         start_engine()
-        from erosion.files import write_whole
+        from erosion.output.files import write_whole
 
         with user_errors(), _named():
             parts = _parts(chosen, p, outputs, axes, particles)
@@ -117,9 +114,8 @@ def _parts(
     model: "CuttingModel", p: "Parameters", outputs: _Outputs, axes: dict[str, Any], particles: dict[str, Any]
 ) -> dict[str, _Part]:
     """What is asked for, computed."""
-    from erosion.calibration import to_fluent, to_openfoam
-    from erosion.exports.restitution import restitution
-    from erosion.exports.tables import volume_table
+    from erosion.cfd.exports import restitution, volume_table
+    from erosion.fits import to_fluent, to_openfoam
 
     reach, parts = {name: axes[name] for name in ("v0", "d")}, {}
     if outputs.openfoam is not None:
@@ -148,7 +144,7 @@ def _parts(
 
 
 def _table(path: Path, dataset: "xr.Dataset", content: str, warning: str | None) -> _Part:
-    from erosion.exports.tables import to_csv
+    from erosion.cfd.exports import to_csv
 
     sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
     line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
@@ -157,7 +153,7 @@ def _table(path: Path, dataset: "xr.Dataset", content: str, warning: str | None)
 
 def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:
     """The values of --angles, --speeds and --diameters, None where they are not given."""
-    from erosion.parameters.ranges import read_axis
+    from erosion.parameters.quantities import read_axis
 
     axes: dict[str, Any] = dict.fromkeys(texts)
     for name, text in texts.items():

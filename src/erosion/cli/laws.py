@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.options import CaseOptions
-from erosion.cli.set_option import read_settings, settings, with_model_of_case
+from erosion.cli.options import CaseOptions, read_settings, settings, with_model_of_case
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import shown
 
 if TYPE_CHECKING:
+    from erosion.fits.posterior_files import Draws
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
-    from erosion.posteriors.files import Draws
 
 LAW_FIELDS = ("rows", "uncertain", "correlation")
 """The fields of a verb's table in a case file that `LawOptions` reads."""
@@ -128,10 +127,10 @@ class GivenLaws:
 
     def _uncertain(self, model: "CuttingModel", units: "System") -> "tuple[dict[str, Any], list[Draws]]":
         """The laws of what is uncertain, and the posteriors' files among them."""
-        from erosion.calibration.forward import FACTORS
+        from erosion.fits.forward import FACTORS
+        from erosion.fits.posterior_files import read_draws
         from erosion.joint_laws import read_rows
         from erosion.models.own_parameters import quantities
-        from erosion.posteriors.files import read_draws
 
         where, texts = self.uncertain
         laws: dict[str, Any] = {}

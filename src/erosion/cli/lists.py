@@ -1,15 +1,25 @@
-"""Lists as options take them: with commas between the items, or the option repeated."""
+"""Lists as options take them: with commas between the items, or the option repeated.
+
+`erosion materials`: particles and targets by name.
+
+`erosion models`: what can be computed.
+"""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.errors import InputError
-from erosion.files import is_file
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.options import JsonOption
+from erosion.cli.output import Output, print_table
+from erosion.output.files import is_file
 
 if TYPE_CHECKING:
     from erosion.models.base import CuttingModel
+    from erosion.models.registry import ModelInfo
+    from erosion.parameters.materials import Particle, Target
 
 
 def read_list(text: str) -> list[str]:
@@ -72,3 +82,135 @@ def refuse_same(models: "Mapping[str, CuttingModel]") -> None:
                 f"Option `--model` must name different models, but `{other}` and `{name}` are the same here: "
                 f"{called(name, model)}."
             )
+
+
+_NOTE = (
+    "ψ of a target whose flow stress is its Vickers hardness is 2; the others leave ψ as it is. "
+    'A table of your own in TOML has the same form: --target "mine.toml: my alloy".'
+)
+
+
+def materials(
+    file: Annotated[Path | None, Parameter(help="A table of your own (TOML) instead of the package's.")] = None,
+    /,
+    *,
+    json: JsonOption = False,
+) -> None:
+    """List the particles and targets that --particle and --target name, with sources."""
+    from erosion.parameters.materials import known_particles, known_targets, particle, target
+
+    before = "" if file is None else f"{file}: "
+    with user_errors():
+        # Any size will do: it is not shown.
+        particles = [particle(f"{before}{name} 1 mm") for name in known_particles(file)]
+        targets = [target(f"{before}{name}") for name in known_targets(file)]
+    if json:
+        described = {
+            "particles": [_particle(item) for item in particles],
+            "targets": [_target(item) for item in targets],
+        }
+        Output("materials", json=True).document(described)
+        return
+    rows = [(item.name, _span(item.density, item.density_range), item.hardness, item.source) for item in particles]
+    if rows:
+        print_table("Particles", rows, ("particle", "density [kg/m³]", "hardness", "source"), (1,))
+    if targets:
+        print_table("Targets", [_row(item) for item in targets], _TARGET, (1, 2), [_NOTE])
+
+
+_TARGET = ("target", "density [kg/m³]", "flow stress [MPa]", "by", "source")
+
+
+def _row(item: "Target") -> tuple[str, ...]:
+    density = "" if item.density is None else _span(item.density, item.density_range)
+    low, high = item.flow_stress_range
+    stress = _span(item.flow_stress / 1e6, (low / 1e6, high / 1e6))
+    return item.name, density, stress, "" if item.vickers is None else f"{item.vickers:g} HV", item.source
+
+
+def _span(value: float, ends: tuple[float, float] | None) -> str:
+    """A value, and the range where it has one."""
+    low, high = ends or (value, value)
+    return f"{value:.4g}" if low == high else f"{value:.4g} ({low:.4g} to {high:.4g})"
+
+
+def _particle(item: "Particle") -> dict[str, Any]:
+    return {"name": item.name, **_quantity("density", item.density, "kg/m^3", item.density_range),
+            "hardness": item.hardness, "shape": item.shape, "source": item.source}  # fmt: skip
+
+
+def _target(item: "Target") -> dict[str, Any]:
+    return {"name": item.name, **_quantity("density", item.density, "kg/m^3", item.density_range),
+            **_quantity("flow_stress", item.flow_stress, "Pa", item.flow_stress_range),
+            "vickers": item.vickers, "psi": item.psi, "correlations": list(item.correlations),
+            "source": item.source}  # fmt: skip
+
+
+def _quantity(name: str, value: float | None, unit: str, ends: tuple[float, float] | None) -> dict[str, Any]:
+    return {name: {"value": value, "unit": unit}, f"{name}_range": {"value": list(ends or ()), "unit": unit}}
+
+
+def models(
+    *,
+    path: Annotated[
+        Path | None,
+        Parameter(help="Also list the model files in this folder. They are run as Python: list only what you trust."),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """List every model with its equations and its own parameters (for --set).
+
+    A model that cannot be used is listed with the reason; the exit status is
+    then 1. Correlations, which stand below the table, may be named wherever a
+    model may.
+    """
+    from erosion.models import available_models
+
+    with user_errors():
+        catalogue = available_models(path)
+    if json:
+        keys = ("summary", "equations", "error")
+        described = {
+            name: {key: getattr(info, key) for key in keys} | {"own_parameters": _own(info)}
+            for name, info in catalogue.items()
+        }
+        Output("models", json=True).document({"models": described})
+    else:
+        _print_table(catalogue)
+    broken = [name for name, info in catalogue.items() if info.error]
+    if broken:
+        raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")
+
+
+def _print_table(catalogue: "Mapping[str, ModelInfo]") -> None:
+    from rich.text import Text
+
+    from erosion.correlations import CORRELATIONS
+
+    rows: list[tuple[str, Text]] = []
+    for name, info in catalogue.items():
+        text = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
+        rows.append((name, text))
+        for own, parameter in _own(info).items():
+            meaning = f"  {parameter['symbol']}, {parameter['meaning']}" if parameter["symbol"] != own else ""
+            rows.append(("", Text.assemble(f"{own} = {parameter['value']:g}", (meaning, "dim"))))
+    correlations = (
+        f"Correlations of engineers can take the place of a model: {', '.join(CORRELATIONS)}. "
+        'Some have a table of targets: "dnv:duplex".'
+    )
+    print_table("", rows, ("model", "what it says, and the source's equations"), (), [correlations])
+
+
+def _own(info: "ModelInfo") -> dict[str, dict[str, Any]]:
+    """Value and names of a model's own parameters; none of a model that cannot be used."""
+    from erosion.models.own_parameters import own_parameters
+
+    own = {} if info.error else own_parameters(info.make())
+    return {
+        name: {
+            "value": float(parameter.value),
+            "symbol": parameter.quantity.symbol,
+            "meaning": parameter.quantity.meaning,
+        }
+        for name, parameter in own.items()
+    }

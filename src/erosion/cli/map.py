@@ -6,24 +6,31 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.clusters import dask_cluster
 from erosion.cli.errors import InputError, as_options, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, IgnoreOption, ModelOption
-from erosion.cli.options import EachRow, JsonOption, WholeOption, read_option
-from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, density_option, weighing
-from erosion.cli.progress import progress_bar, working
-from erosion.cli.set_option import SetOption
+from erosion.cli.options import EachRow, JsonOption, SetOption, WholeOption, read_option
+from erosion.cli.output import (
+    Output,
+    PerMassOptions,
+    density_option,
+    print_paths,
+    print_table,
+    progress_bar,
+    require_outputs,
+    weighing,
+    working,
+)
+from erosion.cli.sweep import dask_cluster
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from erosion.cfd.impacts import Impacts
+    from erosion.cfd.erosion_map import MapJob
+    from erosion.cfd.map_result import MapOptions
+    from erosion.cfd.rows import Impacts
     from erosion.cfd.surface import Surface
-    from erosion.maps.job import MapJob
-    from erosion.maps.options import MapOptions
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
@@ -88,15 +95,14 @@ class _Rows:
             p: the case.
             named: density of the particle that is named [kg/m³], for a table that does not have it.
         """
-        from erosion.cfd.fluent import SUFFIXES
-        from erosion.cfd.named_columns import NamedImpacts, gives_density
+        from erosion.cfd.impact_tables import FLUENT_SUFFIXES, NamedImpacts, gives_density
         from erosion.cfd.read import read_impacts
 
         density = density_option("particle-density", self.particle_density)
         duration, ignore = self.number("duration", "time", p), self.ignore or ()
         has_own = impacts.is_file() and gives_density(impacts, ignore)
         # Samples of Fluent hold masses, and take no density.
-        if density is None and not (has_own or impacts.name.removesuffix(".gz").endswith(SUFFIXES)):
+        if density is None and not (has_own or impacts.name.removesuffix(".gz").endswith(FLUENT_SUFFIXES)):
             density = named
         table = read_impacts(impacts, case=of_mesh, particle_density=density, duration=duration, ignore=ignore)
         if isinstance(table, NamedImpacts) and has_own:
@@ -118,8 +124,8 @@ class _Rows:
         Raises:
             InputError: one sentence naming the option.
         """
-        from erosion.maps.bodies import Bodies
-        from erosion.maps.options import MapOptions
+        from erosion.cfd.bodies import Bodies
+        from erosion.cfd.map_result import MapOptions
 
         with user_errors(TypeError):
             spin = self._spin(p)
@@ -190,7 +196,7 @@ class _Picture:
         """Know before computing that it can be drawn."""
         if self.plot is None:
             return
-        from erosion.maps.result import FACES
+        from erosion.cfd.map_result import FACES
         from erosion.plotting.maps import require_renderer, require_view
 
         if not has_surface:
@@ -260,7 +266,7 @@ def map_(
     sand = case_and_laws(options, "map", section, model, own, joint)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
-        from erosion.maps.export import require_map_path
+        from erosion.cfd.map_result import require_map_path
 
         with user_errors():
             require_map_path(output, has_surface=target.surface is not None)
@@ -280,7 +286,7 @@ def map_(
         picture.check_surface(job.surface)
         dataset = _computed(job)
     if output is not None:
-        from erosion.maps.export import write_map
+        from erosion.cfd.map_result import write_map
 
         with user_errors():
             write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
@@ -319,8 +325,8 @@ def _job(
     model: "tuple[str | CuttingModel, dict[str, float]]",
 ) -> "MapJob":
     """Open the table and the surface, and check the map."""
+    from erosion.cfd.erosion_map import prepare_map
     from erosion.cfd.read import read_surface
-    from erosion.maps.erosion_map import prepare_map
 
     name, p = target.surface, options.bodies.p
     for option in ("patch", "surface_unit", "reverse"):
@@ -337,7 +343,7 @@ def _job(
 
 def _computed(job: "MapJob") -> "xr.Dataset":
     """The map; what is wrong with the table, which is read meanwhile, is bad input."""
-    from erosion.cfd.impacts import ImpactsError
+    from erosion.cfd.rows import ImpactsError
 
     with progress_bar("map") as progress:
         try:
@@ -349,7 +355,7 @@ def _computed(job: "MapJob") -> "xr.Dataset":
 
 def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> None:
     """Print the totals; sentences on what is left out are warnings."""
-    from erosion.maps.result import MapSummary
+    from erosion.cfd.map_result import MapSummary
 
     summary = MapSummary(dataset)
     far = summary.erosion_warning

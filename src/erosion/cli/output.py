@@ -1,18 +1,30 @@
-"""What a verb says, tables, one JSON document of the same form for all verbs, warnings; and the files it may write."""
+"""What a verb says, tables, one JSON document of the same form for all verbs, warnings; and the files it may write.
 
+`--density` and `--cutting-fraction`: erosion per mass of abrasive at the command line.
+
+A progress bar with rate and time left, on stderr where that is a terminal.
+"""
+
+import contextlib
+import dataclasses
 import os
 import re
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import threading
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from erosion.cli.errors import InputError, user_errors
+from cyclopts import Parameter
+
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import silence_matplotlib
+from erosion.cli.options import CaseOptions
 from erosion.parameters.quantities import QUANTITIES
 from erosion.version import __version__
 
 if TYPE_CHECKING:
+    from erosion.arguments import Progress
     from erosion.models.base import CuttingModel
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
@@ -29,7 +41,7 @@ def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Seq
     Raises:
         InputError: one sentence naming the file.
     """
-    from erosion.files import require_writable
+    from erosion.output.files import require_writable
 
     with user_errors():
         if plot is not None:
@@ -123,7 +135,7 @@ class Output:
             units: unit by name of the numbers in `result` that have one.
             varied: in words, the distributions or axes of what is not a single number.
         """
-        from erosion.tables import to_json
+        from erosion.output.tables import to_json
 
         described = [_model(name, model, self.p, varied or {}) for name, model in (models or {}).items()]
         document = {
@@ -192,7 +204,7 @@ def print_table(
     """
     from rich.console import Console
 
-    from erosion.tables import HEADINGS, WIDTH, to_lines
+    from erosion.output.tables import HEADINGS, WIDTH, to_lines
 
     console = Console(highlight=False)
     # Where no one says how wide it is, nothing need be shortened.
@@ -217,3 +229,142 @@ def warn(message: str) -> None:
     """A warning on stderr, where there is one."""
     if sys.stderr is not None:
         print(f"warning: {message}", file=sys.stderr)
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class PerMassOptions:
+    """What erosion per mass of abrasive needs beside the case."""
+
+    density: Annotated[
+        str | None,
+        Parameter(help='Of the target, for g/kg: "2.7 g/cm^3"; --target has one as well.'),
+    ] = None
+    cutting_fraction: Annotated[
+        float | None,
+        Parameter(help="Share of the particles that cut, for mm³/kg and g/kg; Finnie: about 0.5."),
+    ] = None
+
+    def per_mass(self, options: CaseOptions, usual_fraction: float = 1.0) -> "PerMass":
+        """With what --target or the case file give where these options give nothing.
+
+        Raises:
+            InputError: one sentence naming the option or the file.
+        """
+        from erosion.parameters.case_files import load_per_mass
+        from erosion.parameters.materials import target
+        from erosion.parameters.per_mass import PerMass
+
+        with user_errors():
+            of_case = PerMass(cutting_fraction=usual_fraction)
+            if options.case is not None:
+                of_case = load_per_mass(options.case, usual_fraction)
+            density = of_case.density if options.target is None else target(options.target).density
+        if self.density is not None:
+            density = density_option("density", self.density)
+        fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
+        with user_errors():
+            return PerMass(density, fraction)
+
+
+def density_option(name: str, text: str | None) -> float | None:
+    """The density of an option [kg/m³]; None where it is not given."""
+    from erosion.parameters.per_mass import read_density
+
+    with reading(f"Option `--{name}`"):
+        return None if text is None else read_density(text)
+
+
+def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "PerMass":
+    """How a model's volume becomes erosion per mass of abrasive.
+
+    Raises:
+        InputError: also for the density of another metal than a correlation's.
+    """
+    from erosion.models.correlated import per_mass_of
+
+    given = given or PerMassOptions()
+    per_mass = given.per_mass(options)
+    try:
+        return per_mass_of(model, per_mass)
+    except ValueError as error:
+        source = "Option `--density`"
+        if given.density is None:
+            source = f"{options.case}: the density" if options.target is None else "The density of `--target`"
+        raise _set_beside(model, source, per_mass, options) or InputError(
+            str(error).replace("Argument `density`", source)
+        ) from error
+
+
+def _set_beside(model: "CuttingModel", source: str, per_mass: "PerMass", options: CaseOptions) -> InputError | None:
+    """The error where the density was set as an own parameter of a correlation; None where it is the correlation's."""
+    from erosion.models import Correlated
+
+    if not isinstance(model, Correlated):
+        return None
+    usual = options.load(model.label)
+    if not isinstance(usual, Correlated) or float(model.density) == float(usual.density):
+        return None
+    return InputError(
+        f"Parameter `density` of {model.label} is set to {float(model.density):g} kg/m³ (`--set`, or `set` in the case "
+        f"file), but {source[0].lower()}{source[1:]} is {per_mass.density:g} kg/m³: leave one of them out."
+    )
+
+
+_SLOWEST = 10  # per second; a slower rate says less than the time left
+
+
+@contextlib.contextmanager
+def progress_bar(title: str) -> Iterator["Progress"]:
+    """Give the `progress` of any verb, shown as a bar; `title` stands there until the first call."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True, highlight=False)
+    is_shown = sys.stderr is not None and sys.stderr.isatty()
+    with Bar(*columns, console=console, transient=True, disable=not is_shown) as bar:
+        task = bar.add_task(title, total=None, rate="")
+
+        def show(work: str, done: int, total: int) -> None:
+            speed = bar.tasks[0].speed or 0
+            rate = f"{speed:,.0f}/s" if speed > _SLOWEST else ""
+            # Without a total the bar moves to and fro: the first part is computed, or no one knows how many follow.
+            bar.update(task, description=work, completed=done, total=(total or None) if done else None, rate=rate)
+
+        yield show
+
+
+_PATIENCE = 0.5  # s, after which a person wonders whether anything happens
+
+
+@contextlib.contextmanager
+def working(title: str) -> Iterator[None]:
+    """Show on a terminal that something is done, once it takes longer than half a second."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    is_done = threading.Event()
+    thread = threading.Thread(target=_turn_wheel, args=(title, is_done), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_done.set()
+        thread.join()
+
+
+def _turn_wheel(title: str, is_done: threading.Event) -> None:
+    if is_done.wait(_PATIENCE):
+        return
+    from rich.console import Console
+
+    with Console(stderr=True, highlight=False).status(f"{title} …"):
+        is_done.wait()

@@ -1,23 +1,37 @@
-"""`erosion run`: one impact."""
+"""`erosion run`: one impact.
+
+`erosion optimum`: the angle at which most, or least, is removed.
+"""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.errors import user_errors
-from erosion.cli.lists import ModelOption
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, with_file
-from erosion.cli.output import Output, print_paths, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
-from erosion.cli.progress import working
-from erosion.cli.set_option import SetOption, in_full, named_model
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.lists import ModelOption, read_list
+from erosion.cli.options import (
+    AllAngles,
+    CaseFile,
+    CaseOptions,
+    JsonOption,
+    SetOption,
+    in_full,
+    named_model,
+    read_option,
+    with_file,
+)
+from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, require_outputs, weighing, working
 
 if TYPE_CHECKING:
+    from erosion.impacts.alpha_max import Optimum
+    from erosion.impacts.simulate import Trajectory
+    from erosion.output.tables import Row
+    from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
-    from erosion.tables import Row
-    from erosion.trajectory.trajectory import Trajectory
 
 
 def run(
@@ -38,8 +52,8 @@ def run(
         name, chosen = named_model(model, own, options, p.units)
         per_mass = weighing(chosen, abrasive, options)
         require_outputs(plot=plot, inputs=(options.case, name))
+        from erosion.impacts.simulate import path
         from erosion.parameters.per_mass import PER_MASS_UNITS
-        from erosion.trajectory.path import path
 
         trajectory = path(chosen, p)
         if plot is not None:
@@ -77,3 +91,127 @@ def _rows(trajectory: "Trajectory", per_mass: "PerMass") -> "list[Row]":
     same = [] if units == "si" else [in_si._replace(name="", symbol="", meaning="the same in SI")]
     below = 1 + [row.name for row in rows].index("volume")
     return [*rows[:below], *same, *per_mass.rows(trajectory.volume, trajectory.p), *rows[below:]]
+
+
+_AT = ("angle", "", "value", "unit", "kind")
+
+
+def optimum(
+    file: CaseFile = None,
+    /,
+    *,
+    case: AllAngles | None = None,
+    model: ModelOption | None = None,
+    own: SetOption = None,
+    abrasive: PerMassOptions | None = None,
+    alpha_range: Annotated[
+        list[str] | None,
+        Parameter(negative="", consume_multiple=True, help='Only angles between these two: "20deg : 60deg".'),
+    ] = None,
+    objective: Annotated[str, Parameter(help='"volume", "volume per mass", "t_c" or "depth".')] = "volume",
+    least: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Where least is removed; give --alpha-range.")
+    ] = False,
+    sensitivities: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Also how the angle moves with each parameter.")
+    ] = False,
+    plot: Annotated[Path | None, Parameter(help="Also draw the curve into this file (.svg, .png, .pdf).")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Find the angle at which most is removed, with certainty.
+
+    Jumps of the volume and the ends of the range are compared too.
+    """
+    options = with_file(case, file)
+    options.refuse_angle("all angles are searched, or those of --alpha-range")
+    with working("searching all angles"):
+        p = options.parameters()
+        name, chosen = named_model(model, own, options, p.units)
+        per_mass = weighing(chosen, abrasive, options)
+        between = None if alpha_range is None else _angles(alpha_range, p)
+        require_outputs(plot=plot, inputs=(options.case, name))
+        start_engine()
+        from erosion.impacts.alpha_max import alpha_max, alpha_min
+
+        with user_errors():
+            best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
+        if best.ended_by == "failed":
+            raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
+        if plot is not None:
+            from erosion.plotting.curves import plot_optimum
+            from erosion.plotting.style import save_plot
+
+            with user_errors():
+                save_plot(plot_optimum(best), plot)
+        rates = best.sensitivities if sensitivities else {}
+    output = Output("optimum", p, options.case, json=json)
+    if not best.certified:
+        output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
+    if sensitivities and best.without_sensitivities:
+        output.warn(f"the sensitivities are not known: {best.without_sensitivities}")
+    output.judge(per_mass, best.volume, p)
+    if json:
+        _document(output, name, best, rates, per_mass)
+        return
+    _print(name, best, per_mass)
+    if sensitivities and not best.without_sensitivities:
+        _print_sensitivities(best)
+    print_paths(figure=plot)
+
+
+def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
+    texts = read_list(",".join(texts).replace(":", ","))
+    if len(texts) != 2:
+        raise InputError(f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(texts)}.')
+    low, high = (read_option("alpha-range", text, "angle", p.units) for text in texts)
+    return low, high
+
+
+def _document(output: Output, model: str, best: "Optimum", rates: Mapping[str, Any], per_mass: "PerMass") -> None:
+    from erosion.parameters.per_mass import PER_MASS_UNITS
+
+    described = ("model", "own_parameters", "parameters", "units")
+    result = {name: value for name, value in best.to_dict().items() if name not in described}
+    result |= per_mass.to_dict(best.volume, best.p)
+    if rates:
+        result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
+    output.document(result, {model: best.model}, best.units() | PER_MASS_UNITS)
+
+
+def _print(model: str, best: "Optimum", per_mass: "PerMass") -> None:
+    from erosion.output.tables import Row
+    from erosion.parameters.quantities import QUANTITIES, quantity_row
+
+    extreme = "least" if best.least else "greatest"
+    title = f"{in_full(model, best.model, best.p.units)}: the angle of {extreme} {best.objective}"
+    *rows, certificate = best.rows()
+    print_table(title, [*rows, *per_mass.rows(best.volume, best.p), certificate])
+    value = best.value_row(best.value)
+
+    def line(alpha: float, numbers: list[float], meaning: str) -> Row:
+        angle = quantity_row("", QUANTITIES["alpha"], alpha, best.p.units)
+        values = " → ".join(best.value_row(number).value for number in numbers)
+        return Row(f"{angle.value}{angle.unit}", "", values, value.unit, meaning)
+
+    others = [line(c.alpha, [c.value], f"{c.kind} {c.side}".strip()) for c in best.candidates[1:]]
+    if others:
+        print_table("Other candidates", others, _AT)
+    jumps = [line(j.alpha, [j.below, j.above], f"{j.ended_below} → {j.ended_above}") for j in best.jumps]
+    if jumps:
+        print_table("Jumps", jumps, _AT)
+
+
+def _print_sensitivities(best: "Optimum") -> None:
+    from erosion.models.own_parameters import quantities, sizes
+    from erosion.output.tables import Row
+
+    known, size = quantities(best.model), sizes(best.model, best.p)
+    rows = [
+        Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)
+        for name, rate in best.sensitivities.items()
+    ]
+    print_table(
+        "How the angle moves when a parameter grows by its own size, to first order",
+        rows,
+        ("parameter", "", "q ∂α/∂q", "unit", "meaning"),
+    )

@@ -10,11 +10,8 @@ from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, read_whole, with_file
-from erosion.cli.output import Output, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
-from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption
+from erosion.cli.options import CaseFile, CaseOptions, JsonOption, SetOption, WholeOption, read_whole, with_file
+from erosion.cli.output import Output, PerMassOptions, print_table, progress_bar, require_outputs, weighing
 
 if TYPE_CHECKING:
     from erosion.parameters.per_mass import PerMass
@@ -80,7 +77,7 @@ def stream(
     printed.warn_all(part.doubts(jet.model, jet.p, per_mass.cutting_fraction) for part in draws)
     result = _weighed(_run(job, jet.name, printed, per_mass), per_mass)
     if plot is not None:
-        from erosion.plotting.streams import plot_stream
+        from erosion.plotting.maps import plot_stream
         from erosion.plotting.style import save_plot
 
         with user_errors():

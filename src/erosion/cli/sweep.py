@@ -1,28 +1,65 @@
-"""`erosion sweep`: impacts over axes of parameters and models, kept in a file."""
+"""The Dask cluster that `--workers` and `--scheduler` ask for.
 
+`erosion sweep`: impacts over axes of parameters and models, kept in a file.
+"""
+
+import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.clusters import dask_cluster
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, WholeOption, with_file
-from erosion.cli.output import Output, print_table, require_outputs
-from erosion.cli.per_mass import PerMassOptions, weighing
-from erosion.cli.progress import progress_bar
-from erosion.cli.set_option import SetOption, Settings, read_settings, settings, with_model_of_case
+from erosion.cli.options import (
+    CaseFile,
+    CaseOptions,
+    JsonOption,
+    SetOption,
+    Settings,
+    WholeOption,
+    read_settings,
+    settings,
+    with_file,
+    with_model_of_case,
+)
+from erosion.cli.output import Output, PerMassOptions, print_table, progress_bar, require_outputs, weighing
+from erosion.extras import extra
 from erosion.parameters.quantities import QUANTITIES
 
 if TYPE_CHECKING:
+    from erosion.output.tables import Row
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.per_mass import PerMass
     from erosion.sweeps.grid import Grid, Outputs
-    from erosion.tables import Row
+
+
+@contextlib.contextmanager
+def dask_cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
+    """Work within on the cluster; in this process without either option."""
+    if workers is None and scheduler is None:
+        yield
+        return
+    if workers is not None and scheduler is not None:
+        raise InputError("Give `--workers` or `--scheduler`, but not both.")
+    with extra("dask"):
+        from distributed import Client
+    from erosion.impacts.cluster import local_cluster
+
+    if workers is not None and workers < 1:
+        raise InputError(f"Option `--workers` must be 1 or more, but is {workers}.")
+    with contextlib.ExitStack() as stack:
+        target = scheduler if workers is None else stack.enter_context(local_cluster(workers))
+        try:
+            client = Client(target)
+        except (OSError, ValueError) as error:
+            raise InputError(f"Option `--scheduler` must be a cluster that answers, not {target} ({error}).") from error
+        stack.enter_context(client)
+        yield
+
 
 _FIELDS = ("model", "paired", "derivatives", "wrt", "optimum", "set")
 """The fields of [sweep] in a case file, beside parameters."""
@@ -101,7 +138,7 @@ def _write(
 ) -> None:
     """Write the table and the figure that are asked for."""
     if table is not None:
-        from erosion.storage.csv_tables import write_csv
+        from erosion.impacts.dataset_files import write_csv
 
         write_csv(dataset, table, p, weights)
     if plot is not None:
@@ -145,7 +182,7 @@ def _require_store(output: Path, *, clustered: bool) -> None:
 
 def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
     """The case's scalars and its axes, from its [sweep] and the options; options win."""
-    from erosion.parameters.ranges import read_axis
+    from erosion.parameters.quantities import read_axis
 
     given = options.texts("sweep", section)
     p = options.without_changes().parameters()
@@ -164,7 +201,7 @@ def _references(model: str | list[str], options: CaseOptions) -> Any:
 
 def _own_values(model: Any, options: CaseOptions, given: Settings, p: "Parameters") -> dict[str, Any]:
     """The models' own parameters that are set: each a single value, shape (), or the values of an axis."""
-    from erosion.parameters.ranges import read_axis
+    from erosion.parameters.quantities import read_axis
 
     values: dict[str, Any] = {}
     if given:
@@ -265,9 +302,9 @@ def _greatest(dataset: Any, p: "Parameters", names: Iterable[str]) -> "tuple[dic
 
 def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[Row]":
     """The rows of `_per_mass`, the greatest marked where it is beyond all tests."""
+    from erosion.output.tables import Row
     from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES
     from erosion.parameters.quantities import RESULTS
-    from erosion.tables import Row
 
     rows = []
     for name, value in of_mass.items():
@@ -279,8 +316,8 @@ def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[Ro
 
 
 def _rows(dataset: Any, summary: dict[str, Any]) -> "list[Row]":
+    from erosion.output.tables import Row
     from erosion.parameters.quantities import result_row
-    from erosion.tables import Row
 
     rows = [
         Row("impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in dataset.sizes.items())),

@@ -32,8 +32,8 @@ from erosion.correlations.oka import OKA_MATERIALS as OKA_MATERIALS
 from erosion.correlations.oka import OkaMaterial as OkaMaterial
 from erosion.correlations.oka import oka as oka
 from erosion.correlations.oka import oka_angle as oka_angle
+from erosion.correlations.ranges import UNITS as UNITS
 from erosion.correlations.ranges import OutOfRangeWarning as OutOfRangeWarning
 from erosion.correlations.ranges import Range as Range
 from erosion.correlations.registry import CORRELATIONS as CORRELATIONS
 from erosion.correlations.registry import Correlation as Correlation
-from erosion.correlations.units import UNITS as UNITS

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from erosion.correlations.ecrc import sharpness_factor
-from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
-from erosion.correlations.units import Values, in_units, of_table
+from erosion.correlations.ranges import ALL_ANGLES, Range, Values, in_units, of_table, require_jax, warn_outside
 
 SPEED_EXPONENT = 2.41  # of the cutting term [-]
 

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from erosion.correlations.dnv import alternating
-from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
-from erosion.correlations.units import Values, in_units
+from erosion.correlations.ranges import ALL_ANGLES, Range, Values, in_units, require_jax, warn_outside
 
 COEFFICIENT = 2.17e-7  # C [(m/s)⁻ⁿ], for Brinell hardness; COMSOL 6.2, Particle Tracing Module, node Erosion
 HARDNESS_EXPONENT = -0.59  # of the Brinell hardness [-], Zhang 2007

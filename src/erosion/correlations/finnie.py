@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
-from erosion.correlations.units import Values, in_units, of_table
+from erosion.correlations.ranges import ALL_ANGLES, Range, Values, in_units, of_table, require_jax, warn_outside
 
 FORCE_RATIO = 2.0  # K [-]; the default of COMSOL and of OpenFOAM
 CONTACT_RATIO = 2.0  # ψ [-]; OpenFOAM's default

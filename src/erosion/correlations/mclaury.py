@@ -8,8 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from erosion.correlations.ecrc import BRINELL_CARBON_STEEL, STEEL_DENSITY, hardness_law, sharpness_factor
-from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
-from erosion.correlations.units import Values, in_units
+from erosion.correlations.ranges import ALL_ANGLES, Range, Values, in_units, require_jax, warn_outside
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from erosion.correlations.ranges import ALL_ANGLES, Range, require_jax, warn_outside
-from erosion.correlations.units import Values, in_units, of_table
+from erosion.correlations.ranges import ALL_ANGLES, Range, Values, in_units, of_table, require_jax, warn_outside
 
 # For sand (SiO₂): Oka et al. 2005 as quoted by the Altair EDEM documentation, The Oka Wear Model, table 1.
 REFERENCE_SPEED = 104.0  # v' [m/s]

@@ -13,8 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from erosion.correlations.dnv import DNV_MATERIALS, DNV_RANGES, DNVMaterial, dnv_2015, dnv_brittle
-from erosion.correlations.ranges import Range, require_jax, warn_outside
-from erosion.correlations.units import Values, of_table
+from erosion.correlations.ranges import Range, Values, of_table, require_jax, warn_outside
 
 _MM_PER_TONNE = 1e6  # 1 m/kg in mm/t
 _YEAR = 365.25 * 24 * 3600.0  # s

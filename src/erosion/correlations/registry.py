@@ -21,9 +21,8 @@ from erosion.correlations.ecrc import ECRC_RANGES, STEEL_DENSITY, ecrc, ecrc_ang
 from erosion.correlations.finnie import FINNIE_MATERIALS, FINNIE_RANGES, FinnieMaterial, finnie, finnie_angle
 from erosion.correlations.mclaury import MCLAURY_RANGES, mclaury, mclaury_angle
 from erosion.correlations.oka import OKA_MATERIALS, OKA_RANGES, OkaMaterial, oka, oka_angle
-from erosion.correlations.ranges import Range
-from erosion.correlations.units import Values
-from erosion.ode.precision import require_xla
+from erosion.correlations.ranges import Range, Values
+from erosion.ode.step_control import require_xla
 
 
 @dataclass(frozen=True)

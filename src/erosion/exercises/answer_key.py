@@ -1,4 +1,7 @@
-"""The answers to the tasks about a case, and what is said of a student's answer."""
+"""The linearized cut as a student solves it: fixed steps in plain numpy, nothing of the package's own solvers.
+
+The answers to the tasks about a case, and what is said of a student's answer.
+"""
 
 import dataclasses
 import functools
@@ -8,15 +11,54 @@ from typing import Any, get_args
 
 import numpy as np
 
-from erosion.exercises.by_hand import at_contact, euler, linearized_rate, rk4
+from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import impact
-from erosion.language import language
+from erosion.impacts.maxima import Jump
 from erosion.models import Linearized
-from erosion.optimum.alpha_max import Optimum, alpha_max
-from erosion.optimum.maxima import Jump
+from erosion.output.language import language
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.scales import known_scales
 from erosion.parameters.units import Dimension, System, conversion_factor, shown, unit_name
+
+Rate = Callable[[np.ndarray], np.ndarray]
+
+
+def linearized_rate(p: Parameters) -> Rate:
+    """The derivative of the state (x, y, ẋ, ẏ): ẍ = -c y/m, ÿ = -k c y/m with c = σ b ψ."""
+    k, stiffness_over_mass = float(p.k), float(p.sigma * p.b * p.psi / p.m)
+
+    def rate(state: np.ndarray) -> np.ndarray:
+        _, y, vx, vy = state
+        return np.array([vx, vy, -stiffness_over_mass * y, -k * stiffness_over_mass * y])
+
+    return rate
+
+
+def at_contact(p: Parameters) -> np.ndarray:
+    """The state (x, y, ẋ, ẏ) at contact."""
+    v0, alpha = float(p.v0), float(p.alpha)
+    return np.array([0.0, 0.0, v0 * math.cos(alpha), v0 * math.sin(alpha)])
+
+
+def euler(rate: Rate, state: np.ndarray, time: float, steps: int) -> np.ndarray:
+    """The state after equal steps of Euler's method."""
+    h = time / steps
+    for _ in range(steps):
+        state = state + h * rate(state)
+    return state
+
+
+def rk4(rate: Rate, state: np.ndarray, time: float, steps: int) -> np.ndarray:
+    """The state after equal steps of the classical method of Runge and Kutta."""
+    h = time / steps
+    for _ in range(steps):
+        first = rate(state)
+        second = rate(state + h / 2 * first)
+        third = rate(state + h / 2 * second)
+        fourth = rate(state + h * third)
+        state = state + h / 6 * (first + 2 * second + 2 * third + fourth)
+    return state
+
 
 EULER_STEPS = 100
 RK4_STEPS = 10

@@ -1,21 +1,334 @@
-"""Compute the answers for a state: first the answers that take milliseconds, then the slower ones."""
+"""Work in threads: neither the page nor the end of the program waits for them.
 
+A worker for which only the latest item matters.
+
+The times at which each event alone would end the cut: the candidates of Figure 9, for any model.
+
+The answers that the page needs about a model and a case; each is computed once and remembered.
+
+Compile programs in the background, and say which answers take only milliseconds by now.
+
+Compute the answers for a state: first the answers that take milliseconds, then the slower ones.
+"""
+
+import ctypes
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import wait
-from typing import Any, NamedTuple
+import sys
+import threading
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, wait
+from typing import Any, Generic, NamedTuple, TypeVar
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
-from erosion.explorer.answers import Answer, Answers, Spins
-from erosion.explorer.preparation import Preparation
-from erosion.explorer.state import Case, State
-from erosion.explorer.threads import in_thread
-from erosion.explorer.wording import sentence
-from erosion.impacts.impact import Impact
-from erosion.optimum.alpha_max import Optimum
-from erosion.trajectory.trajectory import Trajectory
+from erosion.explorer.state import Case, State, sentence
+from erosion.impacts.alpha_max import Optimum, alpha_max
+from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
+from erosion.impacts.simulate import Trajectory, path
+from erosion.models.base import CuttingModel, Scales, Tip
+from erosion.parameters.parameters import Parameters
+
+T = TypeVar("T")
+
+_ARENA_MAX = -8  # of glibc's mallopt
+_ARENAS = 2
+
+
+def share_memory() -> None:
+    """Let all threads take their memory from two arenas; to be called before threads are started.
+
+    By default glibc gives new threads arenas of their own, up to eight for each core, and never returns what is free
+    in the middle of one. A thread for each answer left the explorer with 150 MB of free memory after some minutes.
+    """
+    if sys.platform == "linux":
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+        if mallopt is not None:
+            mallopt(_ARENA_MAX, _ARENAS)
+
+
+def in_thread(work: Callable[[], T]) -> Future[T]:
+    """Do the work in a new thread.
+
+    A plug-in's own code may never return. In a pool this code would occupy a thread for ever, and
+    the interpreter would wait for the thread before it ends.
+    """
+    future: Future[T] = Future()
+
+    def run() -> None:
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            future.set_result(work())
+        # The caller of `result` decides what to do about an error.
+        except BaseException as error:  # noqa: BLE001
+            future.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return future
+
+
+Item = TypeVar("Item")
+
+
+class LatestWins(Generic[Item]):
+    """Works on one item at a time, and lets only the newest item wait.
+
+    Args:
+        work: works on an item. It may look at `waiting` and stop early.
+        start: starts a coroutine on the event loop.
+    """
+
+    def __init__(self, work: Callable[[Item], Awaitable[None]], start: Callable[[Awaitable[None]], object]) -> None:
+        self._work, self._start = work, start
+        self._next: list[Item] = []
+        self._busy = False
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a newer item waits."""
+        return bool(self._next)
+
+    def offer(self, item: Item) -> None:
+        """Work on this item next; it replaces an item that waits."""
+        self._next = [item]
+        if not self._busy:
+            self._busy = True
+            self._start(self._drain())
+
+    async def _drain(self) -> None:
+        try:
+            while self._next:
+                await self._work(self._next.pop())
+        finally:
+            self._busy = False
+
+
+_PATIENCE = 12.0  # time scales; the page says that a later event never happens
+_NEVER = "never"
+
+
+class SingleEvent(CuttingModel):
+    """A model whose cut is ended by one event alone, or by a clock if this event does not happen.
+
+    The motion after the other events continues under the same forces.
+    """
+
+    model: CuttingModel
+    event: str = eqx.field(static=True)
+
+    def initial_state(self, p: Parameters) -> Any:
+        """The model's own state, and a clock that counts time scales."""
+        return self.model.initial_state(p), jnp.zeros_like(self.model.scales(p).time)
+
+    def derivative(self, state: Any, p: Parameters) -> Any:
+        """The model's own motion, and the rate of the clock."""
+        return self.model.derivative(state[0], p), 1 / self.model.scales(p).time
+
+    def tip(self, state: Any, p: Parameters) -> Tip:
+        """The model's own tip."""
+        return self.model.tip(state[0], p)
+
+    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
+        """The one event, and the end of the clock."""
+        return {self.event: self.model.events(state[0], p)[self.event], _NEVER: 1 - state[1] / _PATIENCE}
+
+    def scales(self, p: Parameters) -> Scales:
+        """The model's own scales."""
+        return self.model.scales(p)
+
+
+def end_times(model: CuttingModel, p: Parameters) -> dict[str, np.ndarray]:
+    """The times at which each event alone would end the cut.
+
+    Args:
+        model: any model.
+        p: parameters whose leaves are scalars or arrays that broadcast.
+
+    Returns:
+        By event name, times of the broadcast shape [s]; NaN where the event never happens.
+    """
+    closed = model.closed_form()
+    if closed is not None:
+        return {name: np.asarray(times) for name, times in closed.end_times(p).items()}
+    return {name: _alone(model, name, p) for name in end_names(model) if name not in OTHER_ENDS}
+
+
+def _alone(model: CuttingModel, event: str, p: Parameters) -> np.ndarray:
+    hits = impact(SingleEvent(model=model, event=event), p)
+    return np.where(np.asarray(hits.ended_by) == event, hits.t_c, np.nan)
+
+
+# Every 0.375°. At exactly 90° an impact without spin cuts nothing, so the last angle is smaller than 90°,
+# by less than a curve can show.
+ANGLES = np.deg2rad(np.append(np.linspace(0, 90, 241)[1:-1], 90 - 1e-7))
+SPINS = np.linspace(-0.9, 0.9, 61)  # s = r φ̇₀/v₀
+
+_KEPT = 128
+
+
+class Spins(NamedTuple):
+    """Angles of greatest removal over `SPINS`; arrays of shape (spins,)."""
+
+    alpha: np.ndarray
+    volume: np.ndarray
+    kind: np.ndarray
+
+
+class Answer:
+    """One kind of answer, for any model and case; the latest answers are remembered.
+
+    Args:
+        compute: computes the answer from a model's name and a case.
+    """
+
+    def __init__(self, compute: Callable[[str, Case], Any]) -> None:
+        self._compute = compute
+        self._kept: dict[tuple[str, Case], Any] = {}
+        self._lock = threading.Lock()
+
+    def __call__(self, model: str, case: Case) -> Any:
+        """The answer; it is computed if it is not remembered."""
+        case = case.of_model(model)
+        answer = self.remembered(model, case)
+        if answer is None:
+            answer = self._compute(model, case)
+            with self._lock:
+                self._kept[model, case] = answer
+                if len(self._kept) > _KEPT:
+                    del self._kept[next(iter(self._kept))]
+        return answer
+
+    def remembered(self, model: str, case: Case) -> Any:
+        """The answer if it is remembered, else None."""
+        return self._kept.get((model, case.of_model(model)))
+
+
+class Answers:
+    """All kinds of answers, about models that are given by name.
+
+    Args:
+        models: by name, in the order of the page's list.
+    """
+
+    def __init__(self, models: Mapping[str, CuttingModel]) -> None:
+        self.models = models
+        self.cut = Answer(self._cut)
+        self.point = Answer(self._point)
+        self.curve = Answer(self._curve)
+        self.best = Answer(self._best)
+        self.ends = Answer(self._ends)
+        self.sensitivities = Answer(self._sensitivities)
+        self.spins = Answer(self._spins)
+
+    def model(self, name: str, case: Case) -> CuttingModel:
+        """The model with the own parameters of the case."""
+        return self.models[name].replace(**case.own_values(name))
+
+    def _cut(self, model: str, case: Case) -> Trajectory:
+        """The motion of one impact, at many times."""
+        return path(self.model(model, case), case.parameters())
+
+    def _point(self, model: str, case: Case) -> Impact:
+        """End, volume and derivatives of the same impact."""
+        return impact(self.model(model, case), case.parameters(), derivatives=2)
+
+    def _curve(self, model: str, case: Case) -> Impact:
+        """Impacts at all `ANGLES`."""
+        # With second derivatives, as `alpha_max` computes V: so the best angle lies on the curve to the last bit.
+        return impact(self.model(model, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
+
+    def _best(self, model: str, case: Case) -> Optimum:
+        """The angle of greatest removal."""
+        return alpha_max(self.model(model, case), case.parameters())
+
+    def _ends(self, model: str, case: Case) -> dict[str, np.ndarray]:
+        """The times at which each event alone would end the cut, at all `ANGLES`."""
+        return end_times(self.model(model, case), case.parameters().replace(alpha=ANGLES))
+
+    def _sensitivities(self, model: str, case: Case) -> Mapping[str, Any]:
+        """dα_max/dq for every parameter q of the case and of the model."""
+        return self.best(model, case).sensitivities
+
+    def _spins(self, model: str, case: Case) -> Spins:
+        """The angle of greatest removal at all `SPINS`."""
+        p = case.parameters()
+        best = alpha_max(self.model(model, case), p.replace(phidot0=SPINS * float(p.v0 / p.r)))
+        return Spins(best.alpha, best.volume, best.kind)
+
+
+_IN_PARALLEL = 2  # compilations: one of the engine, which does one at a time, and one of XLA for a closed form
+_TURN = 60.0  # s; a program waits at most this long for others, whose compilation may never end
+
+
+class Progress(NamedTuple):
+    """The number of compiled programs, of requested programs, and the models that still wait for a program."""
+
+    done: int
+    begun: int
+    models: tuple[str, ...]
+
+
+class Preparation:
+    """Compiles the program of each answer and model; all tabs share one preparation.
+
+    Args:
+        case: any case; to compile a program, its answer is computed once for this case.
+    """
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._turns = threading.Semaphore(_IN_PARALLEL)
+        self._lock = threading.Lock()
+        self._begun: dict[tuple[Answer, str], Future] = {}
+        self._late: dict[str, tuple[Future, str]] = {}
+        self.listeners: set[Callable[[], None]] = set()
+
+    def ready(self, answer: Answer, model: str) -> bool:
+        """Whether the program is compiled and the model answers; the first call starts the compilation."""
+        with self._lock:
+            if (answer, model) not in self._begun:
+                self._begun[answer, model] = in_thread(lambda: self._compile(answer, model))
+                self._begun[answer, model].add_done_callback(self._tell)
+            return self._begun[answer, model].done() and not self._is_late(model)
+
+    def leave_out(self, model: str, late: Future, why: str) -> None:
+        """Treat a model as not ready until its late answer comes."""
+        self._late[model] = late, why
+        late.add_done_callback(self._tell)
+
+    def failure(self, model: str) -> str | None:
+        """A sentence that says why a model cannot be computed, or None."""
+        if self._is_late(model):
+            return f"{model}: {self._late[model][1]}"
+        for (_, name), future in list(self._begun.items()):
+            if name == model and future.done() and (error := future.exception()) is not None:
+                return f"{model}: {sentence(error)}"
+        return None
+
+    def progress(self) -> Progress:
+        """How many programs are compiled by now."""
+        begun = list(self._begun.items())
+        waiting = [model for (_, model), future in begun if not future.done()]
+        return Progress(len(begun) - len(waiting), len(begun), tuple(dict.fromkeys(waiting)))
+
+    def _compile(self, answer: Answer, model: str) -> None:
+        in_turn = self._turns.acquire(timeout=_TURN)
+        try:
+            answer(model, self._case)
+        finally:
+            if in_turn:
+                self._turns.release()
+
+    def _is_late(self, model: str) -> bool:
+        return model in self._late and not self._late[model][0].done()
+
+    def _tell(self, _: Future) -> None:
+        for listener in list(self.listeners):
+            listener()
+
 
 # s; a model that has given no answer by then is left out until its answer comes.
 PATIENCE_AT_ONCE = 5.0

@@ -1,23 +1,355 @@
-"""The elements by which the reader changes parameters and models."""
+"""The range of each parameter's slider, and the number that belongs to each position.
+
+The page's own elements: the methods that change them, and the events that they send.
+
+The particles and targets that the page offers by name.
+
+The parts that all plots share: axes, lines, handles.
+
+The elements by which the reader changes parameters and models.
+"""
 
 import dataclasses
 import html
-from collections.abc import Callable, Mapping
+import math
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
 from nicegui import ui
+from nicegui.events import GenericEventArguments
 
-from erosion.explorer.elements import Field, warn
-from erosion.explorer.materials import Materials
-from erosion.explorer.sliders import SPIN_PRESETS, at_position, position, range_of, text_of, unit_of, with_spin
-from erosion.explorer.state import Case, State
-from erosion.explorer.views.look import styles
-from erosion.explorer.wording import sentence
-from erosion.parameters.materials import Target
-from erosion.parameters.parameters import QUANTITIES, TABLE_1
+from erosion.explorer.computed import ANGLES
+from erosion.explorer.state import Case, State, sentence, with_point
+from erosion.impacts.impact import Impact
+from erosion.parameters.materials import Particle, Target, known_particles, known_targets, particle, target
+from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.units import SYSTEMS
+from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.units import SYSTEMS, System, conversion_factor, read_quantity, unit_name
+from erosion.plotting.curves import broken
+from erosion.plotting.style import STYLES
+
+_FACTOR = 20.0  # a slider reaches from 1/20 to 20 times the first value, if this value is positive
+_DIGITS = 4  # of the numbers that a slider sets
+
+
+class Range(NamedTuple):
+    """Ends and step of a slider, in units of its position."""
+
+    low: float
+    high: float
+    step: float
+
+
+ANGLE_SLIDER = Range(0.25, 90.0, 0.25)  # degrees
+SPINS = Range(-1.0, 1.0, 0.01)  # s = r φ̇₀/v₀
+# Exponents of `_FACTOR`, which multiplies the first value. If the first value of an own parameter is not positive:
+# distances from the first value, as shares of its size; of a value of 0, as shares of the case's parameter of the
+# same dimension: a speed reaches from -v₀ to v₀.
+FACTORS = Range(-1.0, 1.0, 0.005)
+SPIN_PRESETS = (-0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5)
+
+
+def range_of(name: str) -> Range:
+    """The positions of a parameter's slider."""
+    return {"alpha": ANGLE_SLIDER, "phidot0": SPINS}.get(name, FACTORS)
+
+
+def position(name: str, case: Case, first: Case) -> float:
+    """The position of a parameter's slider; a number out of range puts the slider at its end.
+
+    Args:
+        name: the parameter.
+        case: the case that is shown.
+        first: the case at the middle of all sliders, in the same units.
+    """
+    numbers, ends = case.numbers(), range_of(name)
+    middle = first.numbers()[name]
+    if name == "alpha":
+        at = np.rad2deg(numbers["alpha"])
+    elif name == "phidot0":
+        at = numbers["phidot0"] * numbers["r"] / numbers["v0"]
+    elif middle <= 0:
+        at = (numbers[name] - middle) / _size(name, first)
+    else:
+        at = np.log(numbers[name] / middle) / np.log(_FACTOR) if numbers[name] > 0 else ends.low
+    return float(np.clip(at, ends.low, ends.high))
+
+
+def at_position(name: str, at: float, case: Case, first: Case) -> Case:
+    """Set a parameter to the number at its slider's position, rounded to few digits."""
+    if name == "alpha":
+        return case.replace(alpha=float(np.deg2rad(_rounded(at))))
+    if name == "phidot0":
+        return with_spin(at, case)
+    middle = first.numbers()[name]
+    moved = middle * _FACTOR**at if middle > 0 else middle + at * _size(name, first)
+    least = next((number.least for number in case.own if number.key == name), 0.0)
+    return case.replace(**{name: middle if at == 0 else max(_rounded(moved), least)})
+
+
+def with_spin(s: float, case: Case) -> Case:
+    """Set the spin to s = r φ̇₀/v₀."""
+    numbers = case.numbers()
+    return case.replace(phidot0=_rounded(s * numbers["v0"] / numbers["r"]))
+
+
+def text_of(name: str, case: Case) -> str:
+    """The text of a parameter's entry; angles are in degrees."""
+    number = case.numbers()[name]
+    text = f"{np.rad2deg(number) if _is_angle(name, case) else number:.6g}"
+    return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text)
+
+
+def unit_of(name: str, case: Case) -> str:
+    """The unit of the number that `text_of` shows."""
+    return "°" if _is_angle(name, case) else unit_name(case.quantities()[name].dimension, case.units)
+
+
+def _is_angle(name: str, case: Case) -> bool:
+    return case.quantities()[name].dimension == "angle"
+
+
+def _size(name: str, first: Case) -> float:
+    numbers, dimension = first.numbers(), first.quantities()[name].dimension
+    alike = (numbers[other] for other, quantity in QUANTITIES.items() if quantity.dimension == dimension != "1")
+    return abs(numbers[name]) or next(alike, 1.0)
+
+
+def _rounded(number: float) -> float:
+    return float(f"{number:.{_DIGITS}g}")
+
+
+_SHARES = Range(0.0, 1.0, 0.005)  # of the cut's time
+
+
+def warn(sentence: str) -> None:
+    """Show the reader a message, long enough to read it."""
+    ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button="Close")
+
+
+class Field(ui.element, component="web/field.js"):
+    """A parameter's entry and slider.
+
+    Args:
+        name: the parameter.
+        symbol, meaning: the parameter's label.
+        range_: the range of the slider's positions.
+        on_slide: is called with the position.
+        on_entry: is called with the text.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        symbol: str,
+        meaning: str,
+        range_: Range,
+        on_slide: Callable[[float], None],
+        on_entry: Callable[[str], None],
+    ) -> None:
+        super().__init__()
+        labels = {"id": name, "symbol": symbol, "meaning": meaning}
+        self.props.update(labels | {"low": range_.low, "high": range_.high, "step": range_.step})
+        self.on("slide", partial(_tell, on_slide, range_))
+        self.on("entry", lambda event: on_entry(str(event.args)))
+
+    def show(self, text: str, unit: str, position: float) -> None:
+        """Show a number, and remove the mark of a wrong entry."""
+        self.run_method("show", text, unit, position)
+
+    def complain(self, why: str) -> None:
+        """Mark the entry as wrong and say why."""
+        self.run_method("complain", why)
+
+
+class Prose(ui.element, component="web/prose.js"):
+    """HTML that changes often."""
+
+    def draw(self, content: str, key: str) -> None:
+        """Show the HTML; then the element's attribute `data-drawn` is `key`."""
+        self.run_method("draw", content, key)
+
+
+class Cut(ui.element, component="web/cut.js"):
+    """The cut drawn to scale, as an animation.
+
+    Args:
+        instant: the time that is shown first, as a share of the cut's time.
+        on_instant: is called with the time, as a share, at which the reader or the animation stops.
+    """
+
+    def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
+        super().__init__()
+        self.props.update({"instant": instant})
+        self.on("instant", partial(_tell, on_instant, _SHARES))
+
+    def draw(self, content: Mapping[str, Any], key: str) -> None:
+        """Draw a cut; then the element's attribute `data-drawn` is `key`."""
+        self.run_method("draw", content, key)
+
+
+class Plot(ui.element, component="web/plot.js"):
+    """An ECharts plot with vertical handles.
+
+    Args:
+        height: the height of the plot, in CSS.
+        follows: whether the fixed handles follow the time of the cut.
+        range_: the range of the positions of a handle that the reader moves.
+        on_pick: is called with the position to which the reader moves a handle.
+    """
+
+    def __init__(
+        self,
+        height: str,
+        *,
+        follows: bool = False,
+        range_: Range | None = None,
+        on_pick: Callable[[float], None] | None = None,
+    ) -> None:
+        super().__init__()
+        self.props.update({"height": height, "follows": follows})
+        if range_ is not None and on_pick is not None:
+            self.on("pick", partial(_tell, on_pick, range_))
+
+    def draw(
+        self, option: Mapping[str, Any] | None, handles: Sequence[Mapping[str, Any]], label: str, key: str
+    ) -> None:
+        """Draw an option of ECharts, or only move the handles if there is none; `key` is as of `Cut.draw`."""
+        self.run_method("draw", option, handles, label, key)
+
+
+def _tell(listener: Callable[[float], None], range_: Range, event: GenericEventArguments) -> None:
+    """Tell the position that an event carries, moved into its range; the page sends nothing but numbers."""
+    position = event.args
+    if isinstance(position, int | float) and math.isfinite(position):
+        listener(min(max(float(position), range_.low), range_.high))
+
+
+@dataclasses.dataclass(frozen=True)
+class Materials:
+    """What the menus list.
+
+    Args:
+        particles: by name; their size is chosen on the page.
+        targets: by name.
+    """
+
+    particles: Mapping[str, Particle]
+    targets: Mapping[str, Target]
+
+    def sized(self, name: str, size: str, units: System) -> Particle:
+        """A particle by its name, of a size as text; a bare number is in these units.
+
+        Raises:
+            ValueError: for a size that cannot be read or is not positive.
+        """
+        try:
+            metres = read_quantity(with_point("size", size), "length", units) * conversion_factor("length", units, "si")
+        except ValueError as error:
+            raise ValueError(f"The size {str(error).rstrip('.')}.") from error
+        if not 0 < metres < math.inf:
+            raise ValueError(f"The size must be positive and finite, but is {size!r}.")
+        return dataclasses.replace(self.particles[name], size=metres)
+
+
+def read_materials(files: Sequence[Path] = ()) -> Materials:
+    """The package's table, and those of the user's own files before it.
+
+    Raises:
+        ValueError: for a file that cannot be used.
+    """
+    particles: dict[str, Particle] = {}
+    targets: dict[str, Target] = {}
+    for file in (*files, None):
+        where = "" if file is None else f"{file}: "
+        for name in known_particles(file):
+            particles.setdefault(name, particle(f"{where}{name} 1 mm"))
+        for name in known_targets(file):
+            targets.setdefault(name, target(f"{where}{name}"))
+    return Materials(particles, targets)
+
+
+Option = dict[str, Any]
+
+STAR = "path://M0,-10L2.9,-3.1L10,-3.1L4.3,1.5L6.2,8.6L0,4.4L-6.2,8.6L-4.3,1.5L-10,-3.1L-2.9,-3.1Z"
+LEGEND = {"top": 0, "type": "scroll", "selectedMode": False}  # only the state decides what is drawn
+DEGREES = np.rad2deg(ANGLES)
+
+
+def styles(models: Collection[str]) -> Mapping[str, tuple[str, Any]]:
+    """Colour and dashes of every model; they do not depend on which models are checked."""
+    return {
+        model: (color, "solid" if dashes == "-" else [3 * length for length in dashes[1]])
+        for model, (color, dashes) in zip(models, (STYLES[i % len(STYLES)] for i in range(len(models))), strict=True)
+    }
+
+
+def axis(name: str, **more: Any) -> Option:
+    """An axis of numbers with its name beside it."""
+    return {"type": "value", "name": name, "nameLocation": "middle", "nameGap": 30, "axisLine": {"show": True},
+            "nameTextStyle": {"fontSize": 14}} | more  # fmt: skip
+
+
+def angle_axis() -> Option:
+    """α from 0° to 90°."""
+    quantity = QUANTITIES["alpha"]
+    ticks = {"interval": 15, "axisLabel": {"formatter": "{value}°"}}
+    return axis(f"{quantity.symbol}  {quantity.meaning}", min=0, max=90, **ticks)
+
+
+def line(name: str, x: np.ndarray, y: np.ndarray, color: str, dashes: Any = "solid", **more: Any) -> Option:
+    """A curve with a gap at every NaN."""
+    style = {"color": color, "type": dashes, "width": 2.4}
+    look = {"lineStyle": style, "itemStyle": {"color": color}, "symbol": "none", "animation": False}
+    return {"type": "line", "name": name, "data": points(x, y)} | look | more
+
+
+def points(x: np.ndarray, y: np.ndarray) -> list[list[float | None]]:
+    """Pairs of numbers, rounded to the digits that a plot shows; None stands for NaN and infinity."""
+    pairs = np.column_stack([x, y]).astype(float).round(5)
+    drawn = pairs.astype(object)
+    drawn[~np.isfinite(pairs)] = None
+    return drawn.tolist()
+
+
+def frame(x_axis: Any, y_axis: Any, series: list[Option], **more: Any) -> Option:
+    """A plot of one panel."""
+    return {
+        "animation": False,
+        "grid": {"left": 62, "right": 18, "top": 52, "bottom": 50},
+        "legend": LEGEND,
+        "tooltip": {"trigger": "axis", "confine": True, "transitionDuration": 0},
+        "xAxis": x_axis,
+        "yAxis": y_axis,
+        "series": series,
+    } | more
+
+
+def gaps(curve: Impact) -> np.ndarray:
+    """The indices in `ANGLES` just before which the curve jumps."""
+    degrees, _ = broken(DEGREES, curve.volume, np.deg2rad(1) * curve.dvolume)
+    at = np.flatnonzero(np.isnan(degrees))
+    return at - np.arange(at.size)
+
+
+def angle_handle(state: State) -> Option:
+    """The handle at the state's angle, which the reader can drag."""
+    quantity, degrees = QUANTITIES["alpha"], float(np.rad2deg(state.case.numbers()["alpha"]))
+    return {
+        "x": degrees,
+        "movable": True,
+        "low": ANGLE_SLIDER.low,
+        "high": ANGLE_SLIDER.high,
+        "step": ANGLE_SLIDER.step,
+        "label": f"{quantity.meaning}, in the plot",
+        "text": f"{degrees:.4g}°",
+    }
+
 
 _ORDER = ("alpha", *(name for name in QUANTITIES if name != "alpha"))
 

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from erosion.explorer.answers import ANGLES, SPINS, Answers
+from erosion.explorer.computed import ANGLES, SPINS, Answers
 from erosion.explorer.state import State
 from erosion.models.base import State as Body
+from erosion.output.tables import to_csv, to_json
 from erosion.parameters.case_files import dump_case, dump_per_mass
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import Dimension, unit_name
-from erosion.tables import to_csv, to_json
 
 FIGURES: Mapping[str, str] = {
     "cut": "The cut and its histories",

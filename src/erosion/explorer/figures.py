@@ -5,14 +5,13 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from erosion.explorer.answers import ANGLES, SPINS, Answers
+from erosion.explorer.computed import ANGLES, SPINS, Answers
 from erosion.explorer.state import State
-from erosion.plotting.angles import plot_optimum
-from erosion.plotting.families import BestAngles, plot_best_angles
+from erosion.plotting.curves import BestAngles, plot_best_angles, plot_optimum
 from erosion.plotting.motion import plot_end_times, plot_trajectory
-from erosion.plotting.studies import plot_comparison
 from erosion.plotting.style import new_axes, render
-from erosion.sweeps.studies import compare
+from erosion.plotting.sweeps import plot_comparison
+from erosion.sweeps.sweep import compare
 
 
 def draw(name: str, suffix: str, answers: Answers, state: State) -> bytes:

@@ -1,27 +1,122 @@
-"""One browser tab: its state, its controls and its views, and the work between them."""
+"""The buttons for a lecture: the page on the whole screen, and the code that lets other devices in.
+
+The buttons that copy the link and export figures, data, the case and Python lines.
+
+One browser tab: its state, its controls and its views, and the work between them.
+"""
 
 import asyncio
 import contextlib
 import dataclasses
+import json
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, TypeVar
 
+import segno
 from nicegui import background_tasks, ui
 
 from erosion.explorer import computed as computing
-from erosion.explorer.answers import Answers
-from erosion.explorer.computed import Computed
-from erosion.explorer.controls import Controls
-from erosion.explorer.elements import Cut, Plot, Prose, warn
-from erosion.explorer.latest import LatestWins
-from erosion.explorer.materials import Materials
-from erosion.explorer.preparation import Preparation
-from erosion.explorer.sharing import Sharing
-from erosion.explorer.sliders import ANGLES, SPINS, at_position, with_spin
-from erosion.explorer.state import State
-from erosion.explorer.threads import in_thread
+from erosion.explorer import exports
+from erosion.explorer.computed import Answers, Computed, LatestWins, Preparation, in_thread
+from erosion.explorer.controls import (
+    ANGLE_SLIDER,
+    SPINS,
+    Controls,
+    Cut,
+    Materials,
+    Plot,
+    Prose,
+    at_position,
+    warn,
+    with_spin,
+)
+from erosion.explorer.state import State, sentence
 from erosion.explorer.views import VIEWS
-from erosion.explorer.window import window_buttons
+
+_OUTLINE = "dense no-caps outline"
+
+
+def window_buttons(invitation: str | None) -> None:
+    """Make the buttons.
+
+    Args:
+        invitation: the link for other devices; None where they cannot reach the explorer.
+    """
+    if invitation is not None:
+        with ui.dialog() as dialog, ui.card().classes("panel invitation"):
+            ui.html("Scan the code to open this page on another device of this network", tag="h2", sanitize=False)
+            code = segno.make_qr(invitation).svg_inline(scale=8, border=4, light="white", omitsize=True)
+            ui.html(code, sanitize=False).props('role=img aria-label="QR code of the link"')
+            ui.label(invitation).classes("invitation-link")
+            ui.button("Close", on_click=dialog.close).props("dense no-caps flat")
+        ui.button("Invite", icon="qr_code", on_click=dialog.open).props(_OUTLINE)
+    screen = ui.fullscreen()
+    ui.button("Full screen", icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes("full-screen")
+
+
+class Sharing:
+    """The buttons for the link, for exports, and for the dark page.
+
+    Args:
+        answers: the answers about all models.
+        sources: the argument of `erosion.load_model` for each model, by name.
+        state: returns the tab's present state.
+        go: is called with the state that the reader asks for.
+    """
+
+    def __init__(
+        self, answers: Answers, sources: Mapping[str, str], state: Callable[[], State], go: Callable[[State], None]
+    ) -> None:
+        self._answers, self._sources, self._state, self._go = answers, sources, state, go
+        ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
+        with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
+            for name, title in exports.FIGURES.items():
+                for suffix in ("svg", "png"):
+                    self._item(f"{title} ({suffix.upper()})", f"{name}.{suffix}", exports.figure, name, suffix)
+            ui.separator()
+            self._item("Curves over α (CSV)", "curves.csv", exports.curves_csv)
+            self._item("Motion of the model drawn (CSV)", "motion.csv", exports.motion_csv)
+            self._item("All numbers (JSON)", "explorer.json", exports.results_json)
+            ui.separator()
+            self._item("The case (TOML)", "case.toml", lambda _, state: exports.case_toml(state))
+            ui.menu_item("Python lines…", self._show_python)
+        ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
+        with ui.dialog() as self._python, ui.card().classes("panel"):
+            self._lines = ui.code("", language="python").classes("w-full")
+            with ui.row():
+                ui.button("Close", on_click=self._python.close).props("dense no-caps flat")
+
+    def _item(self, title: str, file: str, make: Callable[..., bytes], *arguments: Any) -> None:
+        async def download() -> None:
+            state = self._state()
+            try:
+                content = await asyncio.wrap_future(in_thread(lambda: make(*arguments, self._answers, state)))
+            # A plug-in's own code may raise any error; the page shows the error and goes on.
+            except Exception as error:  # noqa: BLE001
+                ui.notify(f"{file}: {sentence(error)}", type="negative")
+                return
+            ui.download.content(content, file)
+
+        ui.menu_item(title, download)
+
+    async def _copy_link(self) -> None:
+        query = json.dumps(f"/?{self._state().query()}")
+        try:
+            await ui.run_javascript(f"navigator.clipboard.writeText(location.origin + {query}).then(() => true)")
+        except TimeoutError:
+            ui.notify("The browser refused to copy the link; you find it in the address line.", type="negative")
+            return
+        ui.notify("Link copied.")
+
+    async def _toggle_dark(self) -> None:
+        # Only the browser knows whether it prefers a dark page.
+        dark = bool(await ui.run_javascript("Quasar.Dark.isActive"))
+        self._go(dataclasses.replace(self._state(), dark=not dark))
+
+    def _show_python(self) -> None:
+        self._lines.set_content(exports.python_lines(self._state(), self._sources))
+        self._python.open()
+
 
 T = TypeVar("T")
 
@@ -130,7 +225,7 @@ class Tab:
                 return Plot("400px", range_=SPINS, on_pick=self._pick_spin)
             if name == "sensitivities":
                 return Plot("400px")
-            return Plot("400px", range_=ANGLES, on_pick=self._pick_angle)
+            return Plot("400px", range_=ANGLE_SLIDER, on_pick=self._pick_angle)
 
     def _stay_at(self, instant: float) -> None:
         self._go(dataclasses.replace(self.state, instant=instant))

@@ -1,1 +1,1 @@
-"""Many impacts: one integrator for one impact, compiled for many at a time. README.md leads through it."""
+"""Impacts: one or many, followed by steps, and the angle at which most is removed."""

@@ -1,34 +1,120 @@
-"""Impacts, one or millions, with first and second derivatives: `erosion.impact`."""
+"""How an impact ended: the one table of names and sentences.
+
+A code below the number of the model's events is an event, in the order of their names. The codes after these
+are the others, in the order of `OTHER_ENDS`, and then "arrived": at the time asked for, before the end.
+
+One impact's motion at given times: one lane for each time, which goes no further than its own.
+
+Impacts, one or millions, with first and second derivatives: `erosion.impact`.
+"""
 
 import dataclasses
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from erosion.arguments import check_tolerance
-from erosion.array_types import ModelState, Number, PerImpact
-from erosion.impacts.lanes import element_of, lanes_of, layout_of, names_of
-from erosion.impacts.outcomes import NO_DERIVATIVES, end_names
+from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_tolerance
+from erosion.impacts.volume import element_of, lanes_of, layout_of, names_of, split
+from erosion.lanes.lanewise import Compiled, compile_lanes, number
 from erosion.models import load_model, model_name
-from erosion.models.base import CuttingModel
+from erosion.models.base import NO_CUT, CuttingModel, Tip
 from erosion.models.own_parameters import own_quantities, quantities
 from erosion.models.registry import impact_to_dict
-from erosion.ode.batch import integrate, integrate_along
-from erosion.ode.integrator import LaneEnd
-from erosion.ode.layout import Clock, Layout
-from erosion.ode.precision import require_float64
+from erosion.ode.batch import compiling, integrate, integrate_along
+from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.solution import Solution
 from erosion.ode.solve import Lanes, solution
-from erosion.ode.variational import Derivatives
-from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, validate
+from erosion.ode.step_control import LONGEST, require_float64
+from erosion.ode.variational import Clock, Derivatives, Layout
+from erosion.output.tables import Record, Result, Row, abbreviate, format_number, to_plain
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
 from erosion.parameters.quantities import RESULTS, contact_rows, derivative_row, quantity_row, result_row
-from erosion.tables import Record, Result, Row, abbreviate, format_number, to_plain
+
+OTHER_ENDS: Mapping[str, str] = {
+    NO_CUT: "nothing is cut",
+    "failed": "the motion or the volume is not finite, or no step of the motion is exact enough",
+    "unfinished": f"no event ended the cut within {LONGEST:,.0f} time scales",
+}
+"""The ends that are no events, with a sentence on each."""
+
+NO_DERIVATIVES = "the volume is right, but a jump or an infinite rate of the force leaves it without these derivatives"
+"""Of an impact that has a result where fewer derivatives are asked for."""
+
+
+def end_names(model: CuttingModel) -> tuple[str, ...]:
+    """What `ended_by` may say for a model: its events, then "no-cut", "failed", "unfinished".
+
+    The code of an outcome is an index of these.
+    """
+    return (*layout_of(model, TABLE_1).event_names, *OTHER_ENDS)
+
+
+class States(NamedTuple):
+    """The motion at times; arrays of shape (times,).
+
+    Args:
+        outcome: an index of `end_names`; beyond them where the impact has not ended by then.
+        time: the time asked for, or the end of the cut if that is earlier.
+        state: the model's own, a pytree of arrays.
+        tip: position and velocity of the tip.
+        volume, removal_rate: the volume removed so far, and its time derivative.
+        dvolume: dV/dα; only at the end of the cut does it include the change of the time.
+    """
+
+    outcome: np.ndarray
+    time: np.ndarray
+    state: ModelState
+    tip: Tip
+    volume: np.ndarray
+    removal_rate: np.ndarray
+    dvolume: np.ndarray
+
+
+def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float) -> States:
+    """The motion at times since contact, infinity for the end, of one impact, or of one impact for each time.
+
+    Args:
+        model: the model.
+        p: scalars, or arrays of shape (times,).
+        times: shape (times,) [s].
+        rtol: relative tolerance.
+    """
+    layout, (_, numbers) = layout_of(model, p, whole=True), split(model, p)
+    with compiling:
+        program, structure, shapes = _compiled(layout, jax.tree.structure(layout.state))
+    results = [np.empty((times.size, *shape), dtype) for shape, dtype in shapes]
+    clock = Clock(t0=0.0, t1=times, max_step=np.inf, max_events=np.inf)
+    leaves = [np.asarray(leaf, float) for leaf in (*numbers, *clock, rtol)]
+    program.run(leaves, np.arange(times.size), results)
+    return States(*jax.tree.unflatten(structure, results))
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(
+    layout: Layout, its_state: Structure
+) -> tuple[Compiled, Structure, list[tuple[tuple[int, ...], np.dtype]]]:
+    """The program. It gives states of the model's own class, which may differ where layouts are equal."""
+
+    def lane(numbers: list[Number], rtol: Scalar) -> tuple[ModelState, ...]:
+        p, model = layout.args(numbers)
+        end = integrate_lane(layout, numbers, (element_of(model, "alpha"),), rtol, order=1)
+        integrals = len(layout.problem.integrals)
+        elements, (volume, *_) = end.outputs.value[:-integrals], end.outputs.value[-integrals:]
+        state = jax.tree.unflatten(jax.tree.structure(model.initial_state(p)), elements)
+        rate = model.removal_rate(state, p)
+        return end.outcome, end.time.value, state, model.tip(state, p), volume, rate, end.outputs.first[-integrals]
+
+    arguments = (layout.structs(), number)
+    leaves, structure = jax.tree.flatten(jax.eval_shape(lane, *arguments))
+    return compile_lanes(lane, arguments), structure, [(leaf.shape, leaf.dtype) for leaf in leaves]
+
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 

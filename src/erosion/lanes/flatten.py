@@ -15,8 +15,7 @@ from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, element
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
-from erosion.lanes.passes import finish
-from erosion.lanes.places import PLACES, SCATTERS, scatter
+from erosion.lanes.passes import PLACES, SCATTERS, finish, scatter
 from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
 _DOUBLE = np.dtype(np.float64)

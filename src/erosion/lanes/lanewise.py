@@ -2,13 +2,21 @@
 
 add = Lanewise(lambda x, y: x + y, (number, number))
 add((np.arange(5.0), 2.0))  # -> an array of 5
+
+Lanes on a GPU: XLA compiles a function of one lane's numbers for many lanes.
+
+The choice of a compiler for lanes: this package's on a CPU, XLA on a GPU.
 """
 
+import functools
+import importlib.util
+import os
 from collections.abc import Callable, Sequence
+from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
 
 from erosion.lanes.flatten import flatten
 from erosion.lanes.machine import MachineCode, Target, without_garbage_collection
@@ -121,3 +129,96 @@ class Lanewise:
         memory = np.empty(size + line // 8)
         begin = -memory.ctypes.data % line // 8
         return memory[begin : begin + size].reshape(-1, self._width)
+
+
+# On a CPU XLA would fuse every stage of an integrator with all before it, and compile for minutes.
+_ON_A_CPU = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion", "xla_backend_optimization_level": 0}
+
+
+class XlaLanes:
+    """A function of one lane's numbers, compiled for many lanes: `jax.vmap` of it; arguments as of `Lanewise`."""
+
+    def __init__(self, function: Callable[..., PyTree], examples: Sequence[PyTree]) -> None:
+        leaves, structure = jax.tree.flatten(tuple(examples))
+        self.inputs = [tuple(leaf.shape) for leaf in leaves]
+        self._dtypes = [leaf.dtype for leaf in leaves]
+
+        def lane(given: list[Array]) -> list[Array]:
+            return jax.tree.leaves(function(*jax.tree.unflatten(structure, given)))
+
+        # A function that cannot be traced fails here, before anything runs.
+        jax.eval_shape(lane, leaves)
+        options = _ON_A_CPU if jax.default_backend() == "cpu" else None
+        self._lanes = jax.jit(jax.vmap(lane), compiler_options=options)
+
+    def run(
+        self,
+        leaves: Sequence[np.ndarray],
+        order: np.ndarray,
+        results: Sequence[np.ndarray],
+        stop: np.ndarray | None = None,
+    ) -> None:
+        """Compute some lanes, in an order, and write their results; see `Lanewise.run`. XLA cannot be stopped."""
+        del stop
+        if not len(order):
+            return
+        # A program for each power of two: the last lane is repeated.
+        count = 1 << (len(order) - 1).bit_length()
+        filled = np.concatenate([order, np.full(count - len(order), order[-1])])
+        given = [
+            np.broadcast_to(leaf, (count, *leaf.shape)) if leaf.ndim == len(shape) else leaf[filled]
+            for leaf, shape in zip(leaves, self.inputs, strict=True)
+        ]
+        computed = self._lanes([leaf.astype(dtype) for leaf, dtype in zip(given, self._dtypes, strict=True)])
+        for result, part in zip(results, computed, strict=True):
+            result[order] = np.asarray(part)[: len(order)]
+
+
+ENGINE = "EROSION_ENGINE"
+"""The environment variable that says "xla" to have XLA compile for a CPU too."""
+
+
+@runtime_checkable
+class Compiled(Protocol):
+    """A function of one lane, compiled for many."""
+
+    inputs: list[tuple[int, ...]]
+    """Shapes of one lane's arguments."""
+
+    def run(
+        self,
+        leaves: Sequence[np.ndarray],
+        order: np.ndarray,
+        results: Sequence[np.ndarray],
+        stop: np.ndarray | None = None,
+    ) -> None:
+        """Compute some lanes; see `Lanewise.run`."""
+        ...
+
+
+def compile_lanes(function: Callable[..., PyTree], examples: Sequence[PyTree]) -> Compiled:
+    """Compile a function of one lane's numbers; see `Lanewise`."""
+    return XlaLanes(function, examples) if by_xla() else Lanewise(function, examples)
+
+
+@functools.cache
+def by_xla() -> bool:
+    """Whether XLA compiles lanes.
+
+    Raises:
+        ValueError: for an unknown value of `EROSION_ENGINE`.
+    """
+    asked = os.environ.get(ENGINE, "")
+    if asked not in ("", "lanes", "xla"):
+        raise ValueError(f"The environment variable {ENGINE} must be `lanes` or `xla`, but is {asked!r}.")
+    # Asking JAX for its devices takes a tenth of a second, so only where a GPU's plug-in is installed.
+    plugins = ("jax_cuda12_plugin", "jax_cuda13_plugin", "jax_rocm60_plugin", "jax_rocm7_plugin", "libtpu")
+    may_be_gpu = any(importlib.util.find_spec(name) for name in plugins)
+    return asked == "xla" or (not asked and may_be_gpu and jax.default_backend() != "cpu")
+
+
+def threads() -> int:
+    """How many threads compute lanes at once."""
+    if by_xla():
+        return 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,8 +1,18 @@
-"""Passes over a complete graph: unused operations are dropped, and a product with its sum becomes one operation."""
+"""Passes over a complete graph: unused operations are dropped, and a product with its sum becomes one operation.
 
-from collections.abc import Iterable, Sequence
+Elements of small arrays at places that may differ from lane to lane.
+"""
 
-from erosion.lanes.graph import DOUBLE, Branch, Graph, Loop, Region, Step, Value
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+from jax.extend.core import Jaxpr
+from jax.typing import ArrayLike
+
+from erosion.lanes.arrays import Elements, Part, Work, kind_of, part, whole
+from erosion.lanes.graph import BOOL, DOUBLE, LONG, Branch, CannotCompileError, Graph, Loop, Region, Step, Value
+from erosion.lanes.scalars import SCALARS, Equation, Kind, aval_of, converted, type_of
 
 
 def finish(graph: Graph, outputs: Sequence[Value]) -> None:
@@ -109,3 +119,191 @@ def _contract(region: Region) -> None:
                 taken.add(y)
                 step.op, step.inputs = ("fnma" if minus else "fma"), (*y.inputs, x)
     region.steps = [step for step in region.steps if step not in taken]
+
+
+_LONG = np.dtype(np.int64)
+_OF_LONGS = Kind({}, (_LONG, _LONG), _LONG)
+
+
+def _start(graph: Graph, value: Value, dtype: np.dtype) -> Value:
+    """Where a slice starts, as an int64; the largest where an unsigned number is larger still."""
+    start = converted(graph, value, dtype, _LONG)
+    if dtype != np.uint64:
+        return start
+    beyond = graph.compare("icmp slt", start, graph.constant(0, LONG))
+    return graph.select(beyond, graph.constant(np.iinfo(np.int64).max, LONG), start)
+
+
+def _clamped(graph: Graph, start: Value, most: int) -> Value:
+    """A start from 0 to `most`."""
+    low, high = graph.constant(0, LONG), graph.constant(most, LONG)
+    return SCALARS["clamp"](graph, _OF_LONGS, low, start, high)
+
+
+def _within(graph: Graph, starts: Sequence[Value], most: Sequence[int]) -> Value:
+    """Whether every start is from 0 to its `most`."""
+    inside = graph.constant(True, BOOL)
+    for start, highest in zip(starts, most, strict=True):
+        # One unsigned comparison does for both limits: read without its sign, a negative start is large.
+        good = graph.compare("icmp ule", start, graph.constant(highest, LONG))
+        if start.is_constant:
+            good = graph.constant(0 <= start.extra <= highest, BOOL)
+        inside = graph.op("and", BOOL, inside, good)
+    return inside
+
+
+def _element(graph: Graph, array: Elements, starts: Sequence[Value], offset: Sequence[int]) -> Value:
+    """The element at starts + offset, which lies within the array."""
+    flat = graph.constant(0, LONG)
+    for axis, (start, by) in enumerate(zip(starts, offset, strict=True)):
+        stride = graph.constant(math.prod(array.shape[axis + 1 :]), LONG)
+        index = graph.op("add", LONG, start, graph.constant(by, LONG))
+        flat = graph.op("add", LONG, flat, graph.op("mul", LONG, index, stride))
+    if flat.is_constant:
+        return array.ravel()[flat.extra]
+    if array.size == 1:
+        return array.ravel()[0]
+    return graph.op("lookup", array.ravel()[0].type, flat, graph.op("table", "ptr", *array.ravel()))
+
+
+def _changed(
+    graph: Graph, array: Elements, starts: Sequence[Value], offset: Sequence[int], new: Callable[[Value], Value]
+) -> None:
+    """Replace the element at starts + offset by `new` of it; outside the array nothing changes."""
+    for index in np.ndindex(array.shape):
+        here = graph.constant(True, BOOL)
+        for start, by, i in zip(starts, offset, index, strict=True):
+            here = graph.op("and", BOOL, here, graph.compare("icmp eq", start, graph.constant(i - by, LONG)))
+        if not (here.is_constant and not here.extra):
+            array[index] = graph.select(here, new(array[index]), array[index])
+
+
+def _dynamic_slice(equation: Equation) -> Work:
+    sizes = equation.params["slice_sizes"]
+    dtypes = kind_of(equation).inputs[1:]
+
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
+        array, places = whole(inputs[0]), zip(inputs[1:], dtypes, strict=True)
+        starts = [
+            _clamped(graph, _start(graph, *place), n - size)
+            for place, n, size in zip(places, array.shape, sizes, strict=True)
+        ]
+        made = np.empty(sizes, object)
+        for offset in np.ndindex(*sizes):
+            made[offset] = _element(graph, array, starts, offset)
+        return [made]
+
+    return work
+
+
+def _dynamic_update_slice(equation: Equation) -> Work:
+    dtypes = kind_of(equation).inputs[2:]
+
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
+        array, update = whole(inputs[0]).copy(), whole(inputs[1])
+        places = zip(inputs[2:], dtypes, strict=True)
+        starts = [
+            _clamped(graph, _start(graph, *place), n - size)
+            for place, n, size in zip(places, array.shape, update.shape, strict=True)
+        ]
+        for offset in np.ndindex(update.shape):
+            value = update[offset]
+            _changed(graph, array, starts, offset, lambda _, value=value: value)
+        return [array]
+
+    return work
+
+
+def _gather(equation: Equation) -> Work:
+    numbers, sizes = equation.params["dimension_numbers"], equation.params["slice_sizes"]
+    mode, shape = equation.params["mode"].name, aval_of(equation.outvars[0]).shape
+    kind, fill = kind_of(equation), equation.params["fill_value"]
+    gone = (*numbers.collapsed_slice_dims, *numbers.operand_batching_dims)
+
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
+        array, indices = whole(inputs[0]), whole(inputs[1])
+        most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
+        kept = [axis for axis in range(array.ndim) if axis not in gone]
+        made = np.empty(shape, object)
+        for index in np.ndindex(shape):
+            batch = [i for axis, i in enumerate(index) if axis not in numbers.offset_dims]
+            offset = [0] * array.ndim
+            for axis, to in zip(numbers.offset_dims, kept, strict=True):
+                offset[to] = index[axis]
+            starts = _starts(graph, numbers.start_index_map, array.ndim, indices[tuple(batch)], kind.inputs[1])
+            pairs = zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True)
+            for axis, of_batch in pairs:
+                starts[axis] = graph.constant(batch[of_batch], LONG)
+            safe = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
+            value = _element(graph, array, safe, offset)
+            if mode == "FILL_OR_DROP":
+                outside = graph.constant(_fill(fill, kind.output), type_of(kind.output))
+                value = graph.select(_within(graph, starts, most), value, outside)
+            made[index] = value
+        return [part(made)]
+
+    return work
+
+
+def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dtype: np.dtype) -> list[Value]:
+    """Where a slice starts, for each axis of the array."""
+    starts = [graph.constant(0, LONG)] * ndim
+    for axis, value in zip(axes, vector, strict=True):
+        starts[axis] = _start(graph, value, dtype)
+    return starts
+
+
+def _fill(fill: float | None, dtype: np.dtype) -> float:
+    """What JAX gives for a place outside the array."""
+    if fill is not None:
+        return fill
+    if dtype.kind == "f":
+        return np.nan
+    return True if dtype.kind == "b" else np.iinfo(dtype).min if dtype.kind == "i" else np.iinfo(dtype).max
+
+
+def scatter(equation: Equation, call: Callable[[Jaxpr, Sequence[ArrayLike], Sequence[Part]], list[Part]]) -> Work:
+    """Changes elements of an array: each becomes what a function makes of it and of its update.
+
+    Args:
+        equation: of one of `SCATTERS`.
+        call: gives a function's results.
+    """
+    params, kind = equation.params, kind_of(equation)
+    numbers, function = params["dimension_numbers"], params["update_jaxpr"]
+    if numbers.operand_batching_dims:
+        raise CannotCompileError(f"`{equation.primitive.name}` in a batch")
+
+    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
+        array, indices, updates = whole(inputs[0]).copy(), whole(inputs[1]), whole(inputs[2])
+        kept = [axis for axis in range(array.ndim) if axis not in numbers.inserted_window_dims]
+        for index in np.ndindex(updates.shape):
+            batch = tuple(i for axis, i in enumerate(index) if axis not in numbers.update_window_dims)
+            offset, sizes = [0] * array.ndim, [1] * array.ndim
+            for axis, to in zip(numbers.update_window_dims, kept, strict=True):
+                offset[to], sizes[to] = index[axis], updates.shape[axis]
+            starts = _starts(graph, numbers.scatter_dims_to_operand_dims, array.ndim, indices[batch], kind.inputs[1])
+            most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
+            if params["mode"].name == "CLIP":
+                starts = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
+            inside, update = _within(graph, starts, most), updates[index]
+
+            def new(old: Value, inside: Value = inside, update: Value = update) -> Value:
+                value = whole(call(function, params["update_consts"], [old, update])[0])[()] if function else update
+                return graph.select(inside, value, old)
+
+            _changed(graph, array, starts, offset, new)
+        return [part(array)]
+
+    return work
+
+
+PLACES: Mapping[str, Callable[[Equation], Work]] = {
+    "dynamic_slice": _dynamic_slice,
+    "dynamic_update_slice": _dynamic_update_slice,
+    "gather": _gather,
+}
+"""What computes each primitive that reads or changes a slice at a computed place, by its name."""
+
+SCATTERS = {"scatter", "scatter-add", "scatter-sub", "scatter-mul", "scatter-min", "scatter-max"}
+"""Names of the primitives that `scatter` computes."""

@@ -8,7 +8,7 @@ no pass over the result, so its bits depend on the graph alone.
 import struct
 
 from erosion.lanes.graph import BOOL, Branch, Graph, Loop, Region, Value
-from erosion.lanes.interruption import INTERRUPTED, look_for_a_stop
+from erosion.lanes.surroundings import INTERRUPTED, look_for_a_stop
 
 ENTRY = "run"
 _FEW = 8  # operations of a case that are no longer than the jump around them

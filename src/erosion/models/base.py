@@ -13,11 +13,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.array_types import Broadcast, Flag, ModelState
+from erosion.arguments import Broadcast, Flag, ModelState
 from erosion.models.own_parameters import check_least, converted, replaced
+from erosion.output.tables import abbreviate
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import System
-from erosion.tables import abbreviate
 
 if TYPE_CHECKING:
     from erosion.ode.problem import Problem
@@ -203,7 +203,7 @@ class CuttingModel(eqx.Module):
         `start="end"` says that an impact which cuts nothing ends at its start; `ended_by` is then "start" for
         "no-cut". The model's own numbers are part of the problem.
         """
-        from erosion.models.cut import problem_of
+        from erosion.models.equations import problem_of
 
         return problem_of(self)
 

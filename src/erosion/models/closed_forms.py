@@ -19,11 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from erosion.array_types import Broadcast, Scalar
+from erosion.arguments import Broadcast, Scalar
 from erosion.models.base import NO_CUT, ZERO, ClosedForm, Events, State
 from erosion.models.deformation import Deformation, NoDeformation
 from erosion.models.trigonometry import UPRIGHT
-from erosion.ode.precision import require_xla
+from erosion.ode.step_control import require_xla
 from erosion.parameters.parameters import Parameters
 
 _Method = TypeVar("_Method", bound=Callable[..., Broadcast | State | Events])

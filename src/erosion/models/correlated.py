@@ -6,7 +6,7 @@ import warnings
 import equinox as eqx
 import numpy as np
 
-from erosion.array_types import Broadcast, Number, Scalar
+from erosion.arguments import Broadcast, Number, Scalar
 from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
 from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip

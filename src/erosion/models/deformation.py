@@ -16,7 +16,7 @@ import abc
 import equinox as eqx
 import jax.numpy as jnp
 
-from erosion.array_types import Broadcast
+from erosion.arguments import Broadcast
 from erosion.models.own_parameters import own_parameter
 from erosion.models.trigonometry import sincos
 from erosion.parameters.parameters import Parameters

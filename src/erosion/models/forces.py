@@ -1,12 +1,18 @@
-"""The force of the target on the tip."""
+"""The force of the target on the tip.
+
+What turns a rigid erodent: the moment of the force on its tip about the centre of mass.
+
+Where the tip of a rigid erodent is, given the body's motion.
+"""
 
 import abc
 
 import equinox as eqx
+import jax.numpy as jnp
 
-from erosion.array_types import Broadcast
+from erosion.arguments import Broadcast
 from erosion.models.base import State, Tip
-from erosion.models.trigonometry import sincos
+from erosion.models.trigonometry import UPRIGHT, orientation, sincos
 from erosion.parameters.parameters import Parameters
 
 
@@ -75,3 +81,76 @@ class VelocityAligned(ForceRatio):
 def _tan(angle: Broadcast) -> Broadcast:
     sine, cosine = sincos(angle)
     return sine / cosine
+
+
+class Torque(eqx.Module):
+    """The contact force's moment about the centre of mass."""
+
+    @abc.abstractmethod
+    def __call__(self, state: State, force: tuple[Broadcast, Broadcast], p: Parameters) -> Broadcast:
+        """τ [force × length], positive counter-clockwise."""
+
+
+class NoTorque(Torque):
+    """The body keeps its spin."""
+
+    def __call__(self, state: State, force: tuple[Broadcast, Broadcast], p: Parameters) -> Broadcast:
+        return jnp.zeros_like(force[0])
+
+
+class HorizontalTorque(Torque):
+    """τ = r F_x: the tip stays below the centre of mass *on average* (Laverty (20)).
+
+    Laverty (20) takes the force from the depth of the centre of mass; here torque and force
+    come from the depth of the tip. (15) has the opposite sign, against its own Figure 5.
+    """
+
+    def __call__(self, state: State, force: tuple[Broadcast, Broadcast], p: Parameters) -> Broadcast:
+        return p.r * force[0]
+
+
+class FullTorque(Torque):
+    """τ = r sin φ F_x + r cos φ F_y: the moment of both components at the tip."""
+
+    def __call__(self, state: State, force: tuple[Broadcast, Broadcast], p: Parameters) -> Broadcast:
+        _, sine, cosine = orientation(state.phi)
+        return p.r * (sine * force[0] + cosine * force[1])
+
+
+class TipKinematics(eqx.Module):
+    """Where the tip is, given the body's motion."""
+
+    @abc.abstractmethod
+    def __call__(self, state: State, p: Parameters) -> Tip:
+        """The tip's position and velocity."""
+
+
+class CentreOfMassTip(TipKinematics):
+    """The tip moves as the centre of mass does: the body does not turn (Laverty (22)-(25))."""
+
+    def __call__(self, state: State, p: Parameters) -> Tip:
+        return Tip(state.x, state.y, state.vx, state.vy)
+
+
+class CircularTip(TipKinematics):
+    """The tip circles the centre of mass: x_tip = x - r cos φ, depth = y - r (1 - sin φ).
+
+    Laverty (13) prints the depth as y - r sin φ, which is -r at first contact.
+    """
+
+    def __call__(self, state: State, p: Parameters) -> Tip:
+        lifted, sine, cosine = orientation(state.phi)
+        swing = p.r * state.omega
+        return Tip(
+            x=state.x - p.r * cosine,
+            depth=state.y - p.r * lifted,
+            vx=state.vx + swing * sine,
+            vdepth=state.vy + swing * cosine,
+        )
+
+
+class SmallAngleTip(TipKinematics):
+    """The tip to first order in the turn: x_tip = x + r (φ - π/2), depth = y (Finnie 1958)."""
+
+    def __call__(self, state: State, p: Parameters) -> Tip:
+        return Tip(state.x + p.r * (state.phi - UPRIGHT), state.y, state.vx + p.r * state.omega, state.vy)

@@ -16,12 +16,11 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from erosion.arguments import check_scalars, check_unmasked
-from erosion.array_types import Number
+from erosion.arguments import Number, check_scalars, check_unmasked
+from erosion.output.tables import abbreviate
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
 from erosion.parameters.quantities import Quantity
 from erosion.parameters.units import Dimension, System, conversion_factor
-from erosion.tables import abbreviate
 
 _Model = TypeVar("_Model", bound=eqx.Module)
 _Method = TypeVar("_Method", bound=Callable[..., Any])

@@ -16,22 +16,17 @@ import jax
 
 from erosion.arguments import check_path
 from erosion.correlations import CORRELATIONS
-from erosion.models.as_printed import AsPrinted
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, correlated
 from erosion.models.deformation import Deformation, ProportionalDeformationWear
 from erosion.models.equations import equations_of, flaw
-from erosion.models.finnie import Finnie
-from erosion.models.forces import ForceLaw, TanAlpha, VelocityAligned
-from erosion.models.linearized import Linearized
+from erosion.models.forces import ForceLaw, FullTorque, TanAlpha, TipKinematics, Torque, VelocityAligned
 from erosion.models.own_parameters import own_parameters
-from erosion.models.rotating import Rotating
-from erosion.models.tips import TipKinematics
-from erosion.models.torques import FullTorque, Torque
-from erosion.ode.equations import named
+from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating
+from erosion.ode.problem import named
+from erosion.output.tables import Record, to_plain
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.units import shown
-from erosion.tables import Record, to_plain
 
 _PARTS = {"force": ForceLaw, "torque": Torque, "kinematics": TipKinematics, "deformation": Deformation}
 

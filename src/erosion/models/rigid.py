@@ -3,18 +3,37 @@
     m ẍ = F_x,   m ÿ = F_y,   I φ̈ = τ        (Laverty (2), (3), (11))
 
 A new variant is one new part, a few lines long.
+
+Equations (16)-(21) exactly as the scenario prints them, slips included.
+
+The erodent does not turn: the system that questions 1 to 8 are asked of.
+
+Finnie's own model of 1958: the turn counts to first order.
+
+The erodent turns as it cuts (Laverty's additional question 1).
 """
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.array_types import Broadcast
-from erosion.models.base import CuttingModel, Scales, State, Tip
+from erosion.arguments import Broadcast
+from erosion.models.base import ClosedForm, CuttingModel, Scales, State, Tip
+from erosion.models.closed_forms import FinnieCut, LinearizedCut, StraightCut, with_deformation
 from erosion.models.deformation import Deformation, NoDeformation
-from erosion.models.forces import ForceLaw
-from erosion.models.tips import TipKinematics
-from erosion.models.torques import Torque
+from erosion.models.forces import (
+    CentreOfMassTip,
+    CircularTip,
+    ConstantRatio,
+    ForceLaw,
+    HorizontalTorque,
+    NoTorque,
+    SmallAngleTip,
+    TanAlpha,
+    TipKinematics,
+    Torque,
+    VelocityAligned,
+)
 from erosion.models.trigonometry import UPRIGHT, sincos
 from erosion.parameters.parameters import Parameters
 
@@ -65,3 +84,101 @@ class RigidErodent(CuttingModel):
     def scales(self, p: Parameters) -> Scales:
         time = jnp.sqrt(p.m / (self.force.typical_ratio(p) * p.stiffness))
         return Scales(time, p.v0 * sincos(p.alpha)[0] * time)
+
+
+class PrintedForce(ForceLaw):
+    """F_x = -c (y - r sin φ), F_y = k F_x: it pushes the erodent *forward* at contact."""
+
+    def __call__(self, state: State, tip: Tip, p: Parameters) -> tuple[Broadcast, Broadcast]:
+        horizontal = -p.stiffness * (state.y - p.r * sincos(state.phi)[0])
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p: Parameters) -> Broadcast:
+        return p.k
+
+
+class PrintedTorque(Torque):
+    """τ = -r c y, from the depth of the centre of mass (Laverty (20))."""
+
+    def __call__(self, state: State, force: tuple[Broadcast, Broadcast], p: Parameters) -> Broadcast:
+        return -p.r * p.stiffness * state.y
+
+
+class AsPrinted(RigidErodent):
+    """The literal reading of Laverty (16)-(21), to show what it does; not for use.
+
+    Events and volume are on the centre of mass. With φ(0) = π/2 the force is that of a
+    depth -r at first contact, so the erodent is first thrown forward and down, and the
+    volume only falls with the angle.
+    """
+
+    kinematics: TipKinematics = CentreOfMassTip()
+    force: ForceLaw = PrintedForce()
+    torque: Torque = PrintedTorque()
+
+
+class Linearized(RigidErodent):
+    """The tip moves as the centre of mass: m ẍ = -c y, m ÿ = -K c y.
+
+    Args:
+        force: K, by default constant; `TanAlpha()` or `VelocityAligned()` for the additional
+            questions 2 and 3, or any `ForceLaw`.
+
+    References:
+        Laverty (22)-(25). Differs from the source in the reason only: what stays small is
+        φ - π/2, not φ.
+    """
+
+    force: ForceLaw = ConstantRatio()
+    torque: Torque = NoTorque()
+    kinematics: TipKinematics = CentreOfMassTip()
+
+    def closed_form(self) -> ClosedForm | None:
+        if self.torque != NoTorque() or self.kinematics != CentreOfMassTip():
+            return None
+        if isinstance(self.force, ConstantRatio):
+            return with_deformation(LinearizedCut(), self.deformation)
+        if isinstance(self.force, (TanAlpha, VelocityAligned)):
+            return with_deformation(StraightCut(), self.deformation)
+        return None
+
+
+class Finnie(RigidErodent):
+    """The tip is at x + r (φ - π/2) and depth y; I φ̈ = r F_x slows it as it cuts.
+
+    Args:
+        force: K, by default constant.
+
+    References:
+        Finnie 1958; OpenFOAM's `ParticleErosion` is its closed form with β = ½.
+    """
+
+    force: ForceLaw = ConstantRatio()
+    torque: Torque = HorizontalTorque()
+    kinematics: TipKinematics = SmallAngleTip()
+
+    def closed_form(self) -> ClosedForm | None:
+        parts = (self.force, self.torque, self.kinematics)
+        known = parts == (ConstantRatio(), HorizontalTorque(), SmallAngleTip())
+        return with_deformation(FinnieCut(), self.deformation) if known else None
+
+
+class Rotating(RigidErodent):
+    """The tip circles the centre of mass, and the contact force turns the body.
+
+    m ẍ = -c d,  m ÿ = -K c d,  I φ̈ = τ,  d = y - r (1 - sin φ).
+
+    Args:
+        force: K, by default constant; `TanAlpha()` or `VelocityAligned()` for the additional
+            questions 2 and 3, or any `ForceLaw`.
+        torque: `HorizontalTorque()` (r F_x, the scenario's) or `FullTorque()`.
+
+    References:
+        Laverty (16)-(21). Differs from the source: the depth of the tip is y - r (1 - sin φ),
+        not y - r sin φ; the torque uses that depth and has the sign of (20); the volume is
+        cut by the tip's own path.
+    """
+
+    force: ForceLaw = ConstantRatio()
+    torque: Torque = HorizontalTorque()
+    kinematics: TipKinematics = CircularTip()

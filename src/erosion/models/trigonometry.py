@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from erosion.array_types import Broadcast
+from erosion.arguments import Broadcast
 
 UPRIGHT = np.pi / 2  # φ at contact [rad]
 

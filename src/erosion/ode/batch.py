@@ -10,13 +10,11 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from erosion.array_types import Number, PerLane, Scalar
-from erosion.lanes.choice import Compiled, compile_lanes, threads
-from erosion.lanes.lanewise import WIDTH, number
+from erosion.arguments import Number, PerLane, Scalar
+from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number, threads
+from erosion.ode.crossings import alike_together
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
-from erosion.ode.layout import Clock, Layout
-from erosion.ode.ordering import alike_together
-from erosion.ode.variational import Direction
+from erosion.ode.variational import Clock, Direction, Layout
 
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 _REPEATED = 4  # times at most

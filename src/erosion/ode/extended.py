@@ -6,14 +6,11 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from erosion.array_types import Number, Scalar
+from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.kinks import Rows
-from erosion.ode.layout import Layout
-from erosion.ode.reduction import motion_of
-from erosion.ode.smoothness import may_have_kinks
+from erosion.ode.reduction import Rows, may_have_kinks, motion_of
 from erosion.ode.step_control import Limits
-from erosion.ode.variational import Augmented, Derivatives, Direction, Variational
+from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
 
 _SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
 _TINY = 1e-200  # keeps 0/0 away

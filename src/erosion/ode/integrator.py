@@ -13,24 +13,25 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from erosion.array_types import Flag, Number, PerImpact, Scalar
-from erosion.ode import event_steps, step_control, waiting
-from erosion.ode.crossings import Ends
+from erosion.arguments import Flag, Number, PerImpact, Scalar
+from erosion.ode import crossings, step_control
+from erosion.ode.crossings import Ends, Watched
 from erosion.ode.extended import Extended
-from erosion.ode.kinks import Rows, corrected, is_broken
-from erosion.ode.layout import Layout
 from erosion.ode.problem import OTHER_ENDS
+from erosion.ode.reduction import Rows, corrected, is_broken
 from erosion.ode.step_control import (
     ARRIVED,
+    B_CHECK,
+    B_ERROR,
     ENDED,
     NOT_BEGUN,
     UNFINISHED,
+    A,
+    B,
     Control,
     eighth_root,
 )
-from erosion.ode.tableau import B_CHECK, B_ERROR, A, B
-from erosion.ode.variational import AtEvent, Augmented, Derivatives, Direction, Motion, at_event
-from erosion.ode.waiting import Watched
+from erosion.ode.variational import AtEvent, Augmented, Derivatives, Direction, Layout, Motion, at_event
 
 _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
 # By order, where states are wanted, too: at an event they err by the error of its time as well. Measured on the six
@@ -173,12 +174,12 @@ def _to_its_event(
         events = [Ends(jnp.maximum(event.value, 0.0), event.rate) for event in events]
     if before is not None:
         # The functions of events that have just happened are zero, but for rounding.
-        events = [waiting.after_event(*each, scale) for each in zip(events, before.at_once, strict=True)]
+        events = [crossings.after_event(*each, scale) for each in zip(events, before.at_once, strict=True)]
         past, trial = before.control, jnp.minimum(control.trial, before.control.step)
         control = control._replace(
             trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
         )
-    watched = waiting.watch(problem.directions, events, scale) if problem.options.waits else []
+    watched = crossings.watch(problem.directions, events, scale) if problem.options.waits else []
     greatest = _greatest(problem, [0.0 * row for row in initial], initial)
     lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest)
     lane = lax.while_loop(
@@ -219,18 +220,18 @@ def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
         state, left = _short_step(problem, state, slope, more), left + more
         slope, events = problem.rate_and_events(state)
         events = [
-            waiting.silenced(waiting.turned(event, watched.turn), watched.counts | (control.event == i))
+            crossings.silenced(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
             for i, (event, watched) in enumerate(zip(events, lane.watched, strict=True))
         ]
     ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
-    event, remaining = event_steps.first_fall(control, events)
+    event, remaining = crossings.first_fall(control, events)
     if options.waits and until is not None:
-        event, remaining = waiting.last_moment(event, remaining, events, scale)
+        event, remaining = crossings.last_moment(event, remaining, events, scale)
     remaining = jnp.where(ended, remaining, 0.0)
     rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
     time = control.time + left + remaining
     happened = ended & (event >= 0)
-    near = waiting.at_once(events, remaining, scale) if options.clock else [jnp.asarray(False)] * len(events)
+    near = crossings.at_once(events, remaining, scale) if options.clock else [jnp.asarray(False)] * len(events)
     at_once = [happened & (there | (event == i)) for i, there in enumerate(near)]
     return _Motion(control, problem.members(rows), event, time, lax.convert_element_type(happened, np.int32), at_once)
 
@@ -259,7 +260,7 @@ def _begins(problem: Extended, events: Sequence[Ends], time: Scalar) -> Flag:
     if not problem.options.begins:
         return jnp.asarray(True)
     if problem.options.waits:
-        return waiting.all_count(problem.directions, events, time)
+        return crossings.all_count(problem.directions, events, time)
     rises = ((jnp.abs(event.value) <= _ZERO) & (event.rate * time > _ZERO) for event in events)
     going = ((event.value > _ZERO) | rising for event, rising in zip(events, rises, strict=True))
     return functools.reduce(jnp.logical_and, going, jnp.asarray(True))
@@ -277,15 +278,17 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
-    watched = waiting.watch(problem.directions, lane.events, scale) if problem.options.waits else []
+    watched = crossings.watch(problem.directions, lane.events, scale) if problem.options.waits else []
     if problem.options.waits:
-        trial = waiting.look(watched, lane.control, lane.events, events, within, error, scale, rough=problem.rough)
+        trial = crossings.look_directed(
+            watched, lane.control, lane.events, events, within, error, scale, rough=problem.rough
+        )
     else:
-        trial = event_steps.look(lane.control, lane.events, events, within, error, scale, rough=problem.rough)
+        trial = crossings.look(lane.control, lane.events, events, within, error, scale, rough=problem.rough)
     limits = problem.limits
     control, moved = lax.cond(
-        event_steps.is_near_an_end(lane.control, trial),
-        lambda: event_steps.decide(lane.control, trial, scale, limits, rough=problem.rough),
+        crossings.is_near_an_end(lane.control, trial),
+        lambda: crossings.decide(lane.control, trial, scale, limits, rough=problem.rough),
         lambda: step_control.go_on(lane.control, trial.error, trial.lowest, scale, limits),
     )
     if problem.rough and problem.order:
@@ -302,7 +305,7 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
 def _within(problem: Extended, control: Control, until: Scalar | None) -> Control:
     if until is None:
         return control
-    return event_steps.stop_at(control._replace(trial=jnp.minimum(control.trial, problem.clock.max_step)), until)
+    return crossings.stop_at(control._replace(trial=jnp.minimum(control.trial, problem.clock.max_step)), until)
 
 
 def _step(

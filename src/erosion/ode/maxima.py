@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from erosion.interrupts import unawaited_threads
-from erosion.lanes.choice import threads
+from erosion.lanes.lanewise import threads
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.layout import Layout
 from erosion.ode.resolve import Cells, Evaluate, Nodes, Ruler, Scan, is_jump, joined, polish, scan
-from erosion.ode.variational import Derivatives
-from erosion.tables import Record
+from erosion.ode.variational import Derivatives, Layout
+from erosion.output.tables import Record
 
 LOOSE = 1e-9  # relative tolerance of the search
 TIGHT = 1e-11  # relative tolerance of a polished maximum

@@ -18,23 +18,20 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import check_whole
-from erosion.array_types import Number, PerImpact, PerLane, Scalar
-from erosion.lanes.choice import Compiled, compile_lanes
+from erosion.arguments import Number, PerImpact, PerLane, Scalar, check_whole
 from erosion.lanes.digests import hashed
 from erosion.lanes.flatten import NotForLanesError
+from erosion.lanes.lanewise import Compiled, compile_lanes
 from erosion.ode.batch import compiling
-from erosion.ode.equations import FlawError, Traced, is_number, require_numbers
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.layout import Clock
 from erosion.ode.maxima import LOOSE, TIGHT, Along, Maxima, Range, Search, columns, searched
-from erosion.ode.precision import require_float64
-from erosion.ode.problem import Problem
+from erosion.ode.problem import FlawError, Problem, Traced, is_number, require_numbers
 from erosion.ode.resolve import Ruler
 from erosion.ode.solution import path_of
 from erosion.ode.solve import Lanes, checked_lanes, shaped
-from erosion.ode.variational import Derivatives
-from erosion.tables import Record, Result, Row, format_number, to_plain
+from erosion.ode.step_control import require_float64
+from erosion.ode.variational import Clock, Derivatives
+from erosion.output.tables import Record, Result, Row, format_number, to_plain
 
 _POINTS = 64
 _TINY = 1e-14  # no tolerance is tighter: rounding is near

@@ -4,23 +4,39 @@ Where the rates of several parts of the state are known multiples of one express
 integral of that expression gives them all: for a force of constant direction ẋ, ẏ and (with the
 horizontal torque) φ̇ follow from ∫ F_x dt. A part on which neither events nor what is wanted depend,
 such as x itself, is not integrated.
+
+What a kink of the motion does to the derivatives that are carried along with it.
+
+Steps across a kink of a rate are so short that each rate has one of two values in them: that before the kink or
+that after it. So kinks need not be known: they show themselves.
+
+The motion s' = f(s) has the derivatives s_a and s_b by two parameters; their rates are G_a and G_b. With [·] a change
+across the kink:
+
+- [f] ≠ 0: the rate jumps. Where it does depends on the parameters, so that even s_a jumps. Nothing says by how much,
+  and the lane fails; see `erosion.ode.batch`, which then computes it without derivatives.
+- [f] = 0: ḟ and G jump together, [G_a] = -τ_a [ḟ] with τ the time of the kink. Then s_ab jumps by [G_a] [G_b] / [ḟ].
+
+Whether a motion may have kinks or singular points, read from its own arithmetic.
+
+Most motions have none, and their programs need not look for any.
 """
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 from jaxtyping import PyTree
 
-from erosion.array_types import Number, Scalar, Structure
-from erosion.lanes.scalars import Atom
-from erosion.ode.layout import Clock, Layout
-from erosion.ode.variational import Augmented
+from erosion.arguments import Flag, Number, Scalar, Structure
+from erosion.lanes.scalars import Atom, Equation
+from erosion.ode.variational import Augmented, Clock, Layout
 
 
 class WholeMotion:
@@ -298,3 +314,169 @@ def _evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Sca
             kept.append(equation)
             needed |= {atom for atom in equation.invars if not isinstance(atom, Literal)}
     return jaxpr_as_fun(ClosedJaxpr(closed.jaxpr.replace(eqns=kept[::-1], outvars=wanted), closed.consts))
+
+
+_SHORT = 1e-2  # of the time scale: longer steps cross no kink that matters
+_TWO_VALUED = 0.1  # of the change of a rate: so near one of both its ends are its values at the stages
+_ABRUPT = 100.0  # times what a rate that changes within the time scale would: it jumps
+
+Rows = list[Scalar]
+"""The state with its derivatives, as plain numbers, one member after the other."""
+
+
+@runtime_checkable
+class Equations(Protocol):
+    """What is needed of the integrated equations.
+
+    Args:
+        width: number of rows of the motion itself, and of each derivative.
+        rate: of all rows.
+        motion_rate: of the rows of the motion itself.
+    """
+
+    width: int
+    rate: Callable[[Rows], Rows]
+    motion_rate: Callable[[Rows], Rows]
+
+
+def is_broken(problem: Equations, before: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Flag:
+    """Whether a rate of the motion itself jumps within a step.
+
+    Args:
+        problem: the equations.
+        before: the state at the step's start.
+        stages: the slopes of each row in the step.
+        h: its length.
+        scale: the time scale.
+    """
+    broken: Flag = jnp.asarray(False)
+    for row in range(problem.width):
+        change = jnp.abs(_jump(stages[row]))
+        size = jnp.maximum(jnp.abs(before[row]), scale * jnp.maximum(jnp.abs(stages[row][0]), jnp.abs(stages[row][-1])))
+        broken = broken | (change * scale * scale > _ABRUPT * h * size)
+    return broken & (h < _SHORT * scale)
+
+
+def corrected(
+    problem: Equations,
+    before: tuple[Rows, Rows],
+    after: tuple[Rows, Rows],
+    stages: list[Rows],
+    h: Scalar,
+    scale: Scalar,
+) -> tuple[Rows, Rows]:
+    """State and slope after a step, the second derivatives corrected if it crosses a kink.
+
+    Args:
+        problem: the equations, to second order.
+        before: state and slope where the step begins.
+        after: the same at its end.
+        stages: the slopes of each row in the step.
+        h: its length.
+        scale: the time scale.
+    """
+    width, (state, slope) = problem.width, after
+    jumps = [_jump(row) for row in stages[width:-width]]  # of the rates of first derivatives
+    crosses = (h < _SHORT * scale) & (sum(map(jnp.abs, jumps)) > 0)
+
+    def at_kink() -> tuple[Rows, Rows]:
+        bends = [new - old for new, old in zip(_bend(problem, *after), _bend(problem, *before), strict=True)]
+        sizes = [jnp.maximum(jnp.abs(u), scale * jnp.abs(k)) for u, k in zip(state[:width], slope, strict=False)]
+        weights = [bend / (size * size + 1e-200) for bend, size in zip(bends, sizes, strict=True)]
+        first, other = jumps[:width], jumps[-width:]
+        passed = _product(weights, other) / _product(weights, bends)
+        second = [u + jump * passed for u, jump in zip(state[-width:], first, strict=True)]
+        moved = [*state[:-width], *second]
+        return moved, problem.rate(moved)
+
+    return lax.cond(crosses, at_kink, lambda: (state, slope))
+
+
+def _product(weights: Sequence[Scalar], values: Sequence[Scalar]) -> Scalar:
+    return sum(weight * value for weight, value in zip(weights, values, strict=True))
+
+
+@jax.jit
+def _jump(slopes: Sequence[Scalar]) -> Scalar:
+    """By how much a rate jumps within a step; 0 where it takes values between its ends, as smooth rates do."""
+    start, end = slopes[0], slopes[-1]
+    change = end - start
+    near = jnp.zeros(())
+    for slope in slopes[1:-1]:
+        near = jnp.maximum(near, jnp.minimum(jnp.abs(slope - start), jnp.abs(slope - end)))
+    return jnp.where(near <= _TWO_VALUED * jnp.abs(change), change, 0.0)
+
+
+def _bend(problem: Equations, state: Rows, slope: Rows) -> Rows:
+    """The second time derivative of the motion itself."""
+    width = problem.width
+    return jax.jvp(problem.motion_rate, (state[:width],), (slope[:width],))[1]
+
+
+# What is smooth wherever it is finite. `sqrt`, `log` and `pow` are not: at 0 they are NaN or their rates infinite.
+_SMOOTH = frozenset({
+    "add", "add_any", "sub", "mul", "neg", "div", "integer_pow", "square", "exp", "exp2", "expm1", "log1p", "tanh",
+    "logistic", "sin", "cos", "tan", "atan", "atan2", "sinh", "cosh", "asinh", "erf", "erfc", "dot_general",
+    "reduce_sum", "cumsum", "broadcast_in_dim", "reshape", "squeeze", "expand_dims", "transpose", "concatenate",
+    "slice", "stack", "rev", "copy", "convert_element_type", "stop_gradient", "split", "pad",
+})  # fmt: skip
+# Of the package: smooth, although its arithmetic has steps.
+_SMOOTH_FUNCTIONS = frozenset({"sincos"})
+
+
+@functools.lru_cache(maxsize=256)
+def may_have_kinks(layout: Layout) -> bool:
+    """Whether the rates of state and integrals have an operation on the state that is not smooth everywhere.
+
+    A part of the state whose rate is zero, such as a switch that resets change, is constant between two events.
+    """
+    if layout.options.smooth is not None:
+        return not layout.options.smooth
+    start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
+
+    def rate(elements: list[Any], numbers: list[Any]) -> Any:
+        return WholeMotion(layout, numbers).rate(Augmented(tuple(elements), ()))
+
+    jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
+    made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}
+    varies = [not _is_always_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
+    return _is_rough(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
+
+
+def _is_always_zero(value: Atom, made_by: Mapping[Var, Equation]) -> bool:
+    """Whether a value is zero by its arithmetic: 0, or 0 times anything."""
+    if isinstance(value, Literal):
+        return bool(np.all(value.val == 0))
+    equation = made_by.get(value)
+    if equation is None or equation.primitive.name not in ("mul", "neg", "convert_element_type", "copy"):
+        return False
+    return any(_is_always_zero(atom, made_by) for atom in equation.invars)
+
+
+def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
+    """Whether an operation on the arguments that vary is not smooth."""
+    varying = {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves}
+    for equation in jaxpr.eqns:
+        moves = [not isinstance(atom, Literal) and atom in varying for atom in equation.invars]
+        if not any(moves):
+            continue
+        varying |= set(equation.outvars)
+        if equation.params.get("name") in _SMOOTH_FUNCTIONS or equation.primitive.name in _SMOOTH:
+            continue
+        if equation.primitive.name == "select_n" and not moves[0]:
+            continue  # the same case all the way
+        inner = list(_inner(equation.params))
+        # A loop or a branch chooses by the state: only plain calls are looked into.
+        if len(inner) != 1 or len(inner[0].invars) != len(moves) or equation.primitive.name in ("while", "scan"):
+            return True
+        if _is_rough(inner[0], moves):
+            return True
+    return False
+
+
+def _inner(parameters: dict[str, Any]) -> Iterator[Jaxpr]:
+    """The functions that an operation calls."""
+    for value in parameters.values():
+        for part in value if isinstance(value, (tuple, list)) else (value,):
+            if hasattr(part, "eqns"):
+                yield getattr(part, "jaxpr", part)

@@ -10,9 +10,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.array_types import PerImpact
+from erosion.arguments import PerImpact
 from erosion.ode.problem import Problem
-from erosion.tables import Record, Result, format_number, to_plain
+from erosion.output.tables import Record, Result, format_number, to_plain
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,15 +10,13 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import check_tolerance, check_unmasked, check_whole
-from erosion.array_types import Number, PerLane
+from erosion.arguments import Number, PerLane, check_tolerance, check_unmasked, check_whole
 from erosion.ode.batch import integrate, integrate_along
-from erosion.ode.equations import is_number
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.layout import Clock, Layout, Options
-from erosion.ode.precision import require_float64
-from erosion.ode.problem import Problem
+from erosion.ode.problem import Problem, is_number
 from erosion.ode.solution import Part, Solution, Times, path_of
+from erosion.ode.step_control import require_float64
+from erosion.ode.variational import Clock, Layout, Options
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 _STARTS = ("wait", "end")

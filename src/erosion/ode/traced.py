@@ -12,13 +12,13 @@ import numpy as np
 from jax import Array
 from jaxtyping import PyTree
 
-from erosion.array_types import Number
-from erosion.lanes.choice import by_xla
+from erosion.arguments import Number
+from erosion.lanes.lanewise import by_xla
 from erosion.ode.batch import integrate, integrate_along
-from erosion.ode.equations import Equations
 from erosion.ode.integrator import LaneEnd, integrate_lane
-from erosion.ode.layout import Clock, Layout
+from erosion.ode.problem import Equations
 from erosion.ode.solution import Solution, Times
+from erosion.ode.variational import Clock, Layout
 
 if TYPE_CHECKING:
     from erosion.ode.solve import Lanes

@@ -11,7 +11,7 @@ may name the particle and the target:
     particle = "garnet 0.3 mm"
     target = "aluminium 6061"
 
-A path in a file, of a model, a table or draws, begins at the folder of this file (`erosion.files.beside`).
+A path in a file, of a model, a table or draws, begins at the folder of this file (`erosion.output.files.beside`).
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from erosion.arguments import check_path
-from erosion.files import beside, is_file, readable
+from erosion.output.files import beside, is_file, readable
 from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from erosion.files import readable
+from erosion.output.files import readable
 from erosion.parameters.units import Dimension, System, about, conversion_factor, read_quantity, shown
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(

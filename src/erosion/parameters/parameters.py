@@ -19,15 +19,13 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from erosion.arguments import check_scalars, check_unmasked
-from erosion.array_types import Broadcast
+from erosion.arguments import Broadcast, check_scalars, check_unmasked
+from erosion.output.tables import Result, Row, abbreviate
 from erosion.parameters.materials import Particle, Target, body_warning
 from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
-from erosion.parameters.quantities import QUANTITIES, quantity_row
-from erosion.parameters.ranges import STEEPEST
+from erosion.parameters.quantities import QUANTITIES, STEEPEST, quantity_row
 from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity, shown
-from erosion.tables import Result, Row, abbreviate
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one

@@ -1,13 +1,53 @@
-"""Curves that jump, broken at their jumps, and the words for their best point; the same in every figure."""
+"""Curves that jump, broken at their jumps, and the words for their best point; the same in every figure.
 
-from collections.abc import Sequence
-from typing import NamedTuple
+The mark of the best point of a curve.
+
+Curves over the angle of attack with their optimum, broken where they jump.
+
+Several V(α) on one figure, and the angle of greatest removal over a parameter.
+
+V(α) of models and the angle functions of engineers in one figure, each divided by its own maximum.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from erosion.optimum.alpha_max import ASIDE, Optimum
-from erosion.optimum.maxima import Jump
-from erosion.plotting.labels import NOTHING
+from erosion.correlations import CORRELATIONS
+from erosion.impacts.alpha_max import ASIDE, MEASURES, Optimum
+from erosion.impacts.impact import impact
+from erosion.impacts.maxima import Jump
+from erosion.models.base import NO_CUT
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import QUARTER_DEGREES, RESULTS
+from erosion.parameters.scales import readable_scale
+from erosion.parameters.units import System
+from erosion.plotting.style import (
+    AT_CONTACT,
+    DIM,
+    ENDS,
+    FAINT,
+    INK,
+    NOTHING,
+    PALETTE,
+    REMOVED_AT_CONTACT,
+    STYLES,
+    angle_axis,
+    axes_or_new,
+    end_label,
+    house_style,
+    legend_below,
+    legend_of_panel,
+    new_axes,
+    typeset,
+)
 
 _LONG_STEP = 4.0  # degrees
 _STEEPER = 3.0  # times the shorter of the steps beside
@@ -81,3 +121,364 @@ def broken(x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray,
     expected = h * (np.abs(slope[1:]) + np.abs(slope[:-1]))
     jumps = np.flatnonzero((unexplained > 0.01 * np.nanmax(np.abs(y), initial=0.0)) & (unexplained > expected)) + 1
     return with_gaps(jumps, x, y)
+
+
+def star(best: Best | Optimum, color: str = PALETTE["orange"]) -> dict[str, Any]:
+    """The style of the mark in a figure and in its legend; hollow if the curve only approaches the point."""
+    return {
+        "marker": "*",
+        "markersize": 13,
+        "linestyle": "",
+        "color": color if best.attained else "white",
+        "markeredgecolor": INK if best.attained else color,
+        "markeredgewidth": 0.7 if best.attained else 1.2,
+    }
+
+
+def mark_best(ax: Axes, best: Best | Optimum, size: float, color: str = PALETTE["orange"]) -> None:
+    """Draw a star at the optimum, on an axis that shows values divided by `size`."""
+    ax.plot([np.rad2deg(best.alpha)], [best.value / size], zorder=6, clip_on=False, **star(best, color))
+
+
+_SHALLOWEST = 1e-4  # rad; a curve over angles from 0 begins here
+_MARKS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_", "unresolved": "v"}
+
+
+class Piece(NamedTuple):
+    """A part of a curve that has no jump, and on which all cuts end in the same way.
+
+    Args:
+        alpha: angles, shape (n,) [rad].
+        value: the objective at these angles, shape (n,).
+        at_contact: what contact adds to it, beside the cut, shape (n,).
+        ended_by: how the cut ends.
+    """
+
+    alpha: np.ndarray
+    value: np.ndarray
+    at_contact: np.ndarray
+    ended_by: str
+
+
+def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
+    """The objective over the range of angles that was searched, for scalar parameters."""
+    low, high = optimum.regimes[0].low, optimum.regimes[-1].high
+    breaks = sorted({*(jump.alpha for jump in optimum.jumps), *(regime.low for regime in optimum.regimes[1:])})
+    aside = min(ASIDE, (high - low) / 1000)
+    limits = [low or min(_SHALLOWEST, high / 100), *breaks, high - aside]
+    spans = [(a + 2 * aside, b - 2 * aside) for a, b in itertools.pairwise(limits) if b - a > 10 * aside]
+    counts = [max(3, round(points * (b - a) / (high - low))) for a, b in spans]
+    angles = [np.linspace(a, b, count) for (a, b), count in zip(spans, counts, strict=True)]
+    # With second derivatives, as the optimum was computed: so its points lie on the curve to the last bit.
+    hits = impact(optimum.integrand, optimum.p.replace(alpha=np.concatenate(angles)), derivatives=2)
+    cuts = np.cumsum(counts)[:-1]
+    columns = (np.split(column, cuts) for column in (hits.volume, hits.volume_at_contact, hits.ended_by))
+    return [
+        Piece(alpha, value, at_contact, str(end[len(end) // 2]))
+        for alpha, value, at_contact, end in zip(angles, *columns, strict=True)
+    ]
+
+
+@house_style()
+def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
+    """The objective over the angle, with the regimes, the jumps, the candidates and the optimum.
+
+    The area below what is removed at contact, as by deformation, is shaded.
+
+    Args:
+        optimum: for scalar parameters.
+        ax: where to draw; without it, in a new figure.
+
+    Raises:
+        ValueError: for a batch of optima.
+    """
+    if np.ndim(optimum.kind):
+        raise ValueError(
+            f"Argument `optimum` must be of one set of parameters, but has the shape {np.shape(optimum.kind)}."
+        )
+    fig, ax = axes_or_new(ax, 6.2, 4.4)
+    curve = pieces(optimum)
+    quantity = RESULTS[MEASURES[optimum.objective]] if optimum.objective in MEASURES else None
+    dimension = "1" if quantity is None else quantity.dimension
+    scale = readable_scale(dimension, optimum.p.units, _largest(curve))
+    # Of a model that never cuts nothing is beside a cut.
+    cuts = any(piece.ended_by != NO_CUT for piece in curve)
+    shares = cuts and any(piece.at_contact.any() for piece in curve)
+    for piece in curve:
+        if shares:
+            ax.fill_between(np.rad2deg(piece.alpha), 0, piece.at_contact / scale.size, **REMOVED_AT_CONTACT)
+        ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2)
+    for jump in optimum.jumps:
+        ax.plot([np.rad2deg(jump.alpha)] * 2, np.array([jump.below, jump.above]) / scale.size, color=DIM,
+                linestyle=(0, (2, 2)), linewidth=1.2)  # fmt: skip
+    for candidate in optimum.candidates[1:]:
+        ax.plot(np.rad2deg(candidate.alpha), candidate.value / scale.size, _MARKS[candidate.kind], color="white",
+                markeredgecolor=INK, markersize=7, zorder=4)  # fmt: skip
+    handles: list[Any] = [
+        Line2D([], [], color=ENDS.get(end, INK), linewidth=2.2,
+               label=end_label(end))
+        for end in dict.fromkeys(piece.ended_by for piece in curve)
+    ]  # fmt: skip
+    if shares:
+        handles.append(Patch(label=AT_CONTACT, **REMOVED_AT_CONTACT))
+    if optimum.jumps:
+        handles.append(Line2D([], [], color=DIM, linestyle=(0, (2, 2)), linewidth=1.2, label="jump"))
+    if np.isfinite(optimum.value) and optimum.kind != "none":
+        mark_best(ax, optimum, scale.size)
+        label = f"{'least' if optimum.least else 'greatest'}: {describe(optimum)}"
+        handles.append(Line2D([], [], label=label, **star(optimum)))
+    if len(optimum.candidates) > 1:
+        handles.append(
+            Line2D([], [], marker="o", color="white", markeredgecolor=INK, linestyle="", label="other candidates")
+        )
+    ax.set_ylabel(
+        optimum.objective if quantity is None else f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
+    )
+    _finish(ax, optimum)
+    legend_of_panel(ax, handles, 2)
+    return fig
+
+
+def _largest(curve: Sequence[Piece]) -> float:
+    return max(float(np.nanmax(np.abs(piece.value))) for piece in curve)
+
+
+def _finish(ax: Axes, optimum: Optimum) -> None:
+    low, high = (np.rad2deg(end) for end in (optimum.regimes[0].low, optimum.regimes[-1].high))
+    ax.set_xlim(low, high)
+    if low == 0 and high == 90:
+        ax.set_xticks(range(0, 91, 15))
+    ax.xaxis.set_major_formatter("{x:g}°")
+    ax.set_xlabel(f"{QUANTITIES['alpha'].symbol}  {QUANTITIES['alpha'].meaning}")
+    ax.set_ylim(bottom=0, top=1.05 * ax.get_ylim()[1])
+
+
+_COLORS = (*PALETTE.values(), INK)
+_MARKERS = ("o", "s", "^", "v", "D", "P")
+_WIDE = 30  # times the least maximum; with a larger maximum the axis is logarithmic
+
+_ROUNDING = 2.0**-52
+
+
+class Curve(NamedTuple):
+    """V(α) of one model and set of parameters.
+
+    Args:
+        label: the text in the legend.
+        angles: α, ascending, shape (n,) [rad]; NaN where the curve has a gap.
+        volume: V, shape (n,) [volume].
+        best: (α, V) of the maximum, α = 0 for a limit; None draws no mark.
+        attained: whether V reaches the maximum or only approaches it.
+    """
+
+    label: str
+    angles: np.ndarray
+    volume: np.ndarray
+    best: tuple[float, float] | None = None
+    attained: bool = True
+
+
+class BestAngles(NamedTuple):
+    """Angles of greatest removal over a parameter, ascending; arrays of shape (n,).
+
+    Args:
+        label: the text in the legend.
+        x: the values of the parameter.
+        alpha: α_max [rad], NaN where nothing is removed.
+        at_jump: whether the maximum is at a jump of V(α).
+        line: whether to join the maxima, with gaps where another one becomes the greatest; without it only markers are
+            drawn.
+    """
+
+    label: str
+    x: np.ndarray
+    alpha: np.ndarray
+    at_jump: np.ndarray
+    line: bool = True
+
+
+@house_style()
+def plot_family(ax: Axes, curves: Sequence[Curve], *, units: System, joined: bool = False, columns: int = 3) -> Axes:
+    """Removed volume over the angle of attack, several curves on one figure.
+
+    If the maxima differ much, the axis is logarithmic: curves of one shape are then shifted copies.
+
+    Args:
+        ax: empty axes.
+        curves: in the order of the legend.
+        units: the unit system, for labels.
+        joined: join the maxima by a dashed line, in the order of the curves.
+        columns: of the legend.
+    """
+    largest = [float(np.nanmax(curve.volume)) for curve in curves]
+    scale = readable_scale("volume", units, max(largest))
+    for i, curve in enumerate(curves):
+        colors_used_up = i >= len(_COLORS)
+        ax.plot(np.rad2deg(curve.angles), curve.volume / scale.size, color=_COLORS[i % len(_COLORS)],
+                linestyle=(0, (4, 3)) if colors_used_up else "-", linewidth=1.9, label=curve.label)  # fmt: skip
+    marked = [curve for curve in curves if curve.best is not None]
+    tops = np.array([curve.best for curve in marked]).reshape(-1, 2)
+    if joined:
+        ax.plot(np.rad2deg(tops[:, 0]), tops[:, 1] / scale.size, linestyle=(0, (2, 2)), color=INK, linewidth=1.1)
+    for attained, fill, label in ((True, PALETTE["orange"], "greatest"), (False, "none", "approached, not reached")):
+        drawn = np.array([curve.attained == attained for curve in marked], bool)
+        if drawn.any():
+            ax.plot(np.rad2deg(tops[drawn, 0]), tops[drawn, 1] / scale.size, "*" if attained else "o", color=fill,
+                    markersize=12 if attained else 8, markeredgecolor=INK, markeredgewidth=0.8, linestyle="none",
+                    zorder=5, clip_on=False, label=label)  # fmt: skip
+    least = min(largest)
+    if max(largest) > _WIDE * least > 0:
+        ax.set_yscale("log")
+        ax.set_ylim(0.03 * least / scale.size, 2 * max(largest) / scale.size)
+    else:
+        ax.set_ylim(0, 1.1 * max(largest) / scale.size or None)
+    ax.set_ylabel(f"${RESULTS['volume'].symbol}$  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    angle_axis(ax)
+    legend_below(ax, columns)
+    return ax
+
+
+@house_style()
+def plot_best_angles(
+    ax: Axes,
+    best: Sequence[BestAngles],
+    *,
+    xlabel: str,
+    log: bool = False,
+    exact: tuple[str, np.ndarray, np.ndarray] | None = None,
+    columns: int = 2,
+) -> Axes:
+    """The angle of greatest removal over a parameter; hollow markers show maxima at jumps.
+
+    Args:
+        ax: empty axes.
+        best: in the order of the legend.
+        xlabel: of the parameter.
+        log: whether its axis is logarithmic.
+        exact: label, parameter and angle [rad] of a law, at close points, drawn as a broad pale line.
+        columns: of the legend.
+    """
+    if exact is not None:
+        label, x, alpha = exact
+        degrees = np.rad2deg(alpha)
+        ax.plot(
+            *with_gaps(leaps(degrees), x, degrees),
+            color=PALETTE["sky"],
+            linewidth=7,
+            alpha=0.5,
+            label=label,
+        )
+    highest = 0.0
+    for i, (label, x, alpha, at_jump, line) in enumerate(best):
+        color, degrees = _COLORS[i % len(_COLORS)], np.rad2deg(alpha)
+        highest = max([highest, *degrees[np.isfinite(degrees)]])
+        if line:
+            ax.plot(*with_gaps(leaps(degrees), x, degrees), color=color, linewidth=1.7)
+        marker, size = _MARKERS[i % len(_MARKERS)], 4 if line else 6.5
+        ax.plot(x[~at_jump], degrees[~at_jump], marker, color=color, markersize=size, label=label,
+                markeredgecolor=color if line else INK, markeredgewidth=0.6)  # fmt: skip
+        if at_jump.any():
+            ax.plot(x[at_jump], degrees[at_jump], marker, markerfacecolor="none", markeredgecolor=color,
+                    markersize=size + 2.5, markeredgewidth=1.3, label=f"{label}, at a jump")  # fmt: skip
+    if log:
+        ax.set_xscale("log")
+    ax.set_ylim(0, 15 * np.ceil(min(highest + 4, 90) / 15))
+    ticks = range(0, int(ax.get_ylim()[1]) + 1, 15)
+    ax.set_yticks(ticks, [f"{tick}°" for tick in ticks])
+    ax.set_xlabel(xlabel)
+    ax.set_ylabel(f"${QUANTITIES['alpha'].symbol}_\\mathrm{{max}}$  angle of greatest removal")
+    legend_below(ax, columns)
+    return ax
+
+
+@house_style()
+def plot_differences(ax: Axes, angles: np.ndarray, differences: Mapping[str, np.ndarray]) -> Axes:
+    """Relative differences over the angle of attack, on a logarithmic axis down to rounding.
+
+    Args:
+        ax: empty axes.
+        angles: α, shape (n,) [rad].
+        differences: by label, not negative, shape (n,).
+    """
+    for color, (label, difference) in zip(_COLORS, differences.items(), strict=False):
+        # A logarithmic axis has no zero: a difference of zero is drawn at the smallest value.
+        ax.semilogy(np.rad2deg(angles), np.maximum(difference, _ROUNDING), ".", color=color, markersize=4, label=label)
+    ax.axhline(_ROUNDING, color=INK, linestyle=(0, (4, 3)), linewidth=1, label="rounding of one number")
+    ax.set_ylim(1e-17, max(1e-8, 10 * max(float(np.nanmax(difference)) for difference in differences.values())))
+    ax.set_ylabel("difference over the volume scale V*")
+    angle_axis(ax)
+    legend_below(ax, 1)
+    return ax
+
+
+@house_style()
+def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarray) -> Axes:
+    """How far the body turns during the cut, over the angle of attack; colours show how the cut ends.
+
+    Args:
+        ax: empty axes.
+        angles: α, ascending, shape (n,) [rad].
+        turn: Δφ, shape (n,) [rad].
+        ended_by: shape (n,).
+    """
+    changes = np.flatnonzero(ended_by[1:] != ended_by[:-1]) + 1
+    ax.plot(*with_gaps(changes, np.rad2deg(angles), np.rad2deg(turn)), color=FAINT, linewidth=1.5)
+    for end in dict.fromkeys(str(end) for end in ended_by):
+        shown = ended_by == end
+        ax.plot(np.rad2deg(angles[shown]), np.rad2deg(turn[shown]), "o", color=ENDS.get(end, INK), markersize=5,
+                label=end_label(end))  # fmt: skip
+    ax.yaxis.set_major_formatter("{x:g}°")
+    ax.set_ylabel(f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}")
+    angle_axis(ax)
+    legend_below(ax, 2)
+    return ax
+
+
+_DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)), (0, (10, 3)))
+
+
+@house_style()
+def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) -> Axes:
+    """Models' V/V_max in colour and correlations' F/F_max in grey, over the angle of attack.
+
+    Args:
+        ax: empty axes.
+        curves: of models; those that remove nothing are left out.
+        correlations: names in `erosion.CORRELATIONS`.
+    """
+    angles = np.append(0.0, QUARTER_DEGREES)
+    for i, name in enumerate(correlations):
+        correlation = CORRELATIONS[name]
+        label = f"{correlation.title}: {np.rad2deg(correlation.alpha_max):.1f}°"
+        ax.plot(np.rad2deg(angles), np.asarray(correlation.normalised(angles)), color=DIM, linewidth=1.3,
+                linestyle=_DASHES[i % len(_DASHES)], label=label)  # fmt: skip
+    for i, curve in enumerate(curve for curve in curves if curve.best is not None):
+        color, line = STYLES[i % len(STYLES)]
+        alpha, greatest = curve.best or (0.0, 1.0)
+        best = f"{np.rad2deg(alpha):.1f}°" if alpha else "as α → 0"
+        ax.plot(np.rad2deg(curve.angles), curve.volume / greatest, color=color, linestyle=line, linewidth=2,
+                label=f"{curve.label}: {best}")  # fmt: skip
+    ax.set_ylabel("divided by its own maximum")
+    ax.set_ylim(0, 1.05)
+    angle_axis(ax)
+    legend_below(ax, 2)
+    return ax
+
+
+@house_style()
+def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str]) -> Figure:
+    """The models of `erosion.compare` and engineering correlations, each divided by its own maximum.
+
+    Args:
+        comparison: the result of `erosion.compare`.
+        correlations: names in `erosion.CORRELATIONS`.
+    """
+    curves = []
+    for name in comparison.model.values:
+        results = comparison.sel(model=name)
+        angles, volume = broken(results.alpha.values, results.volume.values, results.dvolume.values)
+        best = (float(results.alpha_max), float(results.volume_max))
+        curves.append(Curve(str(name), angles, volume, best if np.isfinite(best).all() and best[1] > 0 else None))
+    fig, ax = new_axes(6.6, 4.4 + 0.11 * (len(curves) + len(correlations)))
+    plot_shapes(ax, curves, correlations)
+    return fig

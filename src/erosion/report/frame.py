@@ -4,8 +4,8 @@ from typing import Any
 
 import jinja2
 
-from erosion.language import Language
-from erosion.report.inline import THEMES
+from erosion.output.language import Language
+from erosion.report.text import THEMES
 from erosion.version import __version__
 
 

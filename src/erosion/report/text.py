@@ -1,13 +1,50 @@
-"""Numbers, units and formulas as a reader sees them."""
+"""A matplotlib figure as an SVG element of a page that may be light or dark.
+
+Numbers, units and formulas as a reader sees them.
+
+The Markdown of the questions' texts as HTML: paragraphs, notes, formulas and tables.
+"""
 
 import math as maths
 import re
+from collections.abc import Mapping
+from pathlib import Path
 
 from latex2mathml.converter import convert
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from erosion.parameters.scales import readable_scale, superscript
 from erosion.parameters.units import Dimension, System, unit_name
+from erosion.plotting.style import DIM, FAINT, INK, PALETTE
+
+THEMES: Mapping[str, Mapping[str, str]] = {
+    "light": {**PALETTE, "ink": INK, "faint": FAINT, "dim": DIM, "paper": "#ffffff", "page": "#f4f5f7",
+              "accent": "#00568a"},
+    "dark": {"blue": "#4fb0f0", "vermillion": "#ff8a47", "green": "#2fcca0", "purple": "#e3a0c6", "sky": "#2f7fb8",
+             "orange": "#f0b429", "ink": "#e4e7eb", "faint": "#39414a", "dim": "#98a2ad", "paper": "#1b2027",
+             "page": "#12161b", "accent": "#7cc4f5"},
+}  # fmt: skip
+"""Colours of the page by CSS variable. Figures have the same colours; on a dark page they are lighter."""
+
+_VARIABLES = {THEMES["light"][name]: name for name in (*PALETTE, "ink", "faint", "dim")}
+
+
+def inline_svg(path: Path, description: str) -> Markup:
+    """A saved figure as `<svg>`: it fills its box, has the page's colours, and its ids are unique on the page.
+
+    Args:
+        path: the SVG file; ids begin with the file's name and so are unique on the page.
+        description: a description for readers who cannot see the figure.
+    """
+    name, text = path.stem, path.read_text(encoding="utf-8")
+    text = text[text.index("<svg") :].strip().replace("fill: #ffffff", "fill: none")
+    for color, variable in _VARIABLES.items():
+        text = re.sub(color, f"var(--{variable})", text, flags=re.IGNORECASE)
+    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
+    start, content = text.split(">", 1)
+    start = re.sub(r'\s(?:width|height|version)="[^"]*"', "", start)
+    return Markup(start + f' role="img" aria-label="{escape(description)}">' + content)
+
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MINUS = "\N{MINUS SIGN}"
@@ -122,3 +159,65 @@ def formula(tex: str) -> Markup:
     return Markup('<div class="math" tabindex="0">{}</div>').format(
         Markup("").join(math(piece, display=True) for piece in pieces)
     )
+
+
+_INLINE = re.compile(r"\$(?P<tex>[^$]+)\$|\*\*(?P<strong>.+?)\*\*|`(?P<code>[^`]+)`")
+_UNIT = re.compile(r"\[.*?\]")
+_RULE = re.compile(r"\|[-:| ]+")
+
+
+def blocks(text: str) -> list[str]:
+    """Pieces of a text between empty lines."""
+    return [block.strip() for block in re.split(r"\n\s*\n", text) if block.strip()]
+
+
+def to_html(text: str) -> Markup:
+    """Blocks of Markdown as blocks of HTML."""
+    return Markup("\n").join(_block(block) for block in blocks(text))
+
+
+def inline(text: str) -> Markup:
+    """A line of text with `$formulas$`, `**strong words**` and `` `code` ``."""
+    return Markup(_INLINE.sub(_element, " ".join(text.split("\n"))))
+
+
+def _element(match: re.Match[str]) -> str:
+    if match["tex"]:
+        return math(match["tex"])
+    return f"<strong>{inline(match['strong'])}</strong>" if match["strong"] else f"<code>{match['code']}</code>"
+
+
+def _block(block: str) -> Markup:
+    if block.startswith("$$"):
+        return formula(block.strip("$").strip())
+    if block.startswith("Table:"):
+        return _table(*block.split("\n"))
+    if block.startswith(">"):
+        return Markup('<p class="note">{}</p>').format(inline(re.sub(r"(?m)^> ?", "", block)))
+    return Markup("<p>{}</p>").format(inline(block))
+
+
+def _table(caption: str, head: str, rule: str, *rows: str) -> Markup:
+    """A table; its first column names the row. Words are aligned to the left and break into lines."""
+    if not _RULE.fullmatch(rule):
+        raise ValueError(f"The third line of a table must be of the form |---|--:|, but is {rule!r}.")
+    top = Markup("").join(Markup("<th scope='col'>{}</th>").format(_UNIT.sub(_unbroken, cell)) for cell in _cells(head))
+    body = Markup("").join(
+        Markup("<tr><th scope='row'>{}</th>{}</tr>").format(
+            name, Markup("").join(Markup("<td>{}</td>").format(cell) for cell in cells)
+        )
+        for name, *cells in map(_cells, rows)
+    )
+    table = Markup(
+        '<div class="table" tabindex="0"><table><caption>{}</caption><thead><tr>{}</tr></thead>'
+        "<tbody>{}</tbody></table></div>"
+    ).format(inline(caption.removeprefix("Table:").strip()), top, body)
+    return table if "-:" in rule else Markup('<div class="wordy">{}</div>').format(table)
+
+
+def _cells(row: str) -> list[Markup]:
+    return [inline(cell.strip()) for cell in row.strip().strip("|").split("|")]
+
+
+def _unbroken(match: re.Match[str]) -> str:
+    return match[0].replace(" ", "\N{NO-BREAK SPACE}")

@@ -14,26 +14,20 @@ import numpy as np
 
 from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
-from erosion.files import Trace, require_writable, trace
-from erosion.impacts.impact import impact
-from erosion.impacts.outcomes import end_names
+from erosion.impacts.dataset_files import read_netcdf, write_netcdf
+from erosion.impacts.impact import end_names, impact
+from erosion.impacts.simulate import SimulationError
 from erosion.interrupts import keeping_results
 from erosion.joint_laws import law_digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
+from erosion.models.identity import identity
 from erosion.models.own_parameters import require_one_impact
-from erosion.ode.precision import require_float64
+from erosion.ode.step_control import require_float64
+from erosion.output.files import Trace, require_writable, trace
 from erosion.parameters.parameters import Parameters, validate
-from erosion.storage.identity import identity
-from erosion.storage.netcdf import read_netcdf, write_netcdf
-from erosion.streams.nozzle import best_nozzle_angle
-from erosion.streams.particles import Particles
-from erosion.streams.replicates import Estimate, Points
-from erosion.streams.result import Stream
-from erosion.streams.sensitivity import sobol_indices
-from erosion.streams.tally import Tally
-from erosion.streams.uncertainty import uncertainty_of
-from erosion.trajectory.trajectory import SimulationError
+from erosion.streams.result import Stream, best_nozzle_angle, uncertainty_of
+from erosion.streams.tally import Estimate, Particles, Points, Tally, sobol_indices
 
 MISS = "miss"
 """The outcome of a particle that flies away from the surface."""

@@ -1,14 +1,178 @@
-"""Counts, moments and a histogram of the particles of a stream.
+"""Particles of a stream: from points of the unit cube to the parameters of impacts.
+
+Counts, moments and a histogram of the particles of a stream.
 
 Tallies of parts add up to the tally of the whole, so a stream of any length needs the memory
 of one block.
+
+Independent sequences of points, and estimates whose errors come from the spread of the sequences.
+
+Sobol's indices of inputs of one or several uniform numbers each.
 """
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.special import stdtrit
+from scipy.stats import qmc
+
+from erosion.joint_laws import LawSet, require_units
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import ranges, with_values
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import STEEPEST
+
+
+@dataclasses.dataclass(frozen=True)
+class Particles:
+    """Model and case, and the laws of their parameters; `draw` makes particles, `impacts` aims them.
+
+    Where `r` varies, particles are scaled copies of the case's particle: b grows with r and m
+    with r³, unless b and m have laws of their own.
+
+    Angles need no cut-off. A particle at more than 90° comes from the other side: it is the
+    mirror image of a particle at 180° - α with the opposite spin. A particle below 0° (or above
+    180°) flies away from the surface and misses it.
+
+    Args:
+        model: the model of the cut.
+        p: the case, all scalars.
+        laws: parameter name, of the case or the model's own, to its `Distribution` from particle to particle; those of
+            a joint law (`erosion.joint_laws`) all together.
+        uncertain: the same for parameters that are one number for all particles, which is not known exactly.
+
+    Raises:
+        ValueError, TypeError: for laws that make no sense; there must be one of either kind.
+    """
+
+    model: CuttingModel
+    p: Parameters
+    laws: Mapping[str, Any]
+    uncertain: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.all_laws:
+            raise ValueError("Arguments must include a distribution, such as v0=Normal(4400, 400); there is none.")
+        if both := [name for name in self.uncertain if name in self.laws]:
+            raise ValueError(
+                f"Argument `uncertain` must name parameters without another law, but {both[0]} has one from particle "
+                "to particle."
+            )
+        if "cutting_fraction" in self.all_laws:
+            raise ValueError(
+                "Argument `uncertain` must leave out `cutting_fraction`: volumes of a stream are those of particles "
+                "that cut, whose share is a number."
+            )
+        require_units(self.all_laws, self.p.units)
+        # So that an own parameter that cannot be an array is refused before anything is computed.
+        self.impacts(self._middle)
+
+    @property
+    def all_laws(self) -> dict[str, Any]:
+        """The laws of all that varies or is uncertain, by parameter."""
+        return {**self.laws, **self.uncertain}
+
+    @functools.cached_property
+    def _of_particle(self) -> LawSet:
+        return LawSet(self.laws, ranges(self.model))
+
+    @functools.cached_property
+    def _of_all(self) -> LawSet:
+        return LawSet(self.uncertain, ranges(self.model))
+
+    @functools.cached_property
+    def inputs(self) -> dict[tuple[str, ...], int]:
+        """What varies independently of all else: the parameters of a law or a joint law, and its uniform numbers."""
+        return self._of_particle.inputs | self._of_all.inputs
+
+    @property
+    def dimension(self) -> int:
+        """How many uniform numbers a particle is made from."""
+        return sum(self.inputs.values())
+
+    def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """The parameters that vary or are uncertain; each particle gets uncertain ones of its own.
+
+        Args:
+            points: in (0, 1), shape (…, dimension).
+
+        Returns:
+            Values by name, shape (…); the laws of positive parameters are restricted to x > 0.
+        """
+        own = self._of_particle.dimension
+        return self._grown(self._of_particle.draw(points[..., :own]) | self._of_all.draw(points[..., own:]))
+
+    def draw_apart(self, points: np.ndarray, draws: np.ndarray) -> dict[str, np.ndarray]:
+        """The same particles for each draw of the uncertain parameters.
+
+        Args:
+            points: in (0, 1), shape (particles, those of the laws from particle to particle).
+            draws: in (0, 1), shape (draws, those of the uncertain parameters).
+
+        Returns:
+            Values by name, whose shapes broadcast to (draws, particles).
+        """
+        return self._grown(self._of_particle.draw(points) | self._of_all.draw(draws[:, None]))
+
+    @property
+    def dimensions(self) -> tuple[int, int]:
+        """How many uniform numbers the laws from particle to particle take, and the uncertain parameters."""
+        return self._of_particle.dimension, self._of_all.dimension
+
+    def _grown(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The same, with width and mass of scaled particles where the size varies."""
+        if "r" in values:
+            scaled = self.p.similar(values["r"] / float(self.p.r))
+            for name in ("b", "m"):
+                values.setdefault(name, np.asarray(getattr(scaled, name)))
+        return values
+
+    @property
+    def nozzle(self) -> float:
+        """The nozzle's angle [rad]: the median of the angles, or the case's."""
+        laws = self.all_laws
+        return float(laws["alpha"].ppf(np.array([0.5]))[0]) if "alpha" in laws else float(self.p.alpha)
+
+    @property
+    def typical(self) -> tuple[CuttingModel, Parameters]:
+        """Model and case of one particle with each law at its median."""
+        return self.impacts({name: value.reshape(()) for name, value in self._middle.items()})[:2]
+
+    @property
+    def _middle(self) -> dict[str, np.ndarray]:
+        """One particle, each law at its median; shape (1,)."""
+        return self._grown(self._of_particle.middle | self._of_all.middle)
+
+    def impacts(
+        self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None
+    ) -> tuple[CuttingModel, Parameters, np.ndarray]:
+        """The particles as impacts, and whether they hit the surface.
+
+        Args:
+            values: from `draw`.
+            nozzle: turn the nozzle to this angle, or to several that broadcast against the
+                particles [rad]; the deviations from it stay.
+
+        Returns:
+            Model, parameters in range, and the mask of the hits, of their shape. A miss gets an angle of 90°.
+        """
+        shape = np.broadcast_shapes(*(value.shape for value in values.values()))
+        alpha = np.broadcast_to(values.get("alpha", np.asarray(self.p.alpha)), shape)
+        if nozzle is not None:
+            alpha = nozzle + (alpha - self.nozzle)
+        hits = np.asarray((alpha > 0) & (alpha < np.pi))
+        mirrored = alpha > STEEPEST
+        folded = np.where(hits, np.where(mirrored, np.pi - alpha, alpha), STEEPEST)
+        spin = values.get("phidot0", np.asarray(self.p.phidot0))
+        changes = {**values, "alpha": folded, "phidot0": np.where(mirrored, -spin, spin)}
+        return *with_values(self.model, self.p, changes), hits
+
 
 _LOWEST = -24  # decades of the volume over V*; smaller volumes are in the first bin
 _HIGHEST = 6
@@ -137,3 +301,98 @@ def _count(volume: np.ndarray) -> np.ndarray:
     counts = np.bincount(index + 1, minlength=bins + 1)
     counts[0] = len(volume) - len(removed)
     return counts
+
+
+class Points:
+    """Points of the unit cube, in independent sequences.
+
+    Args:
+        kind: "sobol" (scrambled) or "random".
+        dimension: of the cube.
+        seed: of all sequences.
+        sequences: number of sequences.
+        skip: number of points of each sequence that were taken before.
+    """
+
+    def __init__(self, kind: str, dimension: int, seed: int, sequences: int, skip: int = 0) -> None:
+        self._dimension = dimension
+        generators = [np.random.PCG64(child) for child in np.random.SeedSequence(seed).spawn(sequences)]
+        if kind == "random":
+            # Each number takes one step of the generator.
+            self._random = [np.random.Generator(bits.advance(skip * dimension)) for bits in generators]
+            self._sobol = []
+            return
+        self._random = []
+        self._sobol = [qmc.Sobol(dimension, scramble=True, rng=np.random.Generator(bits)) for bits in generators]
+        for sampler in self._sobol if skip else []:
+            sampler.fast_forward(skip)
+
+    def take(self, count: int) -> np.ndarray:
+        """The next points of each sequence, shape (sequences, count, dimension), in (0, 1)."""
+        # Neither 0 nor 1 may come out: random numbers are multiples of 2⁻⁵³, Sobol points of 2⁻³⁰.
+        if self._random:
+            return np.stack([generator.random((count, self._dimension)) for generator in self._random]) + 2.0**-54
+        return np.stack([sampler.random(count) for sampler in self._sobol]) + 2.0**-31
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """A number with its standard error, from independent replicates.
+
+    Args:
+        value: the estimate.
+        error: its standard error: the standard deviation of the replicates over the root of their number.
+        low, high: the 95 % confidence interval, by Student's t.
+    """
+
+    value: float
+    error: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, replicates: np.ndarray, value: float | None = None) -> "Estimate":
+        """From one number a replicate, shape (n,), n ≥ 2; `value` takes the place of their mean."""
+        n = len(replicates)
+        centre = float(np.mean(replicates)) if value is None else value
+        error = float(np.std(replicates, ddof=1)) / math.sqrt(n)
+        half = float(stdtrit(n - 1, 0.975)) * error
+        return cls(centre, error, centre - half, centre + half)
+
+
+def sobol_indices(
+    function: Callable[[np.ndarray], np.ndarray], sizes: Sequence[int], n: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """The shares of a function's variance that each input causes alone, and with its interactions.
+
+    Numbers of one input, as a joint law has, change together: the index is that of the group.
+
+    Args:
+        function: from points of the unit cube, shape (n, numbers), to values, shape (n,).
+        sizes: how many numbers each input has.
+        n: points, a power of 2; the function is computed for (inputs + 2) times as many.
+        rng: of the points' scrambling.
+
+    Returns:
+        First-order and total indices, each of shape (inputs,); NaN for a function without variance.
+
+    References:
+        A. Saltelli et al., Variance based sensitivity analysis of model output, Comput. Phys. Commun. 181 (2010)
+        259-270: first order as in their table 2 (b), total after Jansen, (f).
+    """
+    numbers = sum(sizes)
+    points = np.clip(qmc.Sobol(2 * numbers, rng=rng, bits=64).random(n), 2.0**-31, 1 - 2.0**-31)
+    one, other = points[:, :numbers], points[:, numbers:]
+    ends = np.cumsum([0, *sizes])
+    mixed = np.repeat(one[None], len(sizes), axis=0)
+    for i, (begin, end) in enumerate(itertools.pairwise(ends)):
+        mixed[i, :, begin:end] = other[:, begin:end]
+    values = function(np.concatenate([one, other, *mixed])).reshape(-1, n)
+    # The first-order estimate has less noise about the mean.
+    values = values - values[:2].mean()
+    of_one, of_other, of_mixed = values[0], values[1], values[2:]
+    variance = values[:2].var()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first = np.mean(of_other * (of_mixed - of_one), axis=1) / variance
+        total = np.mean((of_one - of_mixed) ** 2, axis=1) / (2 * variance)
+    return first, total

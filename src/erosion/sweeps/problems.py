@@ -13,17 +13,15 @@ import xarray as xr
 from jaxtyping import PyTree
 
 from erosion.arguments import Progress, no_progress
-from erosion.files import digest
-from erosion.ode.equations import is_number
-from erosion.ode.layout import Clock, Options
-from erosion.ode.precision import require_float64
-from erosion.ode.problem import OTHER_ENDS, Problem
+from erosion.models.identity import code_version
+from erosion.ode.problem import OTHER_ENDS, Problem, is_number
 from erosion.ode.solution import Part, Solution, path_of
 from erosion.ode.solve import lanes_of, solve
+from erosion.ode.step_control import require_float64
+from erosion.ode.variational import Clock, Options
+from erosion.output.files import digest
 from erosion.parameters.quantities import Quantity
-from erosion.storage.identity import code_version
-from erosion.sweeps.chunks import Region
-from erosion.sweeps.grid import Variable
+from erosion.sweeps.grid import Region, Variable
 from erosion.sweeps.sweep import prepare_sweep
 from erosion.version import __version__
 

@@ -17,10 +17,10 @@ import numpy as np
 import xarray as xr
 
 from erosion.extras import library
-from erosion.files import claimed, require_writable, trace, written_whole
-from erosion.storage.identity import IDENTITY, StoreError, require_same
-from erosion.storage.netcdf import read_netcdf, write_netcdf
-from erosion.sweeps.chunks import AnyGrid, Region, regions
+from erosion.impacts.dataset_files import read_netcdf, write_netcdf
+from erosion.models.identity import IDENTITY, StoreError, require_same
+from erosion.output.files import claimed, require_writable, trace, written_whole
+from erosion.sweeps.grid import AnyGrid, Region, regions
 
 # zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
 _DRAFT_OF_CHUNK = re.compile(r"(c|\d+)\.[0-9a-f]{12}4[0-9a-f]{3}[89ab][0-9a-f]{15}\.partial")

@@ -20,11 +20,25 @@ from collections.abc import Callable, Mapping
 
 from jax import Array
 
-from erosion.lanes.functions.error_function import erf, erfc
-from erosion.lanes.functions.exponential import exp, exp2, expm1, log, log1p, logistic, power
-from erosion.lanes.functions.hyperbolic import acosh, asinh, atanh, cosh, sinh, tanh
-from erosion.lanes.functions.roots import cbrt, rsqrt
-from erosion.lanes.functions.trigonometric import acos, asin, atan, atan2, cos, sin, tan
+from erosion.lanes.functions.derived import acosh, asinh, atanh, cosh, erf, erfc, sinh, tanh
+from erosion.lanes.functions.elementary import (
+    acos,
+    asin,
+    atan,
+    atan2,
+    cbrt,
+    cos,
+    exp,
+    exp2,
+    expm1,
+    log,
+    log1p,
+    logistic,
+    power,
+    rsqrt,
+    sin,
+    tan,
+)
 
 FUNCTIONS: Mapping[str, Callable[..., Array]] = {"pow": power} | {
     function.__name__: function

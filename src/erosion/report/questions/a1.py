@@ -3,17 +3,15 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from erosion.impacts.alpha_max import Optimum
+from erosion.impacts.simulate import SimulationError, path
 from erosion.models import load_model
-from erosion.optimum.alpha_max import Optimum
-from erosion.plotting.families import plot_best_angles, plot_family, plot_turn
-from erosion.plotting.studies import plot_regimes
+from erosion.output.tables import Record
+from erosion.plotting.curves import plot_best_angles, plot_family, plot_turn
 from erosion.plotting.style import new_axes
-from erosion.report.case import Answer, Case
-from erosion.report.rotation import MODEL, figures_again, numbers_again, ranges, sensitivities
-from erosion.report.spins import TORQUES
-from erosion.tables import Record
-from erosion.trajectory.path import path
-from erosion.trajectory.trajectory import SimulationError
+from erosion.plotting.sweeps import plot_regimes
+from erosion.report.case import TORQUES, Answer, Case
+from erosion.report.studies import MODEL, figures_again, numbers_again, ranges, sensitivities
 
 NEEDS = (
     *((kind, model) for model in TORQUES for kind in ("optimum", "hits", "spins")),

@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from erosion.models.closed_forms import StraightCut
-from erosion.plotting.families import plot_family
+from erosion.output.tables import Record
+from erosion.plotting.curves import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
-from erosion.tables import Record
 
 _MODEL, _TURNING = "tan-alpha", "rotating-tan-alpha"
 NEEDS = tuple((kind, model) for model in (_MODEL, _TURNING, "linearized") for kind in ("optimum", "hits"))

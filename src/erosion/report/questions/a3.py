@@ -3,10 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from erosion.plotting.families import plot_differences, plot_family
+from erosion.output.tables import Record
+from erosion.plotting.curves import plot_differences, plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
-from erosion.tables import Record
 
 _PAIRS = {
     "without rotation": ("tan-alpha", "velocity-aligned"),

@@ -5,11 +5,10 @@ from matplotlib.figure import Figure
 from erosion.correlations import CORRELATIONS
 from erosion.models import NoDeformation, RigidErodent
 from erosion.models.registry import BUILT_IN
-from erosion.plotting.correlations import plot_shapes
-from erosion.plotting.families import plot_family
+from erosion.output.tables import Record
+from erosion.plotting.curves import plot_family, plot_shapes
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
-from erosion.tables import Record
 
 _BESIDE = ("linearized", "finnie", "rotating", "linearized-deformation")
 NEEDS = tuple((kind, model) for model in BUILT_IN for kind in ("optimum", "hits"))

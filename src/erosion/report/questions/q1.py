@@ -3,14 +3,13 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from erosion.impacts.simulate import SimulationError, path
 from erosion.models import load_model
+from erosion.output.tables import Record
 from erosion.parameters.units import Dimension
 from erosion.plotting.motion import plot_histories, plot_path
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import Answer, Case
-from erosion.tables import Record
-from erosion.trajectory.path import path
-from erosion.trajectory.trajectory import SimulationError
 
 _STATE: tuple[tuple[str, str, Dimension], ...] = (
     ("x", "x", "length"),

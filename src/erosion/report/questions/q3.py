@@ -3,12 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from erosion.output.tables import Record
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import conversion_factor
 from erosion.plotting.motion import plot_removal_rate
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
-from erosion.tables import Record
 
 _PANELS = (10, 100, 1000)
 

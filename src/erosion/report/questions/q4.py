@@ -3,11 +3,11 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from erosion.output.tables import Record
 from erosion.plotting.motion import plot_volume
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
-from erosion.report.newton import greatest, volume_jet
-from erosion.tables import Record
+from erosion.report.studies import greatest, volume_jet
 
 
 def answer(case: Case) -> Answer:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from erosion.report.case import Answer, Case
-from erosion.report.varied import family_figure, family_numbers
+from erosion.report.studies import family_figure, family_numbers
 
 _MODEL = "linearized"
 NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))

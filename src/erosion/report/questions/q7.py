@@ -1,7 +1,7 @@
 """Question 7: whether the surface material matters."""
 
 from erosion.report.case import Answer, Case
-from erosion.report.varied import family_figure, family_numbers
+from erosion.report.studies import family_figure, family_numbers
 
 _MODEL = "linearized"
 NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))

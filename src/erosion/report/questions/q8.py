@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from erosion.parameters.parameters import QUANTITIES
-from erosion.plotting.families import BestAngles, plot_best_angles
+from erosion.plotting.curves import BestAngles, plot_best_angles
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
-from erosion.report.varied import family_figure, family_numbers
+from erosion.report.studies import family_figure, family_numbers
 
 _MODEL = "linearized"
 NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))

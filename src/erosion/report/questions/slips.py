@@ -2,10 +2,10 @@
 
 from matplotlib.figure import Figure
 
-from erosion.plotting.families import plot_family
+from erosion.output.tables import Record
+from erosion.plotting.curves import plot_family
 from erosion.plotting.style import new_axes
 from erosion.report.case import Answer, Case
-from erosion.tables import Record
 
 _MODELS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
 NEEDS = tuple((kind, model) for model in _MODELS for kind in ("optimum", "hits"))

@@ -1,0 +1,374 @@
+"""The work of a map: portions of the table are read, computed here or by a cluster, and added in their order.
+
+From a table of impacts to the wear of each face: `erosion.erosion_map`.
+
+The table is read and computed in portions of a fixed number of rows, so that memory does not grow with it. In this
+process portions follow one another, each on all cores; the workers of a Dask cluster compute one each.
+"""
+
+import dataclasses
+import functools
+import sys
+from collections.abc import Callable, Generator, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from erosion.arguments import Progress, no_progress
+from erosion.cfd.bodies import FRACTION, Bodies, outside_range
+from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Nearness
+from erosion.cfd.map_result import MapOptions, MapSource, to_dataset
+from erosion.cfd.rows import Impacts, ImpactsError
+from erosion.cfd.surface import Surface
+from erosion.cfd.tally import Portion, Tally, portion_of
+from erosion.distributions import Distribution
+from erosion.impacts.impact import end_names, impact
+from erosion.impacts.simulate import SimulationError
+from erosion.joint_laws import law_digest
+from erosion.models import load_model, model_name
+from erosion.models.base import CuttingModel
+from erosion.models.correlated import Correlated
+from erosion.models.identity import code_version, identity, require_code
+from erosion.models.own_parameters import quantities, require_one_impact
+from erosion.models.registry import require_loadable
+from erosion.ode.step_control import require_float64
+from erosion.output.files import digest
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.units import conversion_factor
+
+_PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
+_WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
+_NAMED = 3  # rows that are too far are named, the others counted
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """What is the same for all portions of a map; workers get a copy.
+
+    Args:
+        reference: the model, or its name or path.
+        own: values of its own parameters.
+        options: see `MapOptions`.
+        patches: number of the surface's patches.
+    """
+
+    reference: CuttingModel | str | Path
+    own: Mapping[str, float]
+    options: MapOptions
+    patches: int
+
+    @property
+    def model(self) -> CuttingModel:
+        """The model with its own parameters."""
+        loaded = self.reference if isinstance(self.reference, CuttingModel) else _loaded(self.reference)
+        return loaded.replace(**self.own)
+
+    def compute(self, hits: Hits, number: int) -> Portion:
+        """The sums of portion `number`."""
+        model, bodies = self.model, self.options.bodies
+        is_hit = hits.fate == HIT
+        values, ends, struck = bodies.of_rows(model, hits, number), len(end_names(model)), hits
+        if not is_hit.all():
+            struck, values = hits.part(is_hit), {name: value[is_hit] for name, value in values.items()}
+        shape = (bodies.realisations, struck.rows)
+        if not struck.rows:
+            empty = np.zeros(shape)
+            return portion_of(hits, struck, empty, empty.astype(np.int64), np.zeros(0, bool), self.patches, ends)
+        common = bodies.common(model)
+        each, p = bodies.impacts(model, struck, values | common)
+        results = impact(each, p, rtol=self.options.rtol)
+        volume = np.asarray(results.volume) * common.get(FRACTION, bodies.cutting_fraction)
+        volume, outcome = np.broadcast_to(volume, shape), np.broadcast_to(results.outcome, shape)
+        return portion_of(hits, struck, volume, outcome, outside_range(model, struck), self.patches, ends)
+
+
+@functools.lru_cache(maxsize=4)
+def _loaded(reference: str | Path) -> CuttingModel:
+    """The model by name or path, loaded once by each worker."""
+    return load_model(reference)
+
+
+def compute_portion(task: Task, hits: Hits, number: int, code: str) -> tuple[int, Portion]:
+    """Compute a portion on a worker; returns its number too.
+
+    Raises:
+        RuntimeError: where this process computes with other code than the map was begun with.
+    """
+    require_code(code, "map")
+    return number, task.compute(hits, number)
+
+
+@dataclasses.dataclass(frozen=True)
+class MapJob:
+    """A map whose arguments are checked."""
+
+    task: Task
+    impacts: Impacts
+    surface: Surface | None
+
+    def identity(self) -> dict[str, str]:
+        """What the map depends on, in words; all files of the table are read for it.
+
+        Raises:
+            ValueError: for a model that computes by what only this process knows.
+        """
+        surface = "none"
+        if self.surface is not None:
+            arrays = (self.surface.points, self.surface.corners, self.surface.ends, self.surface.patch)
+            surface = digest(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
+        table = f"{self.impacts.title} {self.impacts.identity()}"
+        bodies = self.task.options.bodies
+        laws = "".join(f" {name} {law_digest(law)}" for name, law in {**bodies.laws, **bodies.uncertain}.items())
+        options = f"{self._in_words()}; rtol = {self.task.options.rtol}{laws}"
+        return identity({"map": self.task.model}, bodies.p, table=table, surface=surface, options=options)
+
+    def laws_in_words(self) -> dict[str, str]:
+        """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
+        bodies, known = self.task.options.bodies, quantities(self.task.model)
+        words = {}
+        for name, law in {**bodies.laws, **bodies.uncertain}.items():
+            dimension = known[name].dimension if name in known else "1"
+            kind = "uncertain " if name in bodies.uncertain else ""
+            words[name] = kind + law.in_words(dimension, bodies.p.units)
+        return words
+
+    def run(self, progress: Progress = no_progress) -> xr.Dataset:
+        """Read and compute the table; progress and errors as of `erosion_map`."""
+        task, faces = self.task, 1 if self.surface is None else self.surface.faces
+        ends = end_names(task.model)
+        tally = Tally(faces, task.patches, len(ends), task.options.bodies.realisations)
+        nearness = None if self.surface is None else Nearness(self.surface, self._limit)
+        far: list[str] = []
+
+        def add(portion: Portion) -> None:
+            tally.add(portion)
+            progress("map", tally.rows, self.impacts.rows or 0)
+
+        self._compute(self._portions(nearness, far), add)
+        self._require_hits(tally)
+        if not tally.impacts.any():
+            raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
+        notes = self.impacts.notes if nearness is None else (*self.impacts.notes, *nearness.sentences())
+        rows = "" if nearness is None else nearness.far_in_words(far)
+        source = MapSource(task.model, task.options.bodies, self.impacts, self.surface, self._in_words(), notes, rows)
+        return to_dataset(tally, source, ends, task.options.density)
+
+    def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
+        """Compute all portions, and add them in their order."""
+        # Without the import there is no active cluster.
+        if "distributed" in sys.modules:
+            from erosion.impacts.cluster import active_client
+
+            if (client := active_client()) is not None:
+                self._compute_on(client, portions, add)
+                return
+        for number, hits in enumerate(portions):
+            add(self.task.compute(hits, number))
+
+    def _compute_on(self, client: Any, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
+        """The same by the workers of a cluster."""
+        from erosion.impacts.cluster import run_blocks
+
+        require_loadable(self.task.reference)
+        code, waiting = code_version(), dict[int, Portion]()
+        following = 0
+
+        def done(result: tuple[int, Portion]) -> None:
+            nonlocal following
+            waiting[result[0]] = result[1]
+            while following in waiting:
+                add(waiting.pop(following))
+                following += 1
+
+        run_blocks(client, compute_portion, ((self.task, hits, i, code) for i, hits in enumerate(portions)), done)
+
+    @property
+    def _limit(self) -> float | None:
+        """In metres."""
+        options = self.task.options
+        factor = conversion_factor("length", options.bodies.p.units, "si")
+        return None if options.limit is None else options.limit * factor
+
+    def _portions(self, nearness: Nearness | None, far: list[str]) -> Iterator[Hits]:
+        """All rows in portions of a fixed number, the last one of what is left.
+
+        Args:
+            nearness: takes note of all rows; None without a surface.
+            far: gets the first rows that are too far.
+        """
+        options = self.task.options
+        incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
+        blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.bodies.realisations)
+        try:
+            held, count, is_first = list[Hits](), 0, True
+            for block in blocks:
+                hits = incidence.hits(block)
+                far += incidence.too_far(block, hits, _NAMED - len(far))
+                if nearness is not None:
+                    nearness.add(block, hits)
+                begin = 0
+                while begin < hits.rows:
+                    part = hits.part(slice(begin, begin + rows - count))
+                    held.append(part)
+                    begin, count = begin + part.rows, count + part.rows
+                    if count == rows:
+                        portion = Hits.joined(held)
+                        if is_first:
+                            self._require_right_place(nearness)
+                            self._require_right_way(np.bincount(portion.fate, minlength=1 + len(LEFT_OUT)))
+                        yield portion
+                        held, count, is_first = [], 0, False
+            self._require_right_place(nearness)
+            if held:
+                yield Hits.joined(held)
+        finally:
+            # A reader may read ahead in a thread, which must end before the process does.
+            if isinstance(blocks, Generator):
+                blocks.close()
+
+    def _require_right_place(self, nearness: Nearness | None) -> None:
+        """Refuse a surface on which the rows do not lie."""
+        if nearness is not None:
+            nearness.require(self.impacts.title)
+
+    def _require_right_way(self, fates: np.ndarray) -> None:
+        """Refuse a table in which nearly all rows come from behind."""
+        receding, hits = int(fates[RECEDING]), int(fates[HIT])
+        if receding <= _WRONG_WAY * (receding + hits):
+            return
+        share = f"{self.impacts.title}: in {receding:,} of {receding + hits:,} rows n·U"
+        if self.task.options.restitution is not None:
+            raise ImpactsError(
+                f"{share} is positive: these look like velocities before the rebound. Argument `restitution` must be "
+                "left out."
+            )
+        raise ImpactsError(
+            f"{share} is not positive: these look like velocities after the rebound, as openfoam.org 11 to 14 writes "
+            "them. Argument `restitution` must then be (e, μ) of the wall, which undoes it. Or the surface's normals "
+            "point into the fluid, but must point out of it: Argument `reverse` turns them."
+        )
+
+    def _require_hits(self, tally: Tally) -> None:
+        """Refuse a table of which no row hits."""
+        title = self.impacts.title
+        if not tally.rows:
+            raise ImpactsError(f"{title}: must hold impacts, but holds none.")
+        if not tally.lost_mass.any():  # with that of the rows that hit
+            raise ImpactsError(f"{title}: every row has the weight 0, so there are no particles.")
+        self._require_right_way(tally.fates)
+        if tally.hits:
+            return
+        reasons = {name: int(tally.fates[1 + i]) for i, name in enumerate(LEFT_OUT)}
+        words = ", and ".join(f"{count:,} {LEFT_OUT[name]}" for name, count in reasons.items() if count)
+        raise ImpactsError(f"{title}: of {tally.rows:,} rows none hits: {words}.")
+
+    def _in_words(self) -> str:
+        """The options that are not the default."""
+        options, bodies = self.task.options, self.task.options.bodies
+        given = {
+            "scaling": bodies.scaling if bodies.scaling != "similar" else None,
+            "diameter": bodies.diameter,
+            "spin": bodies.spin,
+            **bodies.laws,
+            **{f"uncertain {name}": law for name, law in bodies.uncertain.items()},
+            "draws": bodies.draws if bodies.uncertain else None,
+            "seed": bodies.seed_used,
+            "cutting_fraction": None if bodies.cutting_fraction == 1 else bodies.cutting_fraction,
+            **{name: getattr(options, name) for name in ("restitution", "density", "limit")},
+        }
+        return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
+
+
+def erosion_map(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    impacts: Impacts,
+    surface: Surface | None = None,
+    *,
+    scaling: str = "similar",
+    diameter: float | None = None,
+    spin: str | Distribution | None = None,
+    restitution: tuple[float, float] | None = None,
+    density: float | None = None,
+    limit: float | None = None,
+    seed: int = 0,
+    rtol: float = 1e-9,
+    uncertain: Mapping[str, Any] | None = None,
+    draws: int = 64,
+    cutting_fraction: float = 1.0,
+    progress: Progress = no_progress,
+    **distributions: Any,
+) -> xr.Dataset:
+    """Compute the wear of each face of a surface by the impacts of a CFD run.
+
+        wear = erosion.erosion_map("rotating", p, erosion.read_impacts("bend"), erosion.read_surface("bend"))
+
+    Speed, angle and mass are each row's, the rest is the case's. Rows without a face go to the nearest one. An active
+    Dask cluster computes the same bits.
+
+    Args:
+        model: a model, its name or path; a correlation such as "dnv:duplex" too.
+        p: the case, all scalars. Its v0, alpha and m are replaced by those of each row.
+        impacts: see `read_impacts`.
+        surface: see `read_surface`; None for totals alone, of speeds and angles.
+        scaling: "similar": a particle g times as large as the case's has g times its r and b. "none": all have these.
+        diameter: of the case's particle as a sphere of the CFD run [length]; else g is the cube root of mass ratios.
+        spin: "column" of the table, "case" (its φ̇₀), "none", or a law; else the table's, the case's if there is none.
+        restitution: (e, μ) if the table holds velocities after the rebound: U_n = -U_n'/e, U_t = U_t'/(1 - μ).
+        density: of the target [kg/m³], whatever the units of `p`; without it that of a correlation, else no mass.
+        limit: greatest distance of a row from its face [length]; farther rows are left out. Without it a share of the
+            surface's width, the particle's diameter, and what a curved wall is off its facets; see docs/cfd.md.
+        seed: of the numbers drawn from laws.
+        rtol: see `impact`.
+        uncertain: laws of what is one number for all impacts but not known, {"k": Normal(2, 0.1)}, "cutting_fraction"
+            too, or `posterior.rows_of_draws()`. What it does to the wear does not average out over impacts.
+        draws: of what is uncertain; for each all impacts are computed. 64 know an error to 9 %.
+        cutting_fraction: the share of the particles that cut, by which volumes are multiplied.
+        progress: called with "map", the number of rows that are done, and of all (0 if not known).
+        **distributions: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
+
+    Returns:
+        Over "face": volume, depth, impacts, particles, erodent (mass that hits), erosion, alpha_mean, v0_mean,
+        relative_error (of the volume, √(Σ(wV)²)/ΣwV); mass, depth_rate, depth_per_year and mass_flux where density and
+        the table's duration are known. Over "patch" the totals, over "end" how impacts end. In the units of `p`.
+        If something is uncertain: means over the draws, and `relative_error` = √(sampling_error² + parameter_error²).
+
+    Raises:
+        ValueError: for arguments that make no sense, and a table (`ImpactsError`, with file and row) of no use, or on
+            whose surface it does not lie, as in other units.
+        SimulationError: where no impact could be computed.
+    """
+    bodies = Bodies(p, scaling, diameter, spin, seed, distributions, uncertain or {}, draws, cutting_fraction)
+    options = MapOptions(bodies, restitution, density, limit, rtol)
+    return prepare_map(model, impacts, surface, options).run(progress)
+
+
+def prepare_map(
+    model: CuttingModel | str | Path,
+    impacts: Impacts,
+    surface: Surface | None,
+    options: MapOptions,
+    own: Mapping[str, float] | None = None,
+) -> "MapJob":
+    """Check everything of a map that can be known before reading; arguments and errors as of `erosion_map`.
+
+    Args:
+        model: see `erosion_map`.
+        impacts: the table.
+        surface: see `erosion_map`.
+        options: the case and all else.
+        own: values of the model's own parameters.
+    """
+    require_float64()
+    if not isinstance(impacts, Impacts):
+        raise TypeError(f"Argument `impacts` must be what `read_impacts` returns, but is {impacts!r}.")
+    if surface is not None and not isinstance(surface, Surface):
+        raise TypeError(f"Argument `surface` must be what `read_surface` returns, but is {surface!r}.")
+    loaded = load_model(model).replace(**(own or {}))
+    require_one_impact(loaded, options.bodies.p)
+    options.bodies.check_laws(loaded)
+    if isinstance(loaded, Correlated) and options.density is None:
+        options = dataclasses.replace(options, density=float(loaded.density))
+    return MapJob(Task(model, own or {}, options, 1 if surface is None else len(surface.patches)), impacts, surface)

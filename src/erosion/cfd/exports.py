@@ -1,0 +1,477 @@
+"""The particle of a case as a CFD code knows it: a diameter, a mass, a velocity, and what an impact of it removes.
+
+Tables over angle, speed and diameter for codes that interpolate, as labelled arrays and as CSV.
+
+Over which speeds and diameters the form of a CFD code is to hold, and what it loses there.
+
+How a particle leaves the surface: its velocity and spin after an impact, from the model's state at the cut's end.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from erosion.arguments import Broadcast, check_unmasked
+from erosion.impacts.impact import OTHER_ENDS, end_names, impact, states_at
+from erosion.impacts.simulate import SimulationError
+from erosion.models import load_model, model_name
+from erosion.models.base import ZERO, CuttingModel, State
+from erosion.models.correlated import Correlated, per_mass_of
+from erosion.models.identity import model_in_words, provenance
+from erosion.models.own_parameters import own_in_words, require_one_impact
+from erosion.ode.step_control import require_float64
+from erosion.output import tables
+from erosion.parameters.parameters import Parameters, are_angles, validate
+from erosion.parameters.per_mass import PerMass
+from erosion.parameters.quantities import QUANTITIES, RESULTS
+from erosion.parameters.units import System, ascii_unit, conversion_factor, unit_name
+from erosion.version import __version__
+
+_RTOL = 1e-12
+
+
+class ExportError(ValueError):
+    """A model that the form of a CFD code cannot hold; the message says what it would lose."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Particle:
+    """The particle of a case and its scaled copies; all numbers are in SI units.
+
+    A copy of another diameter is a similar body: r and b grow with the diameter, m with its third power, as in
+    `erosion.stream`. All copies have the spin of the case.
+
+    Args:
+        model, p: of the impacts.
+        diameter: of the case's particle in the CFD code [m].
+        cutting_fraction: share of the impacts that cut.
+    """
+
+    model: CuttingModel
+    p: Parameters
+    diameter: float
+    cutting_fraction: float = 1.0
+
+    @property
+    def speed(self) -> float:
+        """v₀ of the case [m/s]."""
+        return float(self.p.v0)
+
+    @property
+    def density(self) -> float:
+        """Of a sphere of the case's mass and this diameter [kg/m³]."""
+        return float(6 * self.p.m / (np.pi * self.diameter**3))
+
+    def volume(self, alpha: Broadcast, v0: Broadcast, d: Broadcast) -> np.ndarray:
+        """The mean volume that an impact removes [m³], of the broadcast shape.
+
+        Raises:
+            SimulationError: where an impact fails.
+        """
+        with np.errstate(over="ignore"):  # such an impact fails
+            copies = self.p.similar(d / self.diameter)
+        hits = impact(self.model, copies.replace(alpha=alpha, v0=v0), rtol=_RTOL)
+        volume = np.asarray(hits.volume)
+        if not np.isfinite(volume).all():
+            lost = np.count_nonzero(~np.isfinite(volume))
+            name = model_name(self.model)
+            raise SimulationError(f"{name}: {lost:,} of {volume.size:,} impacts could not be computed.")
+        return np.asarray(self.cutting_fraction * volume)
+
+    def erosion(self, alpha: Broadcast, v0: Broadcast, d: Broadcast) -> np.ndarray:
+        """The volume removed per mass of particles [m³/kg], of the broadcast shape."""
+        mass = self.p.m * (d / self.diameter) ** 3
+        return np.asarray(self.volume(alpha, v0, d) / mass)
+
+    def origin(self) -> str:
+        """Lines on what an exported file comes from: model, case, and the particle's diameter."""
+        own = own_in_words(self.model, units="si")
+        units = {name: quantity.unit("si") for name, quantity in QUANTITIES.items() if name != "alpha"}
+        numbers = {name: f"{float(getattr(self.p, name)):.6g}" for name in units}
+        case = ", ".join(f"{name} = {numbers[name]}{'' if unit == '1' else f' {unit}'}" for name, unit in units.items())
+        return (
+            f"erosion {__version__}: {model_name(self.model)}{f' ({own})' if own else ''}\n{case}\n"
+            f"The case's particle has the diameter {self.diameter:.6g} m and the density {self.density:.6g} kg/m^3."
+            + ("" if self.cutting_fraction == 1 else f"\n{share_in_words(self.cutting_fraction)}")
+        )
+
+
+def share_in_words(cutting_fraction: float) -> str:
+    """The line of an exported file on the share of the particles that cut."""
+    return f"The cutting fraction {cutting_fraction:.4g} is part of what is written here."
+
+
+def particle_of(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    particle_density: float | None = None,
+    cutting_fraction: float = 1.0,
+) -> Particle:
+    """The particle of a case.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: the case, all scalars; its `alpha` is not used.
+        particle_density: of the particles in the CFD code [kg/m³], whatever the units of the case; their diameter
+            is that of a sphere of the case's mass. Without it the diameter is 2 r.
+        cutting_fraction: the share of the particles that cut; it does not apply to correlations.
+
+    Raises:
+        ValueError: for parameters that are arrays or out of range.
+    """
+    model = load_model(model)
+    require_one_impact(model, p)
+    validate(p)
+    model, in_si = model.to("si", p)
+    share = per_mass_of(model, PerMass(cutting_fraction=cutting_fraction)).cutting_fraction
+    if particle_density is None:
+        return Particle(model, in_si, 2 * float(in_si.r), share)
+    density = positive("particle_density", particle_density)
+    if density.size != 1:
+        raise ValueError(f"Argument `particle_density` must be a scalar, but has shape {density.shape}.")
+    volume = float(in_si.m) / float(density[0])
+    return Particle(model, in_si, float(np.cbrt(6 * volume / np.pi)), share)
+
+
+def positive(name: str, values: Any) -> np.ndarray:
+    """Positive numbers, shape (n,), ascending and each once.
+
+    Raises:
+        ValueError: naming the argument, where one is not positive and finite, or there is none.
+    """
+    return _checked(name, values, lambda numbers: (numbers > 0) & np.isfinite(numbers), "must be positive and finite")
+
+
+def in_si(name: str, values: Any, p: Parameters, own: Any) -> np.ndarray:
+    """Speeds ("v0") or diameters ("d") that are given in the units of a case, in SI units; `own` without them.
+
+    Raises:
+        ValueError: where one is not positive and finite, or there is none.
+    """
+    if values is None:
+        return np.atleast_1d(np.asarray(own, float))
+    dimension = (QUANTITIES if name in QUANTITIES else RESULTS)[name].dimension
+    return positive(name, values) * conversion_factor(dimension, p.units, "si")
+
+
+def angles(values: Any) -> np.ndarray:
+    """Angles of attack [rad], shape (n,), ascending and each once.
+
+    Raises:
+        ValueError: where one is not in (0, π/2], or there is none.
+    """
+    return _checked("alpha", values, are_angles, "must be in (0, 90°]")
+
+
+def _checked(name: str, values: Any, are_good: Any, condition: str) -> np.ndarray:
+    check_unmasked(name, values)
+    try:
+        numbers = np.atleast_1d(np.asarray(values, float))
+    except (TypeError, ValueError):
+        raise ValueError(f"Argument `{name}` must be numbers, but is {values!r}.") from None
+    if numbers.ndim != 1 or not numbers.size:
+        raise ValueError(f"Argument `{name}` must be a number or a list of them, but has shape {numbers.shape}.")
+    good = are_good(numbers)
+    if not good.all():
+        bad = float(numbers[~good][0])
+        shown = f"{np.rad2deg(bad):g}°" if name == "alpha" else f"{bad:g}"
+        raise ValueError(f"Argument `{name}` {condition}, but has {shown}.")
+    return np.unique(numbers)
+
+
+def commented(text: str, mark: str) -> str:
+    """The lines of a text, each behind a mark of comments."""
+    return "".join(f"{mark} {line}\n" for line in text.splitlines())
+
+
+SHARES = np.linspace(0.5, 2, 7)  # of the case's speed and diameter: from half to twice
+_ANGLES = np.deg2rad(np.arange(2.5, 91, 2.5))
+_MOST_ROWS = 1_000_000
+_HEADINGS = {"alpha": "angle", "v0": "speed", "d": "diameter"}
+
+
+def volume_table(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    alpha: Any = None,
+    v0: Any = None,
+    d: Any = None,
+    particle_density: float | None = None,
+    cutting_fraction: float = 1.0,
+) -> xr.Dataset:
+    """The volume that an impact removes over diameter, speed and angle, for a table in a CFD code.
+
+        table = erosion.volume_table("rotating", p, v0=np.linspace(20, 200, 19))
+        table.volume.interp(alpha=0.4, v0=55.0)
+
+    Particles of another diameter are similar bodies: r and b grow with d, m with its third power; the spin is the
+    case's.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: the case, all scalars; its `alpha` is not used.
+        alpha: angles, shape (n,) [rad]; every 2.5° without it.
+        v0: speeds, shape (n,) [speed]; seven from half to twice the case's without it.
+        d: diameters, shape (n,) [length]; seven from half to twice the case's without it.
+        particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
+        cutting_fraction: the share of the particles that cut; volumes are then the mean over all particles.
+
+    Returns:
+        `volume` [volume] over (d, v0, alpha), in the units of the case.
+
+    Raises:
+        SimulationError: where impacts fail.
+        ValueError: for parameters that are arrays or out of range, and for more than a million rows.
+    """
+    particle = particle_of(model, p, particle_density, cutting_fraction)
+    alpha = _ANGLES if alpha is None else angles(alpha)
+    speeds = in_si("v0", v0, p, SHARES * particle.speed)
+    diameters = in_si("d", d, p, SHARES * particle.diameter)
+    require_rows(alpha.size * speeds.size * diameters.size)
+    volume = particle.volume(alpha, speeds[:, None], diameters[:, None, None])
+    axes = {"d": diameters, "v0": speeds, "alpha": alpha}
+    return labelled(particle, p, "removed volumes", axes, {"volume": volume})
+
+
+def require_rows(rows: int) -> None:
+    """Refuse a table that no code would read, and no memory hold."""
+    if rows > _MOST_ROWS:
+        raise ValueError(
+            f"Argument `alpha` must make, with the others, at most {_MOST_ROWS:,} rows, but makes {rows:,}."
+        )
+
+
+def labelled(
+    particle: Particle, p: Parameters, content: str, axes: dict[str, np.ndarray], arrays: dict[str, np.ndarray]
+) -> xr.Dataset:
+    """Arrays over axes in SI units as a Dataset in the units of a case, with units and provenance.
+
+    Args:
+        particle: model and case in SI units.
+        p: the case as it was given.
+        content: for the title.
+        axes: values by name, in the order of the dimensions.
+        arrays: by name, each over all axes.
+    """
+    described = provenance(content, p, **model_in_words(particle.model))
+    attributes = {**described, "particle_diameter": particle.diameter * conversion_factor("length", "si", p.units)}
+    known = {**QUANTITIES, **RESULTS}
+
+    def in_units(name: str, values: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
+        return values * conversion_factor(known[name].dimension, "si", p.units), known[name].attributes(p.units)
+
+    dataset = xr.Dataset(attrs=attributes, coords={name: (name, *in_units(name, v)) for name, v in axes.items()})
+    for name, values in arrays.items():
+        dataset[name] = (tuple(axes), *in_units(name, values))
+    return dataset
+
+
+def to_csv(dataset: xr.Dataset) -> str:
+    """A Dataset of `labelled` as CSV: a row for each point, SI units, angles in degrees.
+
+    "volume [m^3]" and the like are in the first row. The last axis varies fastest.
+    """
+    system, names = dataset.attrs["unit_system"], [str(name) for name in (*dataset.dims, *dataset.data_vars)]
+    return tables.to_csv(dict(_column(name, dataset, system) for name in names))
+
+
+def _column(name: str, dataset: xr.Dataset, system: System) -> tuple[str, list[str]]:
+    """Heading and cells."""
+    values = dataset[name].broadcast_like(dataset[next(iter(dataset.data_vars))]).transpose(*dataset.dims).values
+    heading = _HEADINGS.get(name, name)
+    if "flag_meanings" in dataset[name].attrs:
+        words = dataset[name].attrs["flag_meanings"].split()
+        return heading, [words[int(code)] for code in values.ravel()]
+    dimension = {**QUANTITIES, **RESULTS}[name].dimension
+    unit = ascii_unit(unit_name(dimension, "si"))
+    factor = conversion_factor(dimension, system, "si")
+    if dimension == "angle":
+        unit, factor = "deg", 180 / np.pi
+    return f"{heading} [{'-' if unit == '1' else unit}]", [f"{number:.10g}" for number in values.ravel() * factor]
+
+
+ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
+NEAR, FAR = 0.02, 0.15
+"""Misfits of a form over the maximum of a curve: above the first it is said, above the last refused."""
+
+_HALF_TO_TWICE = np.geomspace(0.5, 2, 9)
+
+_Erosion = Callable[[Broadcast, Broadcast, Broadcast], np.ndarray]
+"""Of angle [rad], speed [m/s] and diameter [m]: the volume removed per mass of particles [m³/kg]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reach:
+    """Speeds [m/s] and diameters [m], ascending; `asked` where a form must hold over all of them."""
+
+    speeds: np.ndarray
+    diameters: np.ndarray
+    asked: bool
+
+    @classmethod
+    def of(cls, particle: Particle, p: Parameters, v0: Any = None, d: Any = None) -> "Reach":
+        """What is asked for in the units of `p`; without both, from half to twice the particle's own.
+
+        Raises:
+            ValueError: for a speed or a diameter that is not positive.
+        """
+        if v0 is d is None:
+            return cls(_HALF_TO_TWICE * particle.speed, _HALF_TO_TWICE * particle.diameter, asked=False)
+        return cls(in_si("v0", v0, p, particle.speed), in_si("d", d, p, particle.diameter), asked=True)
+
+
+def more_than_own(values: np.ndarray, own: float) -> np.ndarray:
+    """The speeds or diameters to which a form is fitted: from half to twice the case's where no others are given."""
+    return _HALF_TO_TWICE * own if np.allclose(values, own, rtol=1e-9, atol=0) else values
+
+
+@dataclasses.dataclass(frozen=True)
+class Losses:
+    """How far a form is off at other speeds and diameters, over the curve's greatest value there.
+
+    Args:
+        reach: the speeds and diameters.
+        misfit: greatest difference over all angles, shape (diameters, speeds) [-].
+        speed, diameter: of the case [m/s], [m].
+    """
+
+    reach: Reach
+    misfit: np.ndarray
+    speed: float
+    diameter: float
+
+    @property
+    def worst(self) -> float:
+        """The greatest misfit."""
+        return float(self.misfit.max())
+
+    @property
+    def statement(self) -> str:
+        """A sentence with the numbers."""
+        speeds, diameters = self.reach.speeds, self.reach.diameters
+        if self.reach.asked:
+            over = f"{_range(speeds)} m/s" + (f" and {_range(1e6 * diameters)} um" if diameters.size > 1 else "")
+            return f"Over {over} the form is off by up to {self.worst:.2%} of the maximum there."
+        own_speed, own_size = np.argmin(np.abs(speeds - self.speed)), np.argmin(np.abs(diameters - self.diameter))
+        ends = [0, -1]
+        return (
+            f"The form is made at {self.speed:.6g} m/s. At half and at twice this speed it is off by up to "
+            f"{self.misfit[own_size, ends].max():.2%} of the maximum there, at half and at twice the diameter by up to "
+            f"{self.misfit[ends, own_speed].max():.2%}."
+        )
+
+
+def own_curve(particle: Particle) -> np.ndarray:
+    """The volume removed per mass of particles at `ANGLES`, the case's speed and diameter [m³/kg].
+
+    Raises:
+        ExportError: where nothing is removed.
+    """
+    erosion = particle.erosion(ANGLES, particle.speed, particle.diameter)
+    if erosion.max() <= 0:
+        raise ExportError(f"{model_name(particle.model)} removes nothing at any angle: it has no curve to export.")
+    return erosion
+
+
+def losses(code: str, form: _Erosion, particle: Particle, reach: Reach) -> Losses:
+    """What a form loses.
+
+    Args:
+        code: its name, for messages.
+        form: what the code computes.
+        particle: what the model computes.
+        reach: over which speeds and diameters.
+
+    Raises:
+        ExportError: where the form is asked to hold and is off by more than 15 % of the maximum.
+    """
+    speeds, diameters = reach.speeds[:, None], reach.diameters[:, None, None]
+    erosion, formed = particle.erosion(ANGLES, speeds, diameters), form(ANGLES, speeds, diameters)
+    greatest = erosion.max(axis=-1)
+    # Where the model removes nothing, all that the form removes is lost.
+    size = np.where(greatest > 0, greatest, np.maximum(formed.max(axis=-1), np.finfo(float).tiny))
+    misfit = np.abs(formed - erosion).max(axis=-1) / size
+    lost = Losses(reach, misfit, particle.speed, particle.diameter)
+    if reach.asked and lost.worst > FAR:
+        at = np.unravel_index(np.argmax(misfit), misfit.shape)
+        raise ExportError(
+            f"The form of {code} is made at {particle.speed:.4g} m/s, and at {reach.speeds[at[1]]:.4g} m/s and "
+            f"{1e6 * reach.diameters[at[0]]:.4g} µm it is off by up to {misfit[at]:.1%} of the maximum; give a "
+            "narrower range, or use a table of volumes over angle, speed and diameter (--table)."
+        )
+    return lost
+
+
+def _range(values: np.ndarray) -> str:
+    first, last = f"{values[0]:.4g}", f"{values[-1]:.4g}"
+    return first if len(values) == 1 else f"{first} to {last}"
+
+
+_REBOUND_ANGLES = np.deg2rad(np.arange(2.5, 89, 2.5))  # at 90° nothing is cut, and there is no rebound to follow
+
+
+def restitution(model: CuttingModel | str | Path, p: Parameters, *, alpha: Any = None, v0: Any = None) -> xr.Dataset:
+    """Coefficients of restitution and the spin after the impact, over speed and angle.
+
+        table = erosion.restitution("rotating", p)
+        table.e_n.sel(v0=p.v0, method="nearest").plot()
+
+    All velocities are those of the centre of mass, which is what a CFD code moves; the tip moves otherwise where the
+    body turns. They are taken when the cut ends:
+
+    - **rebound**: the tip has left the target. e_n = -ẏ/(v₀ sin α), e_t = ẋ/(v₀ cos α).
+    - **stop** (and an event of a plug-in): the tip no longer moves along the surface, but is still within the target,
+      and the model follows it no further. e_t is that of this moment.
+
+    Where the centre of mass still moves into the target when the cut ends, the target takes what is left of the
+    normal motion, as it is plastic: e_n = 0. `vx` and `vy` hold the velocities of the end itself.
+
+    - **no-cut**: the model has no rebound without a cut: all are NaN. So are they where an impact fails.
+
+    The losses of the normal motion are the model's: a force that follows the depth, as all built-in ones do, gives
+    back what it took, so that a body that does not turn rebounds with e_n = 1.
+
+    Args:
+        model: a model of a rigid body, its name, or the path of its file.
+        p: the case, all scalars; its `alpha` is not used.
+        alpha: angles, shape (n,) [rad]; every 2.5° below 90° without it.
+        v0: speeds, shape (n,) [speed]; seven from half to twice the case's without it.
+
+    Returns:
+        Over (v0, alpha), in the units of the case: `e_n`, `e_t` [-], `spin` φ̇ after the impact [rad/s] (positive
+        moves the tip forward), `vx`, `vy` [speed], and `ended_by` (codes, see its attributes). e_t is NaN at 90°,
+        where there is no tangential velocity before the impact.
+
+    Raises:
+        ExportError: for a model without the motion of a rigid body, as correlations are.
+        ValueError: for parameters that are arrays or out of range.
+    """
+    require_float64()
+    particle = particle_of(model, p)
+    alpha = _REBOUND_ANGLES if alpha is None else angles(alpha)
+    speeds = in_si("v0", v0, p, SHARES * particle.speed)
+    shape = (speeds.size, alpha.size)
+    require_rows(speeds.size * alpha.size)
+    each_alpha, each_speed = (np.broadcast_to(axis, shape).ravel() for axis in (alpha, speeds[:, None]))
+    impacts = particle.p.replace(alpha=each_alpha, v0=each_speed)
+    end = states_at(particle.model, impacts, np.full(each_alpha.size, np.inf), _RTOL)
+    if isinstance(particle.model, Correlated) or not isinstance(end.state, State):
+        raise ExportError(f"{model_name(particle.model)} has no motion of a rigid body: it says nothing of rebounds.")
+    names = end_names(particle.model)
+    has_motion = ~np.isin(end.outcome, [names.index(name) for name in OTHER_ENDS])
+    vx, vy, spin = (np.where(has_motion, rate, np.nan) for rate in (end.state.vx, end.state.vy, end.state.omega))
+    normal, tangential = each_speed * np.sin(each_alpha), each_speed * np.cos(each_alpha)
+    tangential[np.cos(each_alpha) <= ZERO] = np.nan
+    arrays = {"e_n": np.maximum(-vy / normal, 0.0), "e_t": vx / tangential, "spin": spin, "vx": vx, "vy": vy}
+    dataset = labelled(
+        particle, p, "rebounds", {"v0": speeds, "alpha": alpha}, {name: v.reshape(shape) for name, v in arrays.items()}
+    )
+    codes = {"long_name": "how the cut ended", "flag_values": np.arange(len(names), dtype=np.int8)}
+    meanings = {"flag_meanings": " ".join(names)}
+    dataset["ended_by"] = (("v0", "alpha"), end.outcome.astype(np.int8).reshape(shape), codes | meanings)
+    return dataset

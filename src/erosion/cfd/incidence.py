@@ -1,0 +1,475 @@
+"""From rows of a table to hits: on which face, how steeply, how fast, and which rows are left out.
+
+All of it is arithmetic of single rows, so that a hit does not depend on the rows beside it.
+
+Whether rows lie on the surface: the limit of their distance, and surfaces in another unit than the impacts.
+"""
+
+import dataclasses
+import functools
+import math
+import types
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from erosion.cfd.rows import ImpactBlock, ImpactsError
+from erosion.cfd.surface import METRES, Surface, metres_of
+from erosion.parameters.parameters import are_angles
+from erosion.parameters.quantities import STEEPEST
+
+LEFT_OUT: Mapping[str, str] = types.MappingProxyType(
+    {
+        "stuck": "have no velocity, as parcels that stick to a wall",
+        "receding": "move along the surface or away from it (n·U ≤ 0)",
+        "too-far": "lie farther from their face than the limit",
+        "elsewhere": "name a face that is not of this surface",
+    }
+)
+"""Why a row may remove nothing; codes are 1, 2, … in this order, 0 is a hit."""
+
+HIT, STUCK, RECEDING, TOO_FAR, ELSEWHERE = range(5)
+
+OF_WIDTH = 0.005
+"""Of the surface's width: what tables round away, and what walls of other meshes of the same part are off."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Hits:
+    """Rows in SI units, arrays of shape (rows,).
+
+    Args:
+        fate: 0 for a hit, else 1 + the place in `LEFT_OUT`.
+        face: the surface's face; 0 without a surface, and where the row is elsewhere.
+        patch: of this face, an index of `Surface.patches`; 0 without a surface.
+        speed: v₀ [m/s].
+        alpha: angle of attack [rad]; in (0, π/2] for hits.
+        count: particles that the row stands for.
+        mass: of one particle [kg].
+        diameter: of one particle [m].
+        spin: φ̇₀ of the table [rad/s], NaN where it has none.
+        distance: from the position to the face [m], NaN where the row has no position or is elsewhere.
+        named: whether the row names its face, which else is the nearest.
+    """
+
+    fate: np.ndarray
+    face: np.ndarray
+    patch: np.ndarray
+    speed: np.ndarray
+    alpha: np.ndarray
+    count: np.ndarray
+    mass: np.ndarray
+    diameter: np.ndarray
+    spin: np.ndarray
+    distance: np.ndarray
+    named: np.ndarray
+
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        return len(self.fate)
+
+    def part(self, rows: Any) -> "Hits":
+        """Some of the rows: a slice, a mask or their numbers."""
+        return Hits(*(getattr(self, name)[rows] for name in _COLUMNS))
+
+    @classmethod
+    def joined(cls, parts: Sequence["Hits"]) -> "Hits":
+        """The rows of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS))
+
+
+_COLUMNS = tuple(field.name for field in dataclasses.fields(Hits))
+
+
+@dataclasses.dataclass(frozen=True)
+class Incidence:
+    """How rows of a table meet a surface.
+
+    Args:
+        surface: None where only totals are wanted.
+        mesh_faces: whether rows count the faces of the whole mesh, see `Impacts`.
+        restitution: (e, μ) of the wall, where the table holds velocities after the rebound.
+        limit: greatest distance of a row from its face [m]; None for `limit_of`.
+    """
+
+    surface: Surface | None
+    mesh_faces: bool = False
+    restitution: tuple[float, float] | None = None
+    limit: float | None = None
+
+    @property
+    def patches(self) -> tuple[str, ...]:
+        """The names of the surface's patches; one for all rows without a surface."""
+        return ("all",) if self.surface is None else self.surface.patches
+
+    def hits(self, block: ImpactBlock) -> Hits:
+        """The rows of a block.
+
+        Raises:
+            ImpactsError: naming the first row that cannot be used.
+        """
+        self._check(block)
+        fate = np.zeros(block.rows, np.int8)
+        face, distance, named = self._faces(block, fate)
+        speed, alpha = self._motion(block, face)
+        meets = fate == HIT
+        fate[meets & (alpha <= 0)] = RECEDING
+        fate[meets & (speed == 0)] = STUCK
+        spin = np.full(block.rows, np.nan) if block.spin is None else block.spin
+        patch = np.zeros(block.rows, np.int64) if self.surface is None else self.surface.patch[face]
+        return Hits(fate, face, patch, speed, alpha, block.count, block.mass, block.diameter, spin, distance, named)
+
+    def too_far(self, block: ImpactBlock, hits: Hits, most: int) -> list[str]:
+        """The first rows of a block that are too far, in words."""
+        rows = np.flatnonzero(hits.fate == TOO_FAR)[: max(most, 0)]
+        return [f"{row_in_words(block, row)} ({hits.distance[row]:.3g} m)" for row in rows]
+
+    def _motion(self, block: ImpactBlock, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Speed [m/s] and angle of attack [rad], which is not positive where the particle does not approach."""
+        if block.velocity is None:
+            assert block.speed is not None
+            assert block.alpha is not None
+            return block.speed, np.minimum(block.alpha, STEEPEST)
+        assert self.surface is not None
+        normal = self._normals[face]
+        velocity = np.asarray(block.velocity, float)
+        into = _dot(velocity, normal)
+        if self.restitution is not None:
+            normal_ratio, friction = self.restitution
+            along = velocity - into[:, None] * normal
+            into = -into / normal_ratio
+            velocity = into[:, None] * normal + along / (1 - friction)
+        speed = np.sqrt(_dot(velocity, velocity))
+        sine = np.divide(into, speed, out=np.zeros_like(speed), where=speed > 0)
+        return speed, np.arcsin(np.clip(sine, -1.0, 1.0))
+
+    def _faces(self, block: ImpactBlock, fate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each row the surface's face, the distance to it, and whether it is named; `fate` notes what is far."""
+        distance, surface = np.full(block.rows, np.nan), self.surface
+        if surface is None:
+            return np.zeros(block.rows, np.int64), distance, np.zeros(block.rows, bool)
+        face = self._named_faces(block, fate)
+        named, meets = face >= 0, fate == HIT
+        unnamed = np.flatnonzero(~named & meets)
+        if block.position is None:
+            if unnamed.size:
+                raise ImpactsError(f"{row_in_words(block, unnamed[0])} names no face of the surface and no position.")
+            return np.maximum(face, 0), distance, named
+        _require(block, "position", np.isfinite(block.position).all(axis=1), "must be finite")
+        position = np.asarray(block.position, float)
+        if unnamed.size:
+            face[unnamed], distance[unnamed] = surface.nearest(position[unnamed])
+        if (of_name := np.flatnonzero(named & meets)).size:
+            distance[of_name] = surface.distance(face[of_name], position[of_name])
+        face = np.maximum(face, 0)
+        limit = limit_of(surface, face, distance, np.asarray(block.diameter)) if self.limit is None else self.limit
+        fate[meets & (distance > limit)] = TOO_FAR
+        return face, distance, named
+
+    def _named_faces(self, block: ImpactBlock, fate: np.ndarray) -> np.ndarray:
+        """The surface's faces that rows name, -1 where they name none."""
+        surface = self.surface
+        assert surface is not None
+        if block.face is None or (self.mesh_faces and surface.mesh_face is None):
+            return np.full(block.rows, -1)
+        named = np.asarray(block.face, np.int64)
+        if self.mesh_faces:
+            face = np.where(named >= 0, surface.face_of_mesh(named), -1)
+            fate[(named >= 0) & (face < 0)] = ELSEWHERE
+            return face
+        if np.any(wrong := named >= surface.faces):
+            row = int(np.argmax(wrong))
+            raise ImpactsError(
+                f"{row_in_words(block, row)} names face {named[row]:,}, but {surface.title} has {surface.faces:,} "
+                "faces, counted from 0."
+            )
+        return named.copy()
+
+    @functools.cached_property
+    def _normals(self) -> np.ndarray:
+        """The unit normals of the faces."""
+        assert self.surface is not None
+        return self.surface.normal
+
+    def _check(self, block: ImpactBlock) -> None:
+        """Refuse rows that can be no impact."""
+        for name in ("mass", "diameter"):
+            values = getattr(block, name)
+            _require(block, name, (values > 0) & np.isfinite(values), "must be positive and finite")
+        _require(block, "count", (block.count >= 0) & np.isfinite(block.count), "must be a number of at least 0")
+        if block.spin is not None:
+            _require(block, "spin", np.isfinite(block.spin), "must be finite")
+        if block.velocity is not None:
+            if self.surface is None:
+                raise ImpactsError(
+                    f"{block.source}: gives velocities, so the angle of attack needs the normals of a surface; "
+                    "give one, or a table with columns of speed and angle."
+                )
+            _require(block, "velocity", np.isfinite(block.velocity).all(axis=1), "must be finite")
+            return
+        if block.speed is None or block.alpha is None:
+            raise ImpactsError(f"{block.source}: must give velocities, or speeds and angles of attack, but does not.")
+        if self.restitution is not None:
+            raise ImpactsError(
+                f"{block.source}: gives speeds and angles, of which no rebound can be undone: Argument `restitution` "
+                "must be left out."
+            )
+        _require(block, "speed", (block.speed >= 0) & np.isfinite(block.speed), "must be a number of at least 0")
+        _require(block, "alpha", (block.alpha == 0) | are_angles(block.alpha), "must be in [0°, 90°]", _angle_in_words)
+
+
+def limit_of(surface: Surface, face: np.ndarray, distance: np.ndarray, diameter: np.ndarray) -> np.ndarray:
+    """The farthest that a particle which hits a face may lie from it, shape (rows,) [m].
+
+    It is the particle's diameter, as the centre of a sphere is half of it off the wall; and of these the greater one:
+    0.5 % of the surface's width, but at most the face's longest side; and what a curved wall may lie off its facets.
+
+    Args:
+        surface: the surface.
+        face: of each row, shape (rows,).
+        distance: from it [m], shape (rows,); only rows that are far make facets be looked at.
+        diameter: of a particle [m], shape (rows,).
+    """
+    limit = np.minimum(OF_WIDTH * surface.width, surface.longest_side[face])
+    far = distance > limit + diameter
+    if far.any():
+        limit[far] = np.maximum(limit[far], surface.bulge[face[far]])
+    return limit + diameter
+
+
+def row_in_words(block: ImpactBlock, row: int | np.integer) -> str:
+    """File and number of a row, counted from 1."""
+    return f"{block.source}: row {block.first + int(row) + 1:,}"
+
+
+def _require(
+    block: ImpactBlock,
+    name: str,
+    good: np.ndarray | np.bool_,
+    condition: str,
+    in_words: Callable[[Any], str] = str,
+) -> None:
+    """Raise for the first row whose number is not good."""
+    if good.all():
+        return
+    row = int(np.argmin(good))
+    raise ImpactsError(
+        f"{row_in_words(block, row)}: `{name}` {condition}, but is {in_words(getattr(block, name)[row])}."
+    )
+
+
+def _angle_in_words(angle: float) -> str:
+    """An angle in degrees; of one that may be in degrees already, that too."""
+    hint = f" ({angle:g} rad; was the column in degrees?)" if 2 <= angle <= 90 else ""
+    return f"{math.degrees(angle):g}°{hint}"
+
+
+def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return first[:, 0] * second[:, 0] + first[:, 1] * second[:, 1] + first[:, 2] * second[:, 2]
+
+
+_OF_EXTENT = 0.01
+"""Of the impacts' extent, the farthest that a surface of the right size may be off: its own width says nothing then."""
+_SAMPLE = 256  # rows that are compared with the surface in other sizes, at most
+_CLEAR = 0.25  # share of rows by which another size must fit better, so that the surface is refused
+_SAME = 0.02  # share of rows below which two sizes fit alike
+_ABSURD = 0.04
+"""A surface that is larger than the impacts by so much, with faces as large as all of them, is in another unit."""
+_NAMES = {"in": "inches", "ft": "feet"}
+_RATIOS = {float(f"{a / b:.9g}") for a in METRES.values() for b in METRES.values() if 1e-3 <= a / b <= 1e3}
+# Units that people confuse, and half as large, for surfaces that are larger than what is hit.
+_FACTORS = sorted(_RATIOS | {0.5, 2.0} | {*METRES.values()})
+_OF_METRES = {0.5, *METRES.values()}
+"""The factors of a surface that nobody gave a unit: its numbers are of one of these units, or it is large."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Sample:
+    """Rows with a position: where they are, the face that they name or -1, and their diameter."""
+
+    position: np.ndarray
+    named: np.ndarray
+    diameter: np.ndarray
+
+    def part(self, rows: slice) -> "_Sample":
+        return _Sample(self.position[rows], self.named[rows], self.diameter[rows])
+
+    def joined(self, more: "_Sample") -> "_Sample":
+        pairs = ((getattr(self, field.name), getattr(more, field.name)) for field in dataclasses.fields(self))
+        return _Sample(*(np.concatenate(pair) for pair in pairs))
+
+
+class Nearness:
+    """How the rows that were read so far lie on the surface.
+
+    Args:
+        surface: the surface.
+        limit: greatest distance of a row from its face [m]; None for `limit_of`.
+    """
+
+    def __init__(self, surface: Surface, limit: float | None) -> None:
+        self._surface, self._limit = surface, limit
+        self._rows, self._far, self._least, self._greatest = 0, 0, math.inf, 0.0
+        self._allowed, self._farthest_allowed = 0, 0.0
+        self._sample = _Sample(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0))
+        self._stride = 1
+        self._known: tuple[int, Mapping[float, float]] | None = None
+
+    def add(self, block: ImpactBlock, hits: Hits) -> None:
+        """Take note of the rows of a block."""
+        rows = np.flatnonzero(np.isfinite(hits.distance))
+        if not rows.size or block.position is None:
+            return
+        compared = hits.part(rows)
+        face, distance, diameter, far = compared.face, compared.distance, compared.diameter, compared.fate == TOO_FAR
+        if far.any():
+            self._far += int(far.sum())
+            self._least = min(self._least, float(distance[far].min()))
+            self._greatest = max(self._greatest, float(distance[far].max()))
+        if self._limit is not None:
+            allowed = ~far & (distance > limit_of(self._surface, face, distance, diameter))
+            self._allowed += int(allowed.sum())
+            self._farthest_allowed = max(self._farthest_allowed, float(distance[allowed].max(initial=0.0)))
+        some = slice(-self._rows % self._stride, None, self._stride)
+        position = np.asarray(block.position, float)[rows]
+        kept = _Sample(position, np.where(compared.named, face, -1), diameter).part(some)
+        self._sample = self._sample.joined(kept)
+        self._rows += len(rows)
+        while len(self._sample.diameter) > _SAMPLE:
+            self._sample, self._stride = self._sample.part(slice(None, None, 2)), 2 * self._stride
+
+    def require(self, table: str) -> None:
+        """Refuse a surface on which the rows do not lie.
+
+        Args:
+            table: name of the table, for messages.
+
+        Raises:
+            ImpactsError: with the factor by which the surface is too large or too small, where there is one.
+        """
+        if self._limit is not None or not self._rows:
+            return
+        surface, shares = self._surface, self._shares()
+        best = max(shares.values())
+        alike = [factor for factor, share in shares.items() if share > best - _SAME]
+        factor = min(alike, key=lambda factor: abs(math.log(factor)))
+        is_other = factor != 1 and best > max(0.5, shares[1.0] + _CLEAR)
+        lie = "lie on a smaller one"
+        if self._far:
+            lie = f"lie {_between(self._least, self._greatest)} from their face"
+        off = f"{self._far or self._rows:,} of {self._rows:,} rows of {table} {lie}"
+        if is_other:
+            times = f"{1 / factor:.4g} × too large" if factor < 1 else f"{factor:.4g} × too small"
+            raise ImpactsError(
+                f"{surface.title}: is {times} for the impacts: {off}. {_as_units(surface, alike)} "
+                "Argument `limit` says how far off rows may lie."
+            )
+        if self._far > self._rows / 2:
+            raise ImpactsError(
+                f"{surface.title}: is not where the impacts are: {off}, and it is {surface.length:.3g} m across. "
+                "Argument `limit` says how far off rows may lie."
+            )
+        smaller = self._smaller()
+        if smaller and smaller[0] < _ABSURD and self._extent() < self._side():
+            raise ImpactsError(f"{surface.title}: may be in another unit. {self._spot(smaller)}")
+
+    def sentences(self) -> list[str]:
+        """What a reader of the map must know of its positions."""
+        surface, said = self._surface, list[str]()
+        if self._allowed:
+            said.append(
+                f"{self._allowed:,} of {self._rows:,} rows lie up to {self._farthest_allowed:.3g} m from their face, "
+                "and are counted only because of the given limit."
+            )
+        if not self._rows and surface.unit is None and surface.mesh_face is None:
+            said.append(f"{surface.title} is taken in metres: it has no unit, and the rows have no positions.")
+        if self._rows and (smaller := self._smaller()):
+            said.append(self._spot(smaller))
+        return said
+
+    def _smaller(self) -> list[float]:
+        """The factors of smaller surfaces on which the rows would lie as well, rising; none where it is sure."""
+        if self._surface.unit is not None:
+            return []
+        shares = self._shares()
+        least = max(0.5, shares[1.0] - _SAME)
+        return sorted(factor for factor in _OF_METRES if factor < 1 and shares[factor] > least)
+
+    def _spot(self, smaller: Sequence[float]) -> str:
+        """That the rows would lie as well on smaller surfaces."""
+        surface = self._surface
+        times = f"{'up to ' * (len(smaller) > 1)}{1 / smaller[0]:.4g}"
+        unit = "If it is in metres, Argument `unit` must be 'm'."
+        if smaller != [0.5]:
+            unit = _as_units(surface, [*smaller, 1.0])
+        return (
+            f"The impacts reach over {self._extent():.3g} m of the {surface.length:.3g} m of {surface.title}, and "
+            f"would lie as well on one that is {times} × smaller. {unit}"
+        )
+
+    def far_in_words(self, rows: Sequence[str]) -> str:
+        """How far the rows are that are left out, of which the first ones are given; empty if there are none."""
+        if not self._far:
+            return ""
+        limit = OF_WIDTH * self._surface.width if self._limit is None else self._limit
+        more = " and the size of the particle and of the face's curve" if self._limit is None else ""
+        return f"{_between(self._least, self._greatest)} off it, with a limit of {limit:.3g} m{more}: {'; '.join(rows)}"
+
+    def _extent(self) -> float:
+        """Of the impacts without strays [m]."""
+        low, high = np.percentile(self._sample.position, [2, 98], axis=0)
+        return float(np.linalg.norm(high - low))
+
+    def _side(self) -> float:
+        """The longest side of the faces that are hit, by the median [m]."""
+        face, _ = self._surface.nearest(self._sample.position)
+        return float(np.median(self._surface.longest_side[face]))
+
+    def _shares(self) -> Mapping[float, float]:
+        """The share of rows that lie on the surface, made larger by each factor."""
+        if self._known is None or self._known[0] != self._rows:
+            self._known = self._rows, {factor: self._share(factor) for factor in _FACTORS}
+        return self._known[1]
+
+    def _share(self, factor: float) -> float:
+        surface, position = self._surface, self._sample.position / factor
+        # The box is cheap, and where it is far the tree of faces is slow.
+        low, high = surface.box
+        margin = 0.05 * surface.length
+        within = ((position >= low - margin) & (position <= high + margin)).all(axis=1)
+        if not within.any():
+            return 0.0
+        position, named, diameter = position[within], self._sample.named[within], self._sample.diameter[within]
+        face, distance = surface.nearest(position)
+        if (has_name := named >= 0).any():
+            face[has_name] = named[has_name]
+            distance[has_name] = surface.distance(face[has_name], position[has_name])
+        limit = limit_of(surface, face, distance, np.zeros(len(face)))
+        near = factor * distance <= diameter + np.minimum(factor * limit, _OF_EXTENT * self._extent())
+        return float(near.sum() / len(self._sample.diameter))
+
+
+def _between(least: float, greatest: float) -> str:
+    low, high = f"{least:.3g}", f"{greatest:.3g}"
+    return f"{low} m" if low == high else f"{low} to {high} m"
+
+
+def _as_units(surface: Surface, factors: Sequence[float]) -> str:
+    """The units in which the surface would fit, of which only the user knows the right one."""
+    own = 1.0 if surface.unit is None else metres_of(surface.unit)
+    units = [unit for unit, metres in METRES.items()
+             if any(math.isclose(factor * own, metres, rel_tol=1e-3) for factor in factors)]  # fmt: skip
+    if not units:
+        return "Are its numbers, or those of the positions, in another unit?"
+    names = _either([_NAMES.get(unit, unit) for unit in units])
+    if len(units) == 1:
+        return f"In {names} it would fit: Argument `unit` must then be {units[0]!r}."
+    return f"In {names} it would fit: Argument `unit` must say which, {_either([repr(unit) for unit in units])}."
+
+
+def _either(words: Sequence[str]) -> str:
+    return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)

@@ -1,0 +1,140 @@
+"""`erosion exercise`: a notebook of tasks about a case.
+
+`erosion explore`: the page on which every slider changes the cut.
+
+`erosion report`: the scenario, answered.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from erosion.cli.errors import InputError, user_errors
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.lists import LISTED, ModelsOption
+from erosion.cli.options import CaseFile, CaseOptions, LangOption, with_file
+from erosion.cli.output import PerMassOptions, progress_bar, require_apart, require_outputs, working
+from erosion.extras import extra
+
+
+def exercise(
+    file: CaseFile = None,
+    /,
+    *,
+    case: CaseOptions | None = None,
+    output: Annotated[Path, Parameter(name=("--output", "-o"), help="The notebook (.ipynb).")] = Path("exercise.ipynb"),
+    solved: Annotated[
+        Path | None, Parameter(help="Also write it with the solutions into this file (.ipynb), for the teacher.")
+    ] = None,
+    lang: LangOption = "en",
+) -> None:
+    """Make a notebook of tasks for students, which checks their numbers.
+
+    Own Euler and Runge-Kutta steps against the tool, the end of the cut, the
+    volume, the best angle by Newton's method, and where that method fails.
+    """
+    for option, path in (("output", output), ("solved", solved)):
+        if path is not None and path.suffix != ".ipynb":
+            raise InputError(f"Option `--{option}` must end in .ipynb, but is {path}.")
+    options = with_file(case, file)
+    p = options.parameters()
+    require_outputs(output, solved, inputs=(options.case,))
+    start_engine()
+    from erosion.exercises import AnswerKey
+    from erosion.exercises.notebook import notebook
+    from erosion.output.files import write_whole
+
+    name = options.title()
+    with user_errors(), working("solving the tasks"):
+        key = AnswerKey(p, lang)
+        texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
+        for path, text in texts.items():
+            write_whole(path, text.encode())
+    print(f"{output.resolve()}: {len(key.tasks)} tasks about {name}")
+    if solved is not None:
+        print(f"{solved.resolve()}: the same with solutions")
+
+
+_PORT = 8080
+
+
+def explore(
+    file: CaseFile = None,
+    /,
+    *,
+    case: CaseOptions | None = None,
+    per_mass: PerMassOptions | None = None,
+    model: Annotated[
+        ModelsOption,
+        Parameter(help="Also offer the models in these Python files: with commas, or the option repeated."),
+    ] = None,
+    materials: Annotated[
+        list[Path] | None,
+        Parameter(negative="", help="Also offer the particles and targets of this table (TOML); it may be repeated."),
+    ] = None,
+    port: Annotated[int | None, Parameter(help=f"Listen on this port; {_PORT}, or a free one, without it.")] = None,
+    host: Annotated[
+        str,
+        Parameter(
+            help="Listen on this address of the machine, for other devices of a network that you trust: 0.0.0.0 for "
+            "all. They need the link that is printed."
+        ),
+    ] = "127.0.0.1",
+    browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
+) -> None:
+    """Explore cuts in the browser: sliders, live plots, exports. Stop it with Ctrl+C."""
+    options = with_file(case, file)
+    p, weights = options.parameters(), (per_mass or PerMassOptions()).per_mass(options)
+    for path in model or []:
+        if not path.endswith(".py"):
+            raise InputError(f"Option `--model` must be the path of a Python file here, but is {path!r}.")
+    if port is not None and not 0 <= port < 65536:
+        raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
+    start_engine()
+    with extra("explorer"):
+        from erosion.explorer.server import free_address, offer, serve
+    with user_errors():
+        serve(offer(p, model or [], materials or [], weights), free_address(host, port), show=browser)
+
+
+def report(
+    file: CaseFile = None,
+    /,
+    *,
+    case: CaseOptions | None = None,
+    output: Annotated[
+        Path, Parameter(name=("--output", "-o"), help="Folder for the page, its figures and numbers.")
+    ] = Path("report"),
+    only: Annotated[
+        list[str] | None,
+        LISTED,
+        Parameter(
+            help='Only these parts: the questions "q1" to "q8", the harder ones "a1" to "a3", "slips" of the source, '
+            'or "models" side by side; with commas: "q4,a1".'
+        ),
+    ] = None,
+    brief: Annotated[
+        bool,
+        Parameter(negative="", show_default=False, help="Answers and figures alone; a question fits on a sheet of A4."),
+    ] = False,
+    abrasive: PerMassOptions | None = None,
+    lang: LangOption = "en",
+) -> None:
+    """Answer the scenario's questions for a case, on one self-contained page."""
+    options = with_file(case, file)
+    p = options.parameters()
+    per_mass = (abrasive or PerMassOptions()).per_mass(options)
+    start_engine()
+    from erosion.output.language import language
+    from erosion.report.page import PARTS, chosen_questions, require_folder, write_report
+
+    require_apart([output / part for part in PARTS], (options.case,))
+    with user_errors():
+        chosen_questions(only)
+        language(lang)
+        require_folder(output)
+    with progress_bar("report") as progress:
+        chosen = {"case_name": options.title(), "only": only, "brief": brief, "lang": lang, "per_mass": per_mass}
+        page = write_report(p, output, **chosen, progress=progress)
+    print(page.resolve())

@@ -1,0 +1,353 @@
+"""V(α) with its maxima, jumps and regimes; and t_c(α) with its candidates (Laverty, Figure 9).
+
+The cut as a picture to scale, and the tip's histories (Laverty, Figures 7 and 8).
+
+The numbers of the checked models as an HTML table.
+
+The angle of greatest removal over the spin, and how far it moves with each parameter.
+
+The views: computed answers as options of ECharts, as data of the cut, and as HTML.
+"""
+
+import html
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from erosion.explorer.computed import SPINS, Computed
+from erosion.explorer.controls import (
+    DEGREES,
+    LEGEND,
+    STAR,
+    Option,
+    angle_axis,
+    angle_handle,
+    axis,
+    frame,
+    gaps,
+    line,
+    points,
+    styles,
+)
+from erosion.explorer.controls import SPINS as SPIN_SLIDER
+from erosion.impacts.alpha_max import Optimum
+from erosion.impacts.simulate import Trajectory
+from erosion.models.base import State as Body
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_far_from_tests
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import Scale, readable_scale
+from erosion.parameters.units import Dimension, System, unit_name
+from erosion.plotting.curves import describe, leaps, with_gaps
+from erosion.plotting.style import AT_CONTACT, DIM, ENDS, EVENT_LABELS, HISTORIES, NOTHING, PALETTE
+
+_SHALLOW = 5.0  # degrees
+_APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
+
+
+def volumes(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """V(α) of the checked models, the angle's handle, and a description in words."""
+    largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in computed.curves.values()]
+    scale = readable_scale("volume", computed.state.case.units, max(largest, default=0.0))
+    series = []
+    for model, curve in computed.in_order(computed.curves):
+        color, dashes = styles(models)[model]
+        best = computed.best.get(model)
+        marks = {} if best is None else _marks(best, scale.size, color, shown=model == computed.state.shown)
+        degrees, volume = with_gaps(gaps(curve), DEGREES, curve.volume / scale.size)
+        series.append(line(model, degrees, volume, color, dashes, **marks))
+        cuts = np.any(curve.t_c > 0)
+        if model == computed.state.shown and cuts and curve.volume_at_contact.any():
+            at_contact, area = curve.volume_at_contact / scale.size, {"opacity": 0.2, "color": color}
+            thin = {"color": color, "width": 0}
+            series.append(line(AT_CONTACT, DEGREES, at_contact, color, areaStyle=area, lineStyle=thin, z=1))
+    quantity = RESULTS["volume"]
+    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
+    maxima = [f"{model} removes most {describe(best)}" for model, best in computed.in_order(computed.best)]
+    label = "; ".join([f"{quantity.meaning} over the angle of attack", *maxima])
+    return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
+
+
+def end_times(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """t_c(α) of the checked models, and both candidates of the model shown."""
+    curves = computed.curves
+    # Near 0° the cuts of some models last longer and longer; their times would flatten all other curves.
+    longest = [float(np.nanmax(curve.t_c[DEGREES > _SHALLOW], initial=0.0)) for curve in curves.values()]
+    largest = max(longest, default=0.0)
+    scale = readable_scale("time", computed.state.case.units, largest)
+    series = []
+    for model, curve in computed.in_order(curves):
+        color, dashes = styles(models)[model]
+        degrees, t_c = with_gaps(gaps(curve), DEGREES, curve.t_c / scale.size)
+        series.append(line(model, degrees, t_c, color, dashes))
+    for event, times in (computed.ends or {}).items():
+        color = ENDS.get(event, DIM)
+        label = EVENT_LABELS.get(event, event)
+        thin = {"color": color, "type": [4, 4], "width": 1.8}
+        # No line is drawn across the jump of a candidate.
+        before = np.flatnonzero(np.abs(np.diff(times)) > _APART * largest) + 1
+        degrees, times = with_gaps(before, DEGREES, times / scale.size)
+        series.append(line(label, degrees, times, color, lineStyle=thin, z=1))
+    quantity = RESULTS["t_c"]
+    top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
+    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **top)
+    shown = computed.state.shown
+    label = f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end the cut of {shown}"
+    return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
+
+
+def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[str, Any]:
+    """A star at the maximum, hollow if the maximum is only approached; the jumps; the regimes of the model shown."""
+    jumps = [
+        [{"coord": [float(np.rad2deg(jump.alpha)), end / size]} for end in (jump.below, jump.above)]
+        for jump in best.jumps
+    ]
+    dashes = {"color": color, "type": [2, 3], "width": 1.4}
+    marks: dict[str, Any] = {"markLine": {"silent": True, "symbol": "none", "lineStyle": dashes, "data": jumps}}
+    if best.kind != "none" and np.isfinite(best.value):
+        fill = {"color": color if best.attained else "transparent", "borderColor": color, "borderWidth": 2}
+        at = {"coord": [float(np.rad2deg(best.alpha)), float(best.value) / size], "itemStyle": fill}
+        marks["markPoint"] = {"silent": True, "symbol": STAR, "symbolSize": 18, "label": {"show": False}, "data": [at]}
+    if shown:
+        areas = [
+            [
+                {"xAxis": float(np.rad2deg(regime.low)), "name": regime.ended_by,
+                 "itemStyle": {"color": ENDS.get(regime.ended_by, DIM), "opacity": 0.09}},
+                {"xAxis": float(np.rad2deg(regime.high))},
+            ]
+            for regime in best.regimes
+        ]  # fmt: skip
+        label = {"position": "top", "color": "inherit", "fontSize": 13}
+        marks["markArea"] = {"silent": True, "label": label, "data": areas}
+    return marks
+
+
+_PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
+_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "not computed yet"}
+
+
+def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
+    """The data that the cut's element draws, in lengths that read well."""
+    motion = computed.cut
+    if motion is None:
+        return (_NOTHING,)
+    p = motion.p
+    time = readable_scale("time", p.units, motion.t_c)
+    length = readable_scale("length", p.units, float(np.max(np.abs(motion.x_tip))) or float(p.r))
+    phi = motion.phi if isinstance(motion.states, Body) else np.full(motion.t.shape, np.pi / 2)
+    bar = _round_length(float(p.r) / length.size)
+    content = {
+        "t": motion.t.tolist(),
+        "x": (motion.x_tip / length.size).tolist(),
+        "depth": (motion.depth / length.size).tolist(),
+        "phi": phi.tolist(),
+        "size": float(p.r) / length.size,
+        "unit": time.size,
+        "units": time.unit,
+        "bar": {"size": bar, "text": _length(bar, length, p.units)},
+        "label": f"{computed.state.shown}: {_sentence(motion)}",
+    }
+    return (content,)
+
+
+def histories(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """x, y, ẋ and ẏ of the tip over time in four panels, each with a handle at the time that is shown."""
+    motion = computed.cut
+    if motion is None:
+        return {"series": []}, [], "not computed yet"
+    time = readable_scale("time", motion.p.units, motion.t_c)
+    body = motion.states if isinstance(motion.states, Body) else None
+    turns = body is not None and not np.allclose(body.x, motion.x_tip, rtol=1e-9, atol=0)
+    t = motion.t / time.size
+    series, x_axes, y_axes, grids = [], [], [], []
+    for i, ((of_body, of_tip, quantity), (column, row)) in enumerate(zip(HISTORIES, _PANELS, strict=True)):
+        tip = getattr(motion, of_tip)
+        scale = readable_scale(quantity.dimension, motion.p.units, float(np.max(np.abs(tip))))
+        grids.append({"left": f"{column * 50 + 13}%", "width": "34%", "top": f"{row * 47 + 12}%", "height": "31%"})
+        x_axes.append(axis(f"t [{time.unit}]" if row else "", gridIndex=i, min=0, max=float(t[-1]) or 1, nameGap=24,
+                           axisLabel={"showMaxLabel": False}, splitNumber=4))  # fmt: skip
+        y_axes.append(axis(f"{quantity.symbol}  [{scale.unit}]", gridIndex=i, nameLocation="end", nameGap=10,
+                           splitNumber=3, nameTextStyle={"align": "left", "fontSize": 14}))  # fmt: skip
+        where = {"xAxisIndex": i, "yAxisIndex": i}
+        if body is not None and turns:
+            y = np.asarray(getattr(body, of_body)) / scale.size
+            series.append(line("centre of mass", t, y, PALETTE["orange"], "dashed", **where))
+        series.append(line("tip", t, tip / scale.size, PALETTE["blue"], **where))
+    handles = [{"grid": i, "x": float(t[-1]), "unit": time.size, "movable": False, "label": ""} for i in range(4)]
+    tooltip = {"trigger": "axis", "confine": True, "transitionDuration": 0}
+    option = {"animation": False, "grid": grids, "xAxis": x_axes, "yAxis": y_axes, "series": series}
+    return option | {"legend": LEGEND, "tooltip": tooltip}, handles, "position and speed of the tip over time"
+
+
+def _sentence(cut: Trajectory) -> str:
+    if not cut.t_c:
+        return NOTHING
+    time = readable_scale("time", cut.p.units, cut.t_c)
+    turned = f", the body turned by {np.rad2deg(cut.turn):.0f}°" if np.isfinite(cut.turn) and cut.turn else ""
+    return f"{cut.ended_by} after {cut.t_c / time.size:.4g} {time.unit}{turned}"
+
+
+def _length(number: float, scale: Scale, units: System) -> str:
+    """A length in its unit; in the base unit if the unit is a power of ten of the base unit."""
+    base = unit_name("length", units)
+    return f"{number * scale.size:.6g} {base}" if scale.unit.startswith("10") else f"{number:g} {scale.unit}"
+
+
+def _round_length(length: float) -> float:
+    """1, 2 or 5 times a power of ten, at most `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(factor for factor in (1, 2, 5) if factor * power <= length * (1 + 1e-9)) * power)
+
+
+_HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
+
+
+def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
+    """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
+    units = computed.state.case.units
+    heads = "".join(f"<th scope='col' title='{html.escape(_meaning(name))}'>{_symbol(name)}</th>" for name in _HEADINGS)
+    rows = []
+    for model in computed.state.models:
+        point, best = computed.points.get(model), computed.best.get(model)
+        at_angle = ["…"] * 4 if point is None else [
+            _read("time", float(point.t_c), units), html.escape(str(point.ended_by)),
+            _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), units),
+        ]  # fmt: skip
+        at_best = ["…"] * 2 if best is None else [_where(best), _volume(computed, float(best.volume))]
+        mark = "shown" if model == computed.state.shown else ""
+        swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
+        cells = "".join(f"<td>{cell}</td>" for cell in (*at_angle, *at_best))
+        rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
+    table = f"<thead><tr><th scope='col'>model</th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
+    caption = "<caption>Numbers of the checked models</caption>"
+    below = _of_the_cut(computed) + _far_from_tests(computed)
+    return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
+
+
+def _of_the_cut(computed: Computed) -> str:
+    cut = computed.cut
+    if cut is None:
+        return ""
+    depth = _read("length", cut.max_depth, computed.state.case.units)
+    facts = [f"{RESULTS['max_depth'].meaning}: {depth}"]
+    if cut.volume_at_contact:
+        at_contact = _read("volume", cut.volume_at_contact, computed.state.case.units)
+        facts.append(f"{RESULTS['volume_at_contact'].meaning}: {at_contact}")
+    if np.isfinite(cut.turn):
+        facts.append(f"{RESULTS['turn'].meaning}: {np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
+    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.warnings)}"
+
+
+def _far_from_tests(computed: Computed) -> str:
+    """At their best angles, the models whose erosion is far from what tests find."""
+    state, best = computed.state, dict(computed.in_order(computed.best))
+    volumes = {model: float(optimum.volume) for model, optimum in best.items()}
+    weights = dict.fromkeys(volumes, state.per_mass)
+    return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()))
+
+
+def _warnings(lines: Iterable[str]) -> str:
+    return "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in lines)
+
+
+def _volume(computed: Computed, volume: float) -> str:
+    """V, and below it the erosion per mass of abrasive, in g/kg where the target's density is known.
+
+    An amount that is asked for and beyond all tests is none to show.
+    """
+    state = computed.state
+    text = _read("volume", volume, state.case.units)
+    if not np.isfinite(volume):
+        return text
+    p = state.case.parameters()
+    if state.per_mass.is_given and state.per_mass.is_beyond_tests(volume, p):
+        return f"{text}<br><small>{BEYOND_TESTS}</small>".replace("-", "−")
+    for name, value in state.per_mass.to_dict(volume, p).items():
+        scale = PER_MASS_SCALES[name]
+        text += f"<br><small>{float(f'{float(value) / scale.size:.4g}'):,.12g} {scale.unit}</small>"
+    return text.replace("-", "−")
+
+
+def _where(best: Optimum) -> str:
+    kind = str(best.kind) if best.certified else f"{best.kind}, not certified"
+    return f"{describe(best)} <small>{html.escape(kind)}</small>"
+
+
+def _symbol(name: str) -> str:
+    if name not in RESULTS:
+        return "ends by"
+    symbol, _, below = RESULTS[name].symbol.partition("_")
+    return f"{symbol}<sub>{below}</sub>" if below else symbol
+
+
+def _meaning(name: str) -> str:
+    return RESULTS[name].meaning if name in RESULTS else "how the cut ends"
+
+
+def _read(dimension: Dimension, value: float, units: System) -> str:
+    if not np.isfinite(value):
+        return "–"
+    scale = readable_scale(dimension, units, abs(value))
+    unit = scale.unit if value else unit_name(dimension, units)
+    return f"{value / scale.size:.5g} {unit}".strip().replace(" 10", "·10").replace("-", "−")
+
+
+def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """α_max over s = r φ̇₀/v₀ of the checked models; hollow markers where α_max is at a jump of V(α)."""
+    series = []
+    for model, best in computed.in_order(computed.spins):
+        color, dashes = styles(models)[model]
+        degrees = np.rad2deg(best.alpha)
+        at_jump = best.kind == "jump"
+        s, best_angle = with_gaps(leaps(degrees), SPINS, degrees)
+        series.append(line(model, s, best_angle, color, dashes))
+        hollow = {"color": "transparent", "borderColor": color, "borderWidth": 1.6}
+        marks = {"type": "scatter", "name": f"{model}, at a jump", "itemStyle": hollow, "symbolSize": 8}
+        if at_jump.any():
+            series.append(marks | {"data": points(SPINS[at_jump], degrees[at_jump]), "animation": False})
+    quantity = QUANTITIES["phidot0"]
+    x_axis = axis("s = r φ̇₀/v₀  initial spin", min=float(SPINS[0]), max=float(SPINS[-1]), interval=0.3,
+                  axisLabel={"formatter": "{value}"})  # fmt: skip
+    result = RESULTS["alpha_max"]
+    y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15, nameGap=38,
+                  axisLabel={"formatter": "{value}°"})  # fmt: skip
+    numbers = computed.state.case.numbers()
+    s = numbers["phidot0"] * numbers["r"] / numbers["v0"]
+    handle = {"x": s, "movable": True, "low": SPIN_SLIDER.low, "high": SPIN_SLIDER.high, "step": SPIN_SLIDER.step,
+              "label": f"{quantity.meaning}, in the plot", "text": f"s = {s:.3g}"}  # fmt: skip
+    return frame(x_axis, y_axis, series), [handle], f"{result.meaning} over the {quantity.meaning}"
+
+
+def sensitivities(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+    """How far α_max moves [°] when a parameter grows by 1 % of its size, or the spin s by 0.01."""
+    if computed.sensitivities is None:
+        return {"series": []}, [], "not computed yet"
+    model, case = computed.state.shown, computed.state.case
+    own = {number.name: number for number in case.own if number.model == model}
+    numbers = case.numbers()
+    sizes = numbers | {"phidot0": numbers["v0"] / numbers["r"]}
+    sizes |= {name: abs(number.value) or 1.0 for name, number in own.items()}
+    symbols = {name: quantity.symbol for name, quantity in QUANTITIES.items() if name != "alpha"}
+    symbols |= {name: number.quantity.symbol for name, number in own.items()}
+    names = list(reversed(symbols))
+    moves = [float(np.rad2deg(0.01 * sizes[name] * computed.sensitivities[name])) for name in names]
+    bars = [round(move, 6) if np.isfinite(move) else None for move in moves]
+    widest = max([abs(bar) for bar in bars if bar is not None], default=0.0)
+    x_axis = axis("move of α_max for + 1 %  (spin: s + 0.01)", axisLabel={"formatter": "{value}°"}, splitNumber=3,
+                  **({} if widest else {"min": -1, "max": 1}))  # fmt: skip
+    labels = [symbols[name] for name in names]
+    y_axis = {"type": "category", "data": labels, "axisTick": {"show": False}, "axisLabel": {"interval": 0}}
+    series = [{"type": "bar", "name": "α_max", "data": bars, "itemStyle": {"color": PALETTE["green"]},
+               "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
+    grid = {"left": 40, "right": 24, "top": 16, "bottom": 46}
+    moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
+    nothing = "not known" if all(bar is None for bar in bars) else "none"
+    option = frame(x_axis, y_axis, series, grid=grid, legend={"show": False})
+    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or nothing}"
+
+
+VIEWS: Mapping[str, Callable[[Computed, Collection[str]], Any]] = {
+    view.__name__: view for view in (cut, volumes, histories, numbers, end_times, spins, sensitivities)
+}
+"""A view's function by its name: from computed answers and the names of all models to the data of its element."""

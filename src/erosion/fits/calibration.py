@@ -1,0 +1,557 @@
+"""The result of a fit: estimates, their errors and intervals, and warnings.
+
+`calibrate`: the parameters with which a model comes nearest to measured erosion.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from erosion.arguments import check_level, check_whole
+from erosion.fits import doubts
+from erosion.fits.doubts import LEVEL, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
+from erosion.fits.forward import FACTORS, FRACTION, Forward, check_free
+from erosion.fits.least_squares import (
+    LOSSES,
+    CalibrationError,
+    Identifiability,
+    Problem,
+    Solution,
+    fit,
+    identify,
+    make_problem,
+)
+from erosion.fits.measurements import Measurements, conditions, read_measurements
+from erosion.models import load_model, model_name
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters, quantities, require_one_impact
+from erosion.models.registry import impact_to_dict
+from erosion.output.tables import Result, Row, format_number, to_plain
+from erosion.parameters.parameters import Parameters, validate
+from erosion.parameters.quantities import Quantity, quantity_row
+from erosion.parameters.scales import table_scale
+from erosion.parameters.units import about, example, has_unit, read_quantity, shown, unit_name
+
+_ROUNDING = 1e-9  # of leverages
+_PROFILED = 1.8  # intervals of that level, to either side of an estimate
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration(Result):
+    """A model fitted to measurements.
+
+    Args:
+        problem: the model, data and weights.
+        solution: the minimum.
+    """
+
+    problem: Problem
+    solution: Solution
+
+    @property
+    def model(self) -> CuttingModel:
+        """The fitted model, with the estimates of its own parameters in place."""
+        return self.problem.forward.at(self.solution.theta)[0]
+
+    @property
+    def data(self) -> Measurements:
+        """The measurements."""
+        return self.problem.data
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of the data's erosion, as programs read it."""
+        return self.data.erosion_unit
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters; "scale" is the last where the data has units of its own."""
+        return self.problem.forward.names
+
+    @property
+    def p(self) -> Parameters:
+        """The case with the estimates in place."""
+        return self.problem.forward.at(self.solution.theta)[1]
+
+    @property
+    def cutting_fraction(self) -> float:
+        """The share of the particles that cut, estimated or given."""
+        return self.estimates.get(FRACTION, self.problem.forward.cutting_fraction)
+
+    @property
+    def estimates(self) -> dict[str, float]:
+        """The best value of each free parameter, in the case's units."""
+        return self.problem.forward.values(self.solution.theta)
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Symbol, meaning and dimension of each free parameter."""
+        known = {**quantities(self.model), **FACTORS}
+        return {name: known[name] for name in self.names}
+
+    def in_words(self, name: str, value: float, digits: int = 4) -> str:
+        """A value of a free parameter with its unit: "7.25 m/s"."""
+        return self.quantities[name].in_words(value, self.p.units, digits)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """One standard deviation of each estimate; infinite where the data does not determine it."""
+        with np.errstate(invalid="ignore"):
+            errors = np.sqrt(np.diag(self.covariance))
+        return dict(zip(self.names, errors.tolist(), strict=True))
+
+    @functools.cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the estimates, shape (names, names); infinite and NaN where not determined."""
+        slopes = self.problem.forward.slopes(self.solution.theta)
+        return self.covariance_of_theta * np.outer(slopes, slopes)
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the estimates, shape (names, names); NaN where not determined."""
+        with np.errstate(invalid="ignore"):
+            errors = np.sqrt(np.diag(self.covariance))
+            return self.covariance / np.outer(errors, errors)
+
+    def intervals(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
+        """A confidence interval of each parameter, by its profile likelihood.
+
+        The interval reaches to where χ² has risen by `rise(level)` with all other parameters
+        fitted again, or to the bound. Where the misfit is a parabola it is symmetric and follows
+        from `standard_errors`; near jumps of V(α) it does not. Infinite for parameters that the
+        data does not determine, and NaN where the model fails on the way. The ends are accurate
+        to 2 % of their distance from the estimate, and take as long as some fits.
+        """
+        values = self.problem.forward.from_theta
+        with np.errstate(over="ignore"):
+            ends = {
+                name: (float(values(name, theta + low)), float(values(name, theta + high)))
+                for name, theta, (low, high) in zip(self.names, self.solution.theta, self.ends(level), strict=True)
+            }
+        # An end at a bound is off by rounding.
+        for name, (lower, upper) in self.bounds.items():
+            if name not in self.undetermined:
+                ends[name] = max(ends[name][0], lower), min(ends[name][1], upper)
+        return ends
+
+    def rise(self, level: float = LEVEL) -> float:
+        """The rise of χ² from the minimum to the ends of the intervals of `level`."""
+        tail = (1 + check_level(level)) / 2
+        if self.data.uncertainty is not None:
+            return float(stats.norm.ppf(tail)) ** 2
+        return float(stats.t.ppf(tail, self.degrees_of_freedom)) ** 2
+
+    @functools.cached_property
+    def fitted(self) -> np.ndarray:
+        """The fitted erosion of each row, in the data's dimension, shape (rows,)."""
+        return self.problem.forward.predict(self.solution.theta, self.data.conditions)[0]
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Measured less fitted, shape (rows,)."""
+        return self.data.erosion - self.fitted
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals, in the data's dimension."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    @property
+    def noise(self) -> float:
+        """The typical standard deviation of a row over the greatest fitted erosion."""
+        deviation = float(np.median(self.problem.deviation)) * np.sqrt(self.variance)
+        return deviation / float(np.abs(self.fitted).max())
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of residuals over their standard deviation (of the robust loss, if one is chosen)."""
+        return 2 * self.solution.cost / self.variance
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Rows less the determined combinations of parameters."""
+        return len(self.data) - self.identifiability.rank
+
+    @property
+    def aicc(self) -> float:
+        """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
+
+        A robust loss is the likelihood of errors of a given size, the noise. So fits are compared at the same noise, as
+        `rank_models` does (Ronchetti 1985, robust model selection in regression). "arctan" is no likelihood: its rows
+        far off cost the same wherever they are. Infinite for it, and for fewer rows than `rows_for_aicc`.
+        """
+        rows, free, noise = len(self.data), self._counted, self.problem.noise
+        if self.data.uncertainty is None and self.problem.loss == "linear":
+            with np.errstate(divide="ignore"):
+                misfit = rows * float(np.log(2 * self.solution.cost / rows))
+        else:
+            misfit = 2 * (self.solution.cost / noise**2 + rows * float(np.log(noise)))
+        if rows < self.rows_for_aicc or self.problem.loss == "arctan":
+            return np.inf
+        return misfit + 2 * free + 2 * free * (free + 1) / (rows - free - 1)
+
+    @property
+    def rows_for_aicc(self) -> int:
+        """The fewest rows for which AICc is known."""
+        return self._counted + 2
+
+    @property
+    def _counted(self) -> int:
+        """How many parameters AICc counts.
+
+        A parameter counts if it has influence here or at the first guess: the fit may have moved it
+        to a place without influence. Without uncertainties the variance was estimated, too.
+        """
+        return max(self.identifiability.rank, self._rank_at_first) + (self.data.uncertainty is None)
+
+    @functools.cached_property
+    def leave_one_out(self) -> float:
+        """Root mean square of the errors at rows left out of the fit, in the data's dimension.
+
+        From the leverage of each row (Allen's PRESS): exact for linear models, and to first
+        order in the noise for these. Infinite where one row alone determines a parameter.
+        """
+        leverage = np.sum((self.solution.jacobian @ self.identifiability.modes) ** 2, axis=1)
+        rest = 1 - leverage
+        if np.min(rest) < _ROUNDING:
+            return np.inf
+        return float(np.sqrt(np.mean((self.residuals / rest) ** 2)))
+
+    @functools.cached_property
+    def identifiability(self) -> Identifiability:
+        """The parameters and combinations that the data determines."""
+        return self._identify(self.solution.theta, self.solution.jacobian, self.fitted / self.problem.deviation)
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """The parameters whose estimates mean nothing by themselves."""
+        return self.identifiability.undetermined
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """Warnings about this fit, in sentences; empty for a good fit."""
+        return doubts.sentences(self)
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """The parameters whose intervals are so wide, a factor of 20, that their estimates say little."""
+        return doubts.undecided(self)
+
+    @functools.cached_property
+    def patterns(self) -> tuple[Pattern, ...]:
+        """Tests of the residuals for patterns; none where they are rounding errors."""
+        if not are_noise(self.residuals, self.data.erosion):
+            return ()
+        groups = conditions(self.data)
+        tests = find_patterns(self.data, self.residuals / self.problem.deviation, groups)
+        scatter = None
+        # A robust loss lets rows be far off, which a test of variances takes for a miss.
+        if self.data.uncertainty is None and self.problem.loss == "linear":
+            scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
+        return tests if scatter is None else (scatter, *tests)
+
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """The least and the greatest value that each parameter may take."""
+        problem, value = self.problem, self.problem.forward.from_theta
+        return {
+            name: (float(value(name, low)), float(value(name, high)))
+            for name, low, high in zip(self.names, problem.lower, problem.upper, strict=True)
+        }
+
+    def bounds_touched(self, level: float = LEVEL) -> dict[str, tuple[str, ...]]:
+        """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
+        return doubts.bounds_touched(self, level)
+
+    def curve(self, alpha: Any, at: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """The fitted erosion at angles α [rad], with its standard error.
+
+        Args:
+            alpha: α [rad], of any shape.
+            at: other parameters of the case than its own, such as {"v0": 60.0}.
+
+        Returns:
+            Erosion and one standard deviation of it (of the fit, without the noise of a
+            measurement), each of the shape of `alpha`.
+        """
+        angles = np.atleast_1d(np.asarray(alpha, float))
+        others = {name: np.full(angles.shape, value) for name, value in (at or {}).items()}
+        erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles, **others})
+        # Directions without influence on any row have no influence on the curve either.
+        spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
+        errors = np.sqrt(spread * self.variance)
+        return erosion.reshape(np.shape(alpha)), errors.reshape(np.shape(alpha))
+
+    def profile(self, name: str, points: int = 21) -> Profile:
+        """The likelihood's profile along one parameter, with all others fitted again at each value.
+
+        Args:
+            name: of the parameter.
+            points: approximate number, from beyond one end of the 95 % interval to beyond the other.
+
+        Raises:
+            ValueError: for a name that is not free.
+            CalibrationError: where the model fails.
+        """
+        if name not in self.names:
+            raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
+        at, forward = self.names.index(name), self.problem.forward
+        best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
+        reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self.ends(LEVEL)[at]]
+        offsets = np.outer(reach, np.linspace(0.0, 1.0, points // 2 + 1))
+        offsets = np.unique(np.clip(offsets, low - best, high - best))
+        rise = self._ridge(at).rises(offsets, self.variance / 2)
+        values = forward.from_theta(name, best + offsets)
+        if np.isnan(rise + offsets).any():
+            where = self.in_words(name, self.estimates[name])
+            raise CalibrationError(f"The profile of {name} cannot be made: the model fails near {where}.")
+        return Profile(name, values, 2 * rise / self.variance, unit_name(self.quantities[name].dimension, self.p.units))
+
+    @property
+    def error_meaning(self) -> str:
+        """What the errors and intervals of the estimates hold, in words."""
+        source = "their scatter" if self.data.uncertainty is None else "the rows' uncertainties"
+        return f"± and intervals are by {source} alone"
+
+    def rows(self, level: float = LEVEL) -> list[Row]:
+        """Estimates with standard errors and intervals of `level`."""
+        rows = []
+        for name, quantity in self.quantities.items():
+            scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
+            value, meaning = doubts.in_words(self, name, level, scale.size)
+            rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
+        rows += [
+            quantity_row(name, own.quantity, float(own.value), self.p.units)._replace(meaning="held")
+            for name, own in own_parameters(self.model).items()
+            if name not in self.names
+        ]
+        scale = table_scale(self.data.dimension, self.p.units, self.rms)
+        rows.append(
+            Row(
+                "rms", "", format_number(self.rms, 4, scale.size), scale.unit, f"of the residuals; {self.error_meaning}"
+            )
+        )
+        left_out, meaning = format_number(self.leave_one_out, 4, scale.size), "rms at rows left out"
+        if not np.isfinite(self.leave_one_out):
+            left_out, meaning = "–", f"{meaning}: there is a row without which a parameter is open"
+        rows.append(Row("leave_one_out", "", left_out, scale.unit, meaning))
+        if self.data.uncertainty is not None:
+            rows.append(
+                Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
+            )
+        criterion, meaning = format_number(self.aicc, 5), "Akaike's criterion, for few data"
+        if self.aicc == np.inf:
+            needs = f"at least {self.rows_for_aicc} rows for these parameters"
+            needs = 'another loss than "arctan"' if self.problem.loss == "arctan" else needs
+            criterion, meaning = "–", f"{meaning}: needs {needs}"
+        rows.append(Row("aicc", "", criterion, "", meaning))
+        return rows
+
+    @property
+    def title(self) -> str:
+        """The model and the data."""
+        return f"{model_name(self.model)}: fitted to {len(self.data):,} rows of {self.data.source}"
+
+    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
+        """Model and case with the estimates, their errors, intervals of `level`, and the quality of the fit."""
+        numbers = {
+            "rows": len(self.data),
+            "cutting_fraction": self.cutting_fraction,
+            "estimates": self.estimates,
+            "standard_errors": self.standard_errors,
+            "intervals": self.intervals(level),
+            "level": level,
+            "correlation": self.correlation,
+            "undetermined": self.undetermined,
+            "undecided": self.undecided,
+            "bounds": self.bounds,
+            "bounds_touched": [
+                {"parameter": name, "touches": marks} for name, marks in self.bounds_touched(level).items()
+            ],
+            "noise": "estimated from the residuals" if self.data.uncertainty is None else "given",
+            "chi2": self.chi2,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "rms": self.rms,
+            "residuals": self.residuals,
+            "patterns": [{**dataclasses.asdict(pattern), "seen": pattern.seen} for pattern in self.patterns],
+            "aicc": self.aicc,
+            "leave_one_out": self.leave_one_out,
+            "erosion_unit": self.data.erosion_unit,
+            "warnings": self.statements,
+        }
+        return impact_to_dict(self.model, self.p) | to_plain(numbers)
+
+    @property
+    def covariance_of_theta(self) -> np.ndarray:
+        """Covariance of θ, shape (names, names)."""
+        return self.identifiability.covariance * self.variance
+
+    @functools.cached_property
+    def variance(self) -> float:
+        """The variance of the weighted residuals, 1 with uncertainties, else estimated from the residuals."""
+        if self.data.uncertainty is not None:
+            return 1.0
+        return 2 * self.solution.cost / self.degrees_of_freedom
+
+    def _identify(self, theta: np.ndarray, jacobian: np.ndarray, weighted: np.ndarray) -> Identifiability:
+        """The parameters and combinations that the data determines about θ, from the Jacobian and prediction there."""
+        exponent = np.where(self.problem.forward.logarithmic | (theta == 0), 1.0, theta)
+        return identify(self.names, jacobian, exponent, float(np.linalg.norm(weighted)))
+
+    @functools.cached_property
+    def _rank_at_first(self) -> int:
+        """Number of determined combinations of parameters at the first guess; 0 where impacts fail there."""
+        start = self.problem.start
+        residuals, jacobian = self.problem.residuals(start)
+        if not np.all(np.isfinite(jacobian)):
+            return 0
+        return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.deviation).rank
+
+    def ends(self, level: float) -> list[tuple[float, float]]:
+        """The intervals as distances of θ from the estimates."""
+        if level not in self._offsets:
+            rise = self.rise(level)
+            self._offsets[level] = [self._crossings(at, rise) for at in range(len(self.names))]
+        return self._offsets[level]
+
+    def allowed(self, at: int) -> np.ndarray:
+        """The best fits with one parameter at either end of its interval, as θ; shape (2, names)."""
+        ends = [self._ridge(at).refit(end, self.solution.theta, self.rise() * self.variance / 2)
+                for end in self.ends(LEVEL)[at]]  # fmt: skip
+        return np.array([self.solution.theta if refit is None else refit.theta for refit in ends])
+
+    @functools.cached_property
+    def _offsets(self) -> dict[float, list[tuple[float, float]]]:
+        """The results of `ends` so far, by level."""
+        return {}
+
+    def _crossings(self, at: int, rise: float) -> tuple[float, float]:
+        """The offsets of one parameter, below and above, at which χ² has risen by `rise`."""
+        width, height = float(np.sqrt(rise * self.covariance_of_theta[at, at])), rise * self.variance / 2
+        if width in (0.0, np.inf):
+            return -width, width
+        ridge = self._ridge(at)
+        return ridge.crossing(-width, height), ridge.crossing(width, height)
+
+    def _ridge(self, at: int) -> Ridge:
+        """The best fits along one parameter."""
+        modes = self.identifiability.modes
+        together = modes @ modes[at]
+        straight = np.eye(len(self.names))[at]
+        path = straight if self.names[at] in self.undetermined else together / together[at]
+        return Ridge(self.problem, self.solution, at, path)
+
+
+_GREATEST = 1e100  # m³ or m³/kg
+
+
+def calibrate(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    data: Any,
+    free: Sequence[str],
+    *,
+    bounds: Mapping[str, Sequence[float]] | None = None,
+    density: float | str | None = None,
+    cutting_fraction: float = 1.0,
+    loss: str = "linear",
+    starts: int = 32,
+) -> Calibration:
+    """Fit parameters of a model to measured erosion, by least squares.
+
+    Args:
+        model: a model, its name, or the path of its file; the first guess of its own parameters.
+        p: the case: the first guess of the free parameters, and the values of all others.
+        data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
+        free: the parameters to fit, of the case or the model's own: ["k", "psi"]; or
+            "cutting_fraction".
+        bounds: (least, greatest) of free parameters, in the case's units; by default a factor
+            of 100 about the first guess, and of the spin ±2 v₀/r about it; of an own parameter
+            that starts at zero or below it, ±2 times its size (of zero: 1), but not below its least
+            value; of an own speed with a least value, up to the data's greatest normal speed. The first guess is
+            the case, but ψ, σ or the cutting fraction, the first of these that is free, is
+            guessed from the size of the data; and an own stress is σψ at first, if that fits better.
+        density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
+            for data of mass loss.
+        cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
+            volumes are multiplied by it. The first guess where it is free.
+        loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some
+            rows may be far off (`scipy.optimize.least_squares`).
+        starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
+            has several valleys. The best fits with one parameter at its least value are further starts.
+
+    Returns:
+        Estimates, their errors, and sentences on parameters that the data does not determine.
+
+    Raises:
+        ValueError: for arguments or data that cannot be used (data: `MeasurementError`).
+        CalibrationError: where the model's impacts fail.
+
+    References:
+        The cutting fraction: I. Finnie, Erosion of surfaces by solid particles, Wear 3 (1960)
+        87-103: about half of the particles cut in the idealized manner.
+    """
+    forward = make_forward(model, p, data, free, density, cutting_fraction)
+    if loss not in LOSSES:
+        raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
+    starts = check_whole("starts", starts, 1)
+    _require_enough(forward.data, len(forward.names))
+    problem = make_problem(forward, forward.data, bounds or {})
+    return Calibration(*fit(problem, loss, starts))
+
+
+def make_forward(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    data: Any,
+    free: Sequence[str],
+    density: float | str | None,
+    cutting_fraction: float,
+) -> Forward:
+    """The model's prediction of what was measured; arguments and errors as of `calibrate`."""
+    model = load_model(model)
+    validate(p)
+    require_one_impact(model, p)
+    measured = read_measurements(data, p.units)
+    if not isinstance(cutting_fraction, (int, float, np.number)) or not 0 < cutting_fraction <= 1:
+        raise ValueError(f"Argument `cutting_fraction` must be above 0 and at most 1, but is {cutting_fraction!r}.")
+    names = check_free(free, measured, model)
+    return Forward(model, p, names, measured, _density(density, measured, p), float(cutting_fraction))
+
+
+def _require_enough(measured: Measurements, free: int) -> None:
+    """Refuse data from which nothing can be fitted."""
+    if len(measured) <= free:
+        parameters = f"{free} free parameter" + ("s" if free > 1 else "")
+        raise ValueError(
+            f"Argument `data` must have at least {free + 1} rows for {parameters}, as no degree of freedom "
+            f"is left otherwise, but has {len(measured)}."
+        )
+    if not np.any(measured.erosion):
+        raise ValueError("Argument `data` must have erosion other than zero.")
+    greatest = float(np.max(np.abs(measured.erosion)))
+    if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed
+        raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")
+
+
+def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:
+    if density is None:
+        if data.needs_density:
+            raise ValueError(
+                "Argument `density` of the target must be given, as the data has mass losses: a model removes volume."
+            )
+        return None
+    if isinstance(density, str):
+        if not has_unit(density):
+            such_as = example("density", p.units)
+            raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {shown(density)}.")
+        with about("Argument `density`"):
+            density = read_quantity(density, "density", p.units)
+    if not isinstance(density, (int, float, np.number)) or not (np.isfinite(density) and density > 0):
+        raise ValueError(f"Argument `density` must be positive and finite, but is {density!r}.")
+    return float(density)

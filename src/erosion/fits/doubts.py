@@ -1,0 +1,584 @@
+"""Numbers with as many digits as their errors leave them.
+
+The likelihood's profile along one parameter: the misfit where all others are fitted again.
+
+An interval reaches from the estimate to where the profile has risen by the quantile of its
+level. Where residuals are linear in θ the profile is a parabola, and the interval is the usual
+interval from standard errors. Where V(α) jumps between two rows the profile has steps, which the
+slopes at the estimate do not show.
+
+Where to measure what the data leaves open: the angle and speed at which two fits differ that the data allows.
+
+Patterns in residuals: what is left of data by a model of the right shape is noise.
+
+Over the angle, noise changes its sign about every second row; fewer runs of one sign are a pattern
+(Wald and Wolfowitz). Over speed and mass, the ranks of noise have no correlation with theirs (Spearman).
+Without uncertainties the rows' own scatter about a smooth curve says how large noise is: residuals of a greater
+variance are a pattern too (Fisher), which few rows show where their signs say nothing.
+
+Words on what is doubtful in a fit: parameters left open, bounds, errors that mislead, patterns.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from erosion.fits.least_squares import Problem, Solution, settle
+from erosion.fits.measurements import Condition, Measurements, conditions, describe
+from erosion.output.tables import Result, format_number
+from erosion.parameters.per_mass import far_from_tests, two_digits
+from erosion.parameters.scales import table_scale
+from erosion.parameters.units import conversion_factor
+
+if TYPE_CHECKING:
+    from erosion.fits.calibration import Calibration
+
+
+_PLAIN = 1e-4, 1e6  # sizes that are written without a power of ten
+
+
+def rounded(value: float, size: float, least: int = 1) -> str:
+    """A value whose last digit is the second one of its error; of four digits where that is not known.
+
+    Args:
+        value: the number.
+        size: its error.
+        least: digits of the value, however great its error is.
+    """
+    if not np.isfinite(value) or value == 0 or not (np.isfinite(size) and size > 0):
+        return f"{value:.4g}"
+    place = int(np.floor(np.log10(abs(value))))
+    digits = max(2 - int(np.floor(np.log10(size))) + place, least)
+    text = f"{value:.{digits - 1}e}"
+    return f"{float(text):.{max(digits - 1 - place, 0)}f}" if _PLAIN[0] <= abs(value) < _PLAIN[1] else text
+
+
+_TRIALS = 24  # a step of the profile takes 8 of them, by halving
+_WIDER = 2.0  # factor per trial at most, while the end is not passed
+_CLOSE = 0.02  # of an interval's half width, and of the rise that is looked for
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile(Result):
+    """The misfit over one parameter, with all others fitted again.
+
+    Args:
+        name: of the parameter.
+        values: ascending, shape (points,).
+        rise: Δχ² above the best fit, shape (points,); a quadratic where the fit is linear.
+        unit: of the values, empty for pure numbers.
+    """
+
+    name: str
+    values: np.ndarray
+    rise: np.ndarray
+    unit: str = ""
+
+    @property
+    def title(self) -> str:
+        """The parameter."""
+        return f"profile of {self.name}"
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The columns of the table."""
+        return (f"{self.name} [{self.unit}]" if self.unit else self.name, "Δχ²")
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Value and rise of each point."""
+        return [(f"{value:.6g}", f"{rise:.4g}") for value, rise in zip(self.values, self.rise, strict=True)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Ridge:
+    """The best fits along one parameter, whose θ is held at offsets from the estimate.
+
+    Args:
+        problem, solution: the fit.
+        at: index of the parameter.
+        path: change of θ per unit of offset where residuals are linear, shape (names,).
+    """
+
+    problem: Problem
+    solution: Solution
+    at: int
+    path: np.ndarray
+
+    def rises(self, offsets: np.ndarray, unit: float) -> np.ndarray:
+        """The cost above the minimum at each offset.
+
+        Args:
+            offsets: ascending, shape (points,).
+            unit: a typical rise of the cost; rises are computed to some percents of it.
+
+        Returns:
+            Shape (points,); NaN where the model fails.
+        """
+        rises = np.zeros(len(offsets))
+        for side in (np.flatnonzero(offsets > 0), np.flatnonzero(offsets < 0)[::-1]):
+            near = self.solution.theta
+            for i in side:
+                refit = self.refit(offsets[i], near, unit)
+                near = near if refit is None else refit.theta
+                rises[i] = np.nan if refit is None else refit.cost - self.solution.cost
+        return rises
+
+    def crossing(self, first: float, height: float) -> float:
+        """The offset at which the cost has risen by `height`, to 2 %.
+
+        At a step it is the far side of the step. Where the cost does not rise so far within the
+        bounds, it is the bound; NaN where the model fails on the way.
+
+        Args:
+            first: the offset at which a parabola has risen by `height`; its sign gives the side.
+            height: positive.
+        """
+        sign = np.sign(first)
+        bound = self.problem.upper[self.at] if sign > 0 else self.problem.lower[self.at]
+        limit = abs(bound - self.solution.theta[self.at])
+        inside, outside, near = 0.0, np.inf, self.solution.theta
+        trial = min(abs(first), limit)
+        for _ in range(_TRIALS):
+            refit = self.refit(sign * trial, near, height)
+            if refit is None:
+                return np.nan
+            ratio = np.sqrt(max(refit.cost - self.solution.cost, 0.0) / height)  # linear where the rise is a parabola
+            if abs(ratio - 1) < _CLOSE or (ratio < 1 and trial == limit):
+                return sign * trial
+            if ratio < 1:
+                inside, near = trial, refit.theta
+            else:
+                outside = trial
+            if outside - inside < _CLOSE * outside:
+                break
+            linear = trial / ratio if ratio > 0 else np.inf
+            margin = 0.1 * (outside - inside)
+            if outside == np.inf:
+                trial = min(linear, _WIDER * trial, limit)
+            elif inside + margin < linear < outside - margin:
+                trial = linear
+            else:
+                trial = (inside + outside) / 2
+        return sign * (outside if outside < np.inf else trial)
+
+    def refit(self, offset: float, near: np.ndarray, height: float) -> Solution | None:
+        """The best fit at an offset, from the better of two points: on the straight path, or near the last fit."""
+        problem, at = self.problem, self.at
+        place = self.solution.theta[at] + offset
+        begins = np.array([self.solution.theta + offset * self.path, near + (place - near[at]) * self.path])
+        begins = np.clip(begins, problem.lower, problem.upper)
+        begin = begins[int(np.argmin(problem.thinned().costs(begins)))]
+        return settle(problem, begin, at, _CLOSE * min(1.0, height / max(self.solution.cost, height)))
+
+
+_ANGLES = np.deg2rad(np.arange(5.0, 90.0, 5.0))
+_FACTORS = 0.5, 2.0  # of the least and the greatest speed of the data, which a laboratory may also have
+_SAME_ANGLE, _SAME_SPEED = np.deg2rad(1.0), 0.02  # of a row that is measured already; the speed relative
+_SEEN = 2.0  # standard deviations of a row, by which the two fits must differ there
+
+
+def advise(problem: Problem, names: Sequence[str], allowed: np.ndarray, noise: float) -> str:
+    """What to do about parameters that are left open, as "Fix one of them, or measure at 10°." says it.
+
+    Args:
+        problem: the model and the data.
+        names: of these parameters.
+        allowed: two θ, far from each other, that fit the data as well; shape (2, names).
+        noise: standard deviation of a row over the greatest erosion.
+    """
+    fixed = "Fix it" if len(names) == 1 else "Fix one of them"
+    for speed in _speeds(problem):
+        at = {"alpha": _ANGLES} if speed is None else {"alpha": _ANGLES, "v0": np.full(_ANGLES.shape, speed)}
+        first, second = problem.forward.predict_many(allowed, at)
+        greatest = max(np.abs(first).max(), np.abs(second).max())
+        if not greatest > 0:  # impacts failed, or there is no erosion
+            continue
+        differs = np.where(_measured(problem, speed), 0.0, np.abs(first - second) / (noise * greatest))
+        if differs.max() >= _SEEN:
+            where = "" if speed is None else f" and {describe({'v0': speed}, problem.data.units)}"
+            return f"{fixed}, or measure at {np.rad2deg(_ANGLES[np.argmax(differs)]):.0f}°{where}."
+    return f"{fixed}."
+
+
+def _measured(problem: Problem, speed: float | None) -> np.ndarray:
+    """Whether the data has a row at each of `_ANGLES` and this speed, of the shape of `_ANGLES`."""
+    rows = problem.data.conditions
+    there = np.full(len(problem.data), True)
+    if speed is not None and "v0" in rows:
+        there = np.isclose(rows["v0"], speed, rtol=_SAME_SPEED)
+    near = np.abs(_ANGLES[:, None] - rows["alpha"]) < _SAME_ANGLE
+    return (near & there).any(axis=1)
+
+
+def _speeds(problem: Problem) -> list[float | None]:
+    """The speeds to think of: first those of the data, or of the case (None); then a lower and a greater one."""
+    if "v0" in problem.forward.free:
+        return [None]
+    measured = [group.values["v0"] for group in conditions(problem.data, most=3) if "v0" in group.values]
+    own: list[float | None] = [*measured] or [None]
+    known = measured or [float(problem.forward.p.v0)]
+    return [*own, _FACTORS[0] * min(known), _FACTORS[1] * max(known)]
+
+
+RARE = 0.01  # probability of such a pattern in noise; below it the pattern is said
+_FEWEST = 10  # rows for which the probability of a correlation of ranks is known well enough
+_EXACT = 1e-6  # residuals over the erosion that are rounding errors of fits, not noise
+_WORDS = {"v0": "speed", "m": "mass"}
+_SMOOTH = 3  # degree of the polynomial in the angle that a curve of erosion with one maximum is near to
+
+
+@dataclasses.dataclass(frozen=True)
+class Pattern:
+    """How one test of the residuals came out.
+
+    Args:
+        over: "angle", "speed" or "mass"; "scatter" for the size of the residuals.
+        statistic: runs of one sign less those expected of noise, over their standard deviation;
+            over speed and mass the correlation of ranks; of the size the ratio of the variances.
+        probability: that noise has such a pattern or a clearer one.
+        sentence: on what is seen.
+    """
+
+    over: str
+    statistic: float
+    probability: float
+    sentence: str
+
+    @property
+    def seen(self) -> bool:
+        """Whether noise alone would seldom look so."""
+        return self.probability < RARE
+
+
+def find_patterns(data: Measurements, residuals: np.ndarray, groups: Sequence[Condition]) -> tuple[Pattern, ...]:
+    """The tests that can be made.
+
+    Args:
+        data: the measurements.
+        residuals: measured less fitted, over their standard deviations, shape (rows,).
+        groups: rows of one speed and mass.
+    """
+    tests = [_over_angle(data, residuals, groups)]
+    tests += [_over(name, values, residuals) for name, values in data.conditions.items() if name != "alpha"]
+    return tuple(test for test in tests if test is not None)
+
+
+def beyond_scatter(data: Measurements, fitted: np.ndarray, freedom: int, groups: Sequence[Condition]) -> Pattern | None:
+    """Fisher's test of the residuals' variance against that of the rows about smooth curves; None for too few rows.
+
+    Args:
+        data: the measurements.
+        fitted: the erosion of the fit, shape (rows,).
+        freedom: rows less the determined combinations of parameters.
+        groups: rows of one speed and mass.
+    """
+    squares, scatter_freedom = 0.0, 0
+    for group in groups:
+        angle, erosion = data.angle[group.rows], data.erosion[group.rows]
+        degree = min(_SMOOTH, len(np.unique(angle)) - 1)
+        if len(erosion) > degree + 1:
+            smooth = np.polynomial.Polynomial.fit(angle, erosion, degree)
+            squares += float(np.sum((erosion - smooth(angle)) ** 2))
+            scatter_freedom += len(erosion) - degree - 1
+    if scatter_freedom == 0:
+        return None
+    residuals = data.erosion - fitted
+    variance, of_scatter = float(np.sum(residuals**2)) / freedom, squares / scatter_freedom
+    ratio, probability = variances_differ((variance, freedom), (of_scatter, scatter_freedom), data.erosion)
+    scale = table_scale(data.dimension, data.units, float(np.sqrt(variance)))
+    sizes = [format_number(np.sqrt(square), 3, scale.size) for square in (variance, of_scatter)]
+    return Pattern("scatter", ratio, probability, (
+        f"The residuals are {scale.beside(sizes[0])}, the rows scatter about a smooth curve by "
+        f"{scale.beside(sizes[1])} (probability {probability:.1g}): {worst_row(data, fitted, groups)}."
+    ))  # fmt: skip
+
+
+def variances_differ(first: tuple[float, int], second: tuple[float, int], erosion: np.ndarray) -> tuple[float, float]:
+    """The ratio of two variances, each with its degrees of freedom, and the probability that noise makes it as great.
+
+    Variances that are rounding errors of the `erosion` are alike.
+    """
+    least = float(np.mean((_EXACT * erosion) ** 2))
+    ratio = max(first[0], least) / max(second[0], least)
+    return ratio, float(stats.f.sf(ratio, first[1], second[1]))
+
+
+def worst_row(data: Measurements, fitted: np.ndarray, groups: Sequence[Condition]) -> str:
+    """The row that is furthest from the fit: "at 90° the fit has 0 mg/kg, the data have 95 mg/kg"."""
+    deviation = 1.0 if data.uncertainty is None else data.uncertainty
+    row = int(np.argmax(np.abs((data.erosion - fitted) / deviation)))
+    scale = table_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
+    of_fit, of_data = (scale.beside(format_number(value, 3, scale.size)) for value in (fitted[row], data.erosion[row]))
+    label = next((group.label for group in groups if row in group.rows), "")
+    where = f"{np.rad2deg(data.angle[row]):.3g}°{f' and {label}' if label else ''}"
+    return f"at {where} the fit has {of_fit}, the data have {of_data}"
+
+
+def are_noise(residuals: np.ndarray, erosion: np.ndarray) -> bool:
+    """Whether residuals are more than rounding errors."""
+    return float(np.linalg.norm(residuals)) > _EXACT * float(np.linalg.norm(erosion))
+
+
+def _over_angle(data: Measurements, residuals: np.ndarray, groups: Sequence[Condition]) -> Pattern | None:
+    """The runs test, within each group."""
+    runs, expected, variance = 0, 0.0, 0.0
+    longest: tuple[int, np.ndarray, str] = (0, np.empty(0, int), "")
+    for group in groups:
+        rows = group.rows[np.argsort(data.angle[group.rows], kind="stable")]
+        rows = rows[residuals[rows] != 0]
+        if len(rows) < 2:
+            continue
+        above = residuals[rows] > 0
+        parts = np.split(rows, np.flatnonzero(above[1:] != above[:-1]) + 1)
+        n, product = len(rows), 2.0 * above.sum() * (~above).sum()
+        runs += len(parts)
+        expected += 1 + product / n
+        variance += product * (product - n) / (n**2 * (n - 1))
+        part = max(parts, key=len)
+        longest = max(longest, (len(part), part, group.label), key=lambda run: run[0])
+    if longest[0] == 0:
+        return None
+    if variance == 0:  # one sign in each group: noise has either sign at even odds
+        steps = sum(len(group.rows) - 1 for group in groups)
+        expected, variance = len(groups) + steps / 2, steps / 4
+    statistic = (runs - expected) / np.sqrt(variance)
+    probability = float(stats.norm.cdf(statistic + 0.5 / np.sqrt(variance)))  # a count is half a step wide
+    first, last = np.rad2deg(data.angle[longest[1][[0, -1]]])
+    side = "above" if residuals[longest[1][0]] > 0 else "below"
+    where = f" at {longest[2]}" if longest[2] else ""
+    return Pattern("angle", float(statistic), probability, (
+        f"The residuals show a pattern over the angle: {_counted(runs)} of one sign, where noise makes "
+        f"{expected:.0f} ± {np.sqrt(variance):.0f} (probability {probability:.1g}). From {first:.3g}° to {last:.3g}°"
+        f"{where} the data lie {side} the fit."
+    ))  # fmt: skip
+
+
+def _counted(runs: int) -> str:
+    return "1 run" if runs == 1 else f"{runs} runs"
+
+
+def _over(name: str, values: np.ndarray, residuals: np.ndarray) -> Pattern | None:
+    """The correlation of ranks with speed or mass."""
+    if len(values) < _FEWEST or np.ptp(values) == 0 or np.ptp(residuals) == 0:
+        return None
+    correlation, probability = np.asarray(stats.spearmanr(values, residuals)).tolist()
+    word = _WORDS[name]
+    moves, compares = ("rise", "more") if correlation > 0 else ("fall", "less")
+    return Pattern(word, correlation, probability, (
+        f"The residuals {moves} with the {word} (correlation of ranks {correlation:.2f}, probability "
+        f"{probability:.1g}): the data grow {compares} with the {word} than the fit."
+    ))  # fmt: skip
+
+
+LEVEL = 0.95  # of the intervals that standard errors are compared with
+_FACTOR = 1.5  # by which the two may differ without a warning
+_OPEN = np.log(20.0)  # width of an interval in θ, from which on a parameter is not decided
+_TOGETHER = 0.9  # correlation of parameters that are left open together
+_TOUCH = 1e-6  # of θ, and of an interval
+_ANOTHER_ORDER = 100.0  # by which rows are far from all tests: measured ones may well be outside by a few
+POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
+
+
+def bounds_touched(fit: "Calibration", level: float) -> dict[str, tuple[str, ...]]:
+    """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
+    theta, problem, touched = fit.solution.theta, fit.problem, {}
+    for at, name in enumerate(fit.names):
+        if name in fit.undetermined:
+            continue
+        ends = fit.ends(level)[at]
+        sides = (("lower", problem.lower[at], ends[0]), ("upper", problem.upper[at], ends[1]))
+        marks = [f"estimate at {side}" for side, bound, _ in sides if abs(theta[at] - bound) < _TOUCH]
+        marks += [f"interval at {side}" for side, bound, end in sides if abs(theta[at] + end - bound) < _TOUCH]
+        if marks:
+            touched[name] = tuple(marks)
+    return touched
+
+
+def undecided(fit: "Calibration") -> tuple[str, ...]:
+    """The parameters whose intervals are so wide that their estimates say little."""
+    touched, names = bounds_touched(fit, LEVEL), []
+    for at, name in enumerate(fit.names):
+        low, high = fit.ends(LEVEL)[at]
+        wide = high - low > _OPEN
+        if not fit.problem.forward.logarithmic[at]:
+            wide = {"interval at lower", "interval at upper"} <= {*touched.get(name, ())}
+        if wide and name not in fit.undetermined:
+            names.append(name)
+    return tuple(names)
+
+
+def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[str, str]:
+    """The estimate with its error where that means something, and its interval with the bounds that it touches.
+
+    Args:
+        fit: the fit.
+        name: of the parameter.
+        level: of the interval.
+        size: of the unit in which numbers are shown.
+    """
+    estimate, error = fit.estimates[name] / size, fit.standard_errors[name] / size
+    if name in fit.undetermined:
+        return rounded(estimate, np.inf), "not determined by these data"
+    low, high = (end / size for end in fit.intervals(level)[name])
+    touched = bounds_touched(fit, level).get(name, ())
+    distances = estimate - low, high - estimate
+    alike = _is_alike(np.sqrt(fit.rise(level)) * error, distances)
+    # Each end to the digits of its own distance, so that the estimate is seen to lie between them; but the distance to
+    # a bound that the estimate touches is rounding.
+    sizes = [high - low if alike or distance < _TOUCH * (high - low) else distance for distance in distances]
+    ends = [
+        ("not known" if np.isnan(end) else rounded(end, size_of_end, 2))
+        + (f" ({side} bound)" if f"interval at {side}" in touched else "")
+        for side, end, size_of_end in zip(("lower", "upper"), (low, high), sizes, strict=True)
+    ]
+    # Where the model does not fit, its errors come from uncertainties that do not explain the residuals.
+    condition = ", if the model were right" if is_poor(fit) else ""
+    interval = f"{level:.0%}{condition}: {' … '.join(ends)}"
+    if name in fit.undecided:
+        return rounded(estimate, np.inf), f"not decided by these data; {interval}"
+    for side in ("lower", "upper"):
+        if f"estimate at {side}" in touched:
+            return rounded(estimate, np.inf), f"at its {side} bound; {interval}"
+    if not alike:
+        nearest = min((size_of_end for size_of_end in sizes if size_of_end > 0), default=np.inf)
+        return rounded(estimate, nearest), f"{interval}; a ± of the slopes at the fit would mislead"
+    return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
+
+
+def _is_alike(width: float, distances: tuple[float, float]) -> bool:
+    """Whether the width of the standard error says the same as the interval, on either side of the estimate."""
+    return all(width <= _FACTOR * distance <= _FACTOR**2 * width for distance in distances)
+
+
+def is_poor(fit: "Calibration") -> bool:
+    """Whether the given uncertainties cannot explain the misfit."""
+    freedom = fit.degrees_of_freedom
+    return fit.data.uncertainty is not None and freedom > 0 and bool(stats.chi2.sf(fit.chi2, freedom) < POOR)
+
+
+def is_beyond_scatter(fit: "Calibration") -> bool:
+    """Whether the residuals are greater than the rows' scatter, where no uncertainties are given."""
+    return any(pattern.over == "scatter" and pattern.seen for pattern in fit.patterns)
+
+
+def sentences(fit: "Calibration") -> tuple[str, ...]:
+    """All of them; none for a good fit."""
+    poor = [
+        f"The model does not fit within the uncertainties: χ² is {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees "
+        "of freedom. The errors and intervals hold only if the model were right."
+    ]
+    patterns = [pattern.sentence for pattern in fit.patterns if pattern.seen]
+    if any(pattern.over == "speed" and pattern.seen for pattern in fit.patterns):
+        patterns += _of_speed(fit)
+    open_ones = (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit))
+    return (*_far_from_tests(fit), *open_ones, *(poor if is_poor(fit) else ()), *patterns)
+
+
+def _far_from_tests(fit: "Calibration") -> list[str]:
+    """A sentence on rows of another order than all tests, where the density is known: those of a whole test often."""
+    data, p, density = fit.data, fit.p.to("si"), fit.problem.forward.density
+    if density is None or data.free_scale:
+        return []
+    density *= conversion_factor("density", data.units, "si")
+    mass = p.m if data.mass is None else data.mass * conversion_factor("mass", data.units, "si")
+    speed = p.v0 if data.speed is None else data.speed * conversion_factor("speed", data.units, "si")
+    removed = data.erosion * conversion_factor(data.dimension, data.units, "si")
+    removed = removed / (density if data.needs_density else 1.0) / (1.0 if data.per_mass else mass)
+    far = far_from_tests(removed, speed, density, _ANOTHER_ORDER)
+    if far is None:
+        return []
+    of_one = "" if data.per_mass else " A volume or a mass loss that is not “per mass” must be that of one impact."
+    return [f"{data.source}: {two_digits(far.amount)} {far.rest.partition(';')[0].rstrip('.')}.{of_one}"]
+
+
+def _of_speed(fit: "Calibration") -> list[str]:
+    """The exponents of the speed in the model and in the data, with advice, where speeds alone tell rows apart."""
+    data, groups = fit.data, conditions(fit.data)
+    if "m" in data.conditions or len(groups) < 2:
+        return []
+    weight = fit.fitted / fit.problem.deviation**2
+    heights = [weight[group.rows] @ data.erosion[group.rows] / (weight[group.rows] @ fit.fitted[group.rows])
+               for group in groups]  # fmt: skip
+    if not min(heights) > 0:
+        return []
+    speeds = np.array([group.values["v0"] for group in groups])
+    of_data = np.polyfit(np.log(speeds), np.log(heights), 1)[0]
+    sums = [float(fit.curve(data.angle, {"v0": speed})[0].sum()) for speed in (speeds.min(), speeds.max())]
+    of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
+    alone = min(len(group.rows) for group in groups) > len(fit.names)
+    exponents = f"the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
+    # With a threshold, which all speeds share, the erosion grows faster than as v₀².
+    held = [name for name in fit.problem.forward.own_thresholds if of_data > 0 and name not in fit.names]
+    ways = [f"free {', '.join(held)}"] * bool(held) + ["fit each speed alone"] * alone
+    said = f"{' or '.join(ways)}: {exponents}" if ways else exponents
+    return [f"{said[0].upper()}{said[1:]}"]
+
+
+def _undetermined(fit: "Calibration") -> list[str]:
+    """What the data does not determine at all, with advice."""
+    said, problem, theta = [], fit.problem, fit.solution.theta
+    for group in fit.identifiability.groups:
+        step = group.direction / np.abs(group.direction).max()
+        allowed = np.array([_moved(theta, sign * step, problem.lower, problem.upper) for sign in (-1.0, 1.0)])
+        said.append(f"{group.statement} {advise(problem, group.names, allowed, fit.noise)}")
+    return said
+
+
+def _moved(theta: np.ndarray, step: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """θ after a step, or as much of the step as the bounds allow."""
+    room = np.where(step > 0, upper - theta, theta - lower)[step != 0] / np.abs(step[step != 0])
+    return theta + min(1.0, float(room.min())) * step
+
+
+def _undecided(fit: "Calibration") -> list[str]:
+    """What the data hardly determines, with advice: parameters that are left open together share a sentence."""
+    open_names = list(fit.undecided)
+    said = []
+    while open_names:
+        at = fit.names.index(open_names[0])
+        covariance = fit.covariance_of_theta
+        with np.errstate(invalid="ignore", divide="ignore"):
+            correlation = covariance[at] / np.sqrt(covariance[at, at] * np.diag(covariance))
+        together = [name for name in open_names if abs(correlation[fit.names.index(name)]) > _TOGETHER]
+        group = [open_names[0], *(name for name in together if name != open_names[0])]
+        open_names = [name for name in open_names if name not in group]
+        advice = advise(fit.problem, group, fit.allowed(at), fit.noise)
+        which = f"between {', '.join(group[:-1])} and {group[-1]}" if len(group) > 1 else group[0]
+        said.append(f"The data do not decide {which}: {advice[0].lower()}{advice[1:]}")
+    return said
+
+
+def _at_bounds(fit: "Calibration") -> list[str]:
+    """Bounds that are touched, and standard errors that mislead."""
+    said, touched = [], bounds_touched(fit, LEVEL)
+    for at, name in enumerate(fit.names):
+        if name in fit.undetermined:
+            continue
+        marks = touched.get(name, ())
+        bound = {side: fit.in_words(name, fit.bounds[name][i], 6) for i, side in enumerate(("lower", "upper"))}
+        estimate = next((side for side in bound if f"estimate at {side}" in marks), None)
+        ends = [side for side in bound if f"interval at {side}" in marks]
+        if estimate is not None:
+            said.append(f"{name} is at its {estimate} bound, {bound[estimate]}: its error means nothing.")
+        elif ends:
+            places = " and ".join(f"its {side} bound, {bound[side]}" for side in ends)
+            said.append(f"The interval of {name} ends at {places}: the data do not end it there.")
+        elif name not in fit.undecided:
+            said += _misshapen(fit, at)
+    return said
+
+
+def _misshapen(fit: "Calibration", at: int) -> list[str]:
+    """A sentence where the standard error differs from the interval."""
+    name, (low, high) = fit.names[at], fit.ends(LEVEL)[at]
+    if np.isnan(high - low):
+        return [f"The interval of {name} has an end that is not known: the model fails on the way to it."]
+    width = 2 * np.sqrt(fit.rise(LEVEL) * fit.covariance_of_theta[at, at])
+    if _FACTOR * (high - low) < width:
+        return [f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."]
+    if high - low > _FACTOR * width:
+        return [f"{name} is known less well than its standard error says: see its interval."]
+    return []

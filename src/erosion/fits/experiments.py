@@ -1,0 +1,293 @@
+"""`next_experiment`: the angle and speed at which one more measurement says most."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from erosion.arguments import check_unmasked
+from erosion.fits.posterior import Posterior
+from erosion.fits.sampling import PosteriorRanking
+from erosion.models import model_name
+from erosion.output.tables import Result, to_plain
+from erosion.parameters.parameters import are_angles
+from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.scales import table_scale
+from erosion.parameters.units import shown
+
+_DRAWS = 1000
+_PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit
+_REACH = 6.0  # standard deviations beyond the outermost prediction
+_MOST = 2**17  # points of the grid; a prediction that varies by more noises is sampled less closely
+_SHOWN = 10
+DEGREES = np.arange(5.0, 90.0, 2.5)
+"""The angles of the candidates, if there are no others."""
+
+
+@dataclasses.dataclass(frozen=True)
+class NextExperiment(Result):
+    """What one more row is expected to say, by angle and other conditions; every array has the shape (candidates,).
+
+    Args:
+        candidates: by parameter of the case, its values; "alpha" [rad] among them.
+        information: about the parameters: the mean drop of the entropy of the posterior [bit]; of several models the
+            mean over their probabilities.
+        discrimination: about which model is right [bit]; zeros for one model.
+        noise: standard deviation of the row that was assumed, the mean over draws [of the data].
+        names: the models.
+    """
+
+    candidates: Mapping[str, np.ndarray]
+    information: np.ndarray
+    discrimination: np.ndarray
+    noise: float
+    names: tuple[str, ...]
+    units: Any
+
+    @property
+    def total(self) -> np.ndarray:
+        """Both together [bit]; candidates are ordered by it."""
+        return self.information + self.discrimination
+
+    @functools.cached_property
+    def order(self) -> np.ndarray:
+        """The indexes of the candidates, the best first."""
+        return np.argsort(-self.total, kind="stable")
+
+    @property
+    def best(self) -> dict[str, float]:
+        """The conditions at which a row says most, in the units of the case, the angle in rad."""
+        return self._at(int(self.order[0]))
+
+    @property
+    def best_to_discriminate(self) -> dict[str, float]:
+        """The conditions at which a row says most about which model is right."""
+        return self._at(int(np.argsort(-self.discrimination, kind="stable")[0]))  # NaN comes last
+
+    @property
+    def sentence(self) -> str:
+        """Where to measure next, and how much a row there is expected to say."""
+        most = float(self.total[self.order[0]])
+        if not np.isfinite(most):
+            return "No candidate can be judged: no draw has a volume there."
+        conditions = " and ".join(self.condition_in_words(name, value) for name, value in self.best.items())
+        share = f" ({self.discrimination[self.order[0]]:.3f} on which model is right)" if len(self.names) > 1 else ""
+        usual = f"the median candidate {np.nanmedian(self.total):.3f}; one bit halves what is left open"
+        return f"Measure next at {conditions}: one row there is expected to say {most:.3f} bit{share}, {usual}."
+
+    def condition_in_words(self, name: str, value: float) -> str:
+        """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
+        words = QUANTITIES[name].in_words(value, self.units)
+        return words if name in ("alpha", "v0") else f"{QUANTITIES[name].symbol} = {words}"
+
+    def _at(self, index: int) -> dict[str, float]:
+        return {name: float(values[index]) for name, values in self.candidates.items()}
+
+    @property
+    def title(self) -> str:
+        """How many candidates, and of which models."""
+        return f"what one more row says, {len(self.total):,} candidates: {', '.join(self.names)}"
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The columns of the table."""
+        scales = {name: self._scale(name) for name in self.candidates}
+        conditions = [f"{QUANTITIES[name].symbol} [{scale.unit}]" for name, scale in scales.items()]
+        models = ("about the model [bit]",) if len(self.names) > 1 else ()
+        return (*conditions, "about the parameters [bit]", *models)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The best candidates."""
+        rows = []
+        for i in self.order[:_SHOWN]:
+            conditions = [f"{self.candidates[name][i] / self._scale(name).size:.4g}" for name in self.candidates]
+            models = (f"{self.discrimination[i]:.3f}",) if len(self.names) > 1 else ()
+            rows.append((*conditions, f"{self.information[i]:.3f}", *models))
+        return rows
+
+    def _scale(self, name: str) -> Any:
+        return table_scale(QUANTITIES[name].dimension, self.units, float(np.max(np.abs(self.candidates[name]))))
+
+    def to_dict(self) -> dict[str, Any]:
+        """All candidates, in the order they were given in, and the best one."""
+        return to_plain({
+            "models": self.names,
+            "candidates": dict(self.candidates),
+            "information": self.information,
+            "discrimination": self.discrimination,
+            "noise": self.noise,
+            "best": self.best,
+            "sentence": self.sentence,
+        })  # fmt: skip
+
+
+def next_experiment(
+    source: Posterior | PosteriorRanking,
+    candidates: Mapping[str, Any] | None = None,
+    *,
+    noise: float | None = None,
+    draws: int = _DRAWS,
+) -> NextExperiment:
+    """Which angle, and speed, to measure next: where a row is expected to say most.
+
+    The information is the expected drop of entropy from the present posterior to that with one more row, which is the
+    mutual information of the row and the parameters (Lindley 1956). It is high where the draws of the posterior predict
+    differently, measured in errors of the row: beside a jump of V(α) whose place is not known, above all. Of several
+    models a row says two things, about the parameters of each, and about which one is right.
+
+    Args:
+        source: a posterior, or several models' (`rank_posteriors`), with their probabilities.
+        candidates: values of α [rad] and other conditions of the case, such as {"alpha": …, "v0": …}, arrays that
+            broadcast; 5° to 87.5° at the speeds of the case or of the data's first row without it.
+        noise: standard deviation of the row [of the data]; without it the sampled one, or the median of the data's.
+        draws: of each posterior.
+
+    Raises:
+        ValueError: for candidates or a noise that make no sense.
+
+    References:
+        D. V. Lindley, On a measure of the information provided by an experiment, Ann. Math. Stat. 27 (1956) 986-1005.
+    """
+    posteriors = source.posteriors if isinstance(source, PosteriorRanking) else (source,)
+    weights = source.weights if isinstance(source, PosteriorRanking) else np.ones(1)
+    if noise is not None and not (isinstance(noise, Real) and np.isfinite(noise) and noise > 0):
+        raise ValueError(f"Argument `noise` must be positive and finite, but is {shown(noise)}.")
+    if candidates is not None and not isinstance(candidates, Mapping):
+        raise ValueError(f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {shown(candidates)}.")
+    conditions = _conditions(posteriors, candidates)
+    others = {name: values for name, values in conditions.items() if name != "alpha"}
+    predictions, noises = [], []
+    for posterior in posteriors:
+        sampled = posterior.some(draws)
+        predicted = posterior.likelihood.predict(sampled, {"alpha": conditions["alpha"], **others})
+        # A draw whose impact fails at a candidate predicts nothing there.
+        predictions.append(predicted)
+        own = posterior.noise(sampled)
+        noises.append(np.full(len(own), noise) if noise is not None else own)
+    information, discrimination = np.zeros((2, len(conditions["alpha"])))
+    for i in range(len(information)):
+        shares = [_of_candidate(values[:, i], errors) for values, errors in zip(predictions, noises, strict=True)]
+        information[i], discrimination[i] = _gains(shares, weights)
+    return NextExperiment(
+        conditions,
+        information,
+        discrimination,
+        float(np.mean([errors.mean() for errors in noises])),
+        tuple(model_name(posterior.model) for posterior in posteriors),
+        posteriors[0].p.units,
+    )
+
+
+def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
+    """The candidates, flat."""
+    data = posteriors[0].data
+    if candidates is None:
+        candidates = {"alpha": np.deg2rad(DEGREES)}
+    free = {name for posterior in posteriors for name in posterior.likelihood.forward.of_impact}
+    # What the rows of the data had, a new row needs as well.
+    fixed = {name: values[0] for name, values in data.conditions.items() if name != "alpha"}
+    arrays = {name: _numbers(name, values) for name, values in {**fixed, **candidates}.items()}
+    for name, values in arrays.items():
+        if name not in QUANTITIES or name in free:
+            raise ValueError(
+                f"Argument `candidates` must name parameters of the case that are known, but has {name!r}."
+            )
+        is_good = are_angles(values) if name == "alpha" else np.isfinite(values) & ((values > 0) | (name == "phidot0"))
+        if not np.all(is_good):
+            wish = "in (0, π/2]" if name == "alpha" else "positive and finite"
+            raise ValueError(f"Argument `candidates` must give values of {name} {wish}, but does not.")
+    if "alpha" not in arrays:
+        raise ValueError("Argument `candidates` must give angles, `alpha`, but gives none.")
+    try:
+        shape = np.broadcast_shapes(*(values.shape for values in arrays.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {values.shape}" for name, values in arrays.items())
+        raise ValueError(f"Argument `candidates` must be arrays that broadcast, but shapes are {shapes}.") from None
+    if 0 in shape:
+        raise ValueError("Argument `candidates` must give at least one candidate, but gives none.")
+    return {name: np.broadcast_to(values, shape).reshape(-1) for name, values in arrays.items()}
+
+
+def _numbers(name: str, values: Any) -> np.ndarray:
+    """The values of a condition, of any shape."""
+    check_unmasked("candidates", values)
+    try:
+        numbers = np.asarray(values)
+    except ValueError:  # lists of several lengths
+        numbers = np.empty(0, object)
+    if numbers.dtype.kind not in "iuf":
+        raise ValueError(f"Argument `candidates` must give numbers for {shown(name)}, but gives {shown(values)}.")
+    return numbers.astype(float)
+
+
+def _of_candidate(predicted: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The draws that predict something at one candidate, and their noise."""
+    known = np.isfinite(predicted)
+    return predicted[known], noise[known]
+
+
+def _gains(shares: Sequence[tuple[np.ndarray, np.ndarray]], weights: np.ndarray) -> tuple[float, float]:
+    """What a row says about the parameters and about the model [bit].
+
+    A row is one number, so that its density is a mixture of normal ones on a line, and entropies are sums over a grid.
+
+    Args:
+        shares: for each model the predictions and noises of its draws, both of shape (draws,).
+        weights: probabilities of the models.
+    """
+    if any(not len(predicted) for predicted, _ in shares):
+        return np.nan, np.nan
+    shares = _side_by_side(shares)
+    ends = np.array([[(predicted - _REACH * noise).min(), (predicted + _REACH * noise).max()]
+                     for predicted, noise in shares])  # fmt: skip
+    least = min(float(noise.min()) for _, noise in shares)
+    low, high = ends[:, 0].min(), ends[:, 1].max()
+    count = int(np.clip((high - low) / least * _PER_NOISE, 64, _MOST))
+    edges = np.linspace(low, high, count + 1)
+    densities = np.stack([_density(predicted, noise, edges) for predicted, noise in shares])
+    width = edges[1] - edges[0]
+    of_models = np.array([_entropy(density, width) for density in densities])
+    of_noise = np.array([np.mean(0.5 * np.log2(2 * np.pi * np.e * noise**2)) for _, noise in shares])
+    # The parameters include the noise: what a row says about them is all of its entropy but that of the error.
+    information = float(weights @ (of_models - of_noise))
+    discrimination = _entropy(weights @ densities, width) - float(weights @ of_models)
+    return max(information, 0.0), max(discrimination, 0.0)
+
+
+def _side_by_side(shares: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The same in units of the largest noise, without the gaps that no row falls into.
+
+    Entropies do not change, but for the unit, and the grid is fine wherever a row can be.
+    """
+    unit = max(float(noise.max()) for _, noise in shares)
+    predicted = np.concatenate([values for values, _ in shares])
+    order = np.argsort(predicted)
+    with np.errstate(over="ignore"):
+        steps = np.minimum(np.diff(predicted[order]) / unit, 2 * _REACH)
+    places = np.empty(len(predicted))
+    places[order] = np.concatenate([[0.0], np.cumsum(steps)])
+    of_models = np.split(places, np.cumsum([len(values) for values, _ in shares])[:-1])
+    return [(place, noise / unit) for place, (_, noise) in zip(of_models, shares, strict=True)]
+
+
+def _density(predicted: np.ndarray, noise: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """The density of a row on the cells of a grid: normal laws about the predictions, classes of like noise at once."""
+    width = edges[1] - edges[0]
+    density = np.zeros(len(edges) - 1)
+    order = np.argsort(noise)
+    for part in np.array_split(order, min(len(order), 1 if noise.min() == noise.max() else 16)):
+        counts = np.histogram(predicted[part], edges)[0] / (len(predicted) * width)
+        # The histogram's cells have a variance of 1/12 already.
+        spread = np.sqrt(max(float(np.mean(noise[part] ** 2)) / width**2 - 1 / 12, 0.0))
+        density += ndimage.gaussian_filter1d(counts, spread, mode="constant", truncate=_REACH)
+    return density
+
+
+def _entropy(density: np.ndarray, width: float) -> float:
+    """-∫ f log₂ f over the grid."""
+    positive = density[density > 0]
+    return float(-np.sum(positive * np.log2(positive)) * width)

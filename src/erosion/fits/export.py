@@ -1,0 +1,308 @@
+"""A fit, or a model and its case, in the forms of CFD codes; a fit also as a case file."""
+
+import dataclasses
+import functools
+import itertools
+import string
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, coefficients
+from erosion.cfd.exports import ANGLES, Particle, Reach, commented, particle_of, share_in_words
+from erosion.fits.calibration import Calibration
+from erosion.fits.doubts import LEVEL
+from erosion.fits.forward import SCALE
+from erosion.fits.measurements import MOST, conditions
+from erosion.impacts.impact import impact
+from erosion.models import model_name, model_source
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters
+from erosion.output.files import seen_from
+from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.per_mass import PerMass
+from erosion.parameters.quantities import Quantity
+from erosion.parameters.units import System, conversion_factor
+from erosion.version import __version__
+
+_POINTS = 20
+_CUT = 0.01  # the share of a law beyond a bound of its parameter, from which it is no longer normal
+_SHARP = 1e-9  # errors of exact data, which are rounding
+_PLAIN = {*string.ascii_letters, *string.digits, *"=./_-+:"}  # characters that a shell takes as they are
+_Exported = Calibration | CuttingModel | str | Path
+
+
+def to_openfoam(
+    model: _Exported,
+    p: Parameters | None = None,
+    *,
+    v0: Any = None,
+    d: Any = None,
+    particle_density: float | None = None,
+    cutting_fraction: float = 1.0,
+) -> ParticleErosion:
+    """The coefficients p and K with which Finnie's curve comes nearest to the model's.
+
+    ψ is kept as the case has it; only p ψ counts. Curves of `finnie` with β = ½ and no spin, and of `linearized`
+    (with K = 3k), are of Finnie's shape exactly.
+
+        print(erosion.to_openfoam("finnie", p).text())
+
+    Args:
+        model: a model, its name, or the path of its file; or a calibration, which has a case of its own.
+        p: the case, all scalars; its `alpha` is not used.
+        v0: speeds over which the coefficients must hold, shape (n,) [speed]; without it what is lost at half and
+            at twice the case's is said.
+        d: diameters over which they must hold, shape (n,) [length].
+        particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
+        cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
+
+    Raises:
+        ExportError: where the curve is not of Finnie's shape (the best coefficients are off by more than 15 % of its
+            maximum, or K is without limit), or as far off at one of the speeds and diameters that are given.
+        ValueError: for parameters that are arrays or out of range, or speeds and diameters that are not positive.
+    """
+    particle, comment, case = _particle(model, p, particle_density, cutting_fraction)
+    return coefficients(particle, Reach.of(particle, case, v0, d), comment)
+
+
+def to_fluent(
+    model: _Exported,
+    p: Parameters | None = None,
+    *,
+    points: int = _POINTS,
+    v0: Any = None,
+    d: Any = None,
+    particle_density: float | None = None,
+    cutting_fraction: float = 1.0,
+) -> AngleTable:
+    """The model's curve as Fluent's angle function, with the velocity exponent and the diameter function that fit best.
+
+        print(erosion.to_fluent("rotating", p).text())
+
+    Args:
+        model: a model, its name, or the path of its file; or a calibration, which has a case of its own.
+        p: the case, all scalars; its `alpha` is not used.
+        points: of the table; each is added where the table's error is greatest.
+        v0: speeds over which the form must hold, shape (n,) [speed]. The exponent is fitted over them; without them
+            from half to twice the case's, and what is lost there is said.
+        d: diameters over which it must hold, shape (n,) [length].
+        particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
+        cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
+
+    Raises:
+        ExportError: where the form is off by more than 15 % of the maximum at one of the speeds and diameters that
+            are given.
+        ValueError: for fewer than 2 points or more than Fluent takes; else as `to_openfoam`.
+    """
+    particle, comment, case = _particle(model, p, particle_density, cutting_fraction)
+    return angle_table(particle, Reach.of(particle, case, v0, d), comment, points)
+
+
+def _particle(
+    model: _Exported, p: Parameters | None, particle_density: float | None, cutting_fraction: float
+) -> tuple[Particle, str, Parameters]:
+    """The particle that is exported, the comment on where it comes from, and its case."""
+    if isinstance(model, Calibration):
+        if p is not None:
+            raise ValueError("Argument `p` must be left out for a calibration, which has a case of its own.")
+        if cutting_fraction != 1:
+            raise ValueError("Argument `cutting_fraction` must be left out for a calibration, which has its own.")
+        case = exported_case(model)
+        particle = particle_of(model.model, case, particle_density)
+        particle = dataclasses.replace(particle, cutting_fraction=model.cutting_fraction)
+        return particle, _comment(model), case
+    if p is None:
+        raise TypeError("Argument `p` must be Parameters, but is left out.")
+    particle = particle_of(model, p, particle_density, cutting_fraction)
+    return particle, particle.origin(), p
+
+
+def to_case(
+    calibration: Calibration,
+    path: str = "fitted.toml",
+    *,
+    particle: str | None = None,
+    target: str | None = None,
+    doubts: Sequence[str] | None = None,
+) -> str:
+    """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
+
+    The model and its own parameters are the file's usual ones for all verbs. The errors of the estimates, as laws, and
+    what is doubtful are in the table [advise], which `erosion advise` reads.
+
+    Args:
+        calibration: the fit.
+        path: the file's, for the command in its comment, and where the paths in it begin.
+        particle: its name and size, where the case has it by name.
+        target: its name, where the case has it by name.
+        doubts: sentences for whoever uses the file; those of the fit without them.
+
+    Raises:
+        ValueError: for a model without a name or a file, which no verb could load again.
+    """
+    lines = _origin(calibration)
+    lines += calibration.statements
+    lines.append(f"The best angle of this fit: {command(path)}")
+    text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
+    case = dump_case(exported_case(calibration), calibration.title)
+    names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
+    named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n" for name, value in names.items())
+    weighed = dump_per_mass(_per_mass(calibration))
+    said = calibration.statements if doubts is None else doubts
+    return commented(text, "#") + case + named + weighed + _model(calibration, path) + _for_advice(calibration, said)
+
+
+def _in_file(text: str, path: str) -> str:
+    """A text with its path, if it has one, as the file at `path` gives it."""
+    return with_paths(text, functools.partial(seen_from, Path(path)))
+
+
+def _model(calibration: Calibration, path: str) -> str:
+    """The lines of a case file that name the model and its own parameters."""
+    source = model_source(calibration.model)
+    if source is None:
+        raise ValueError(
+            f"Argument `calibration` must have a model that a file can name, but {model_name(calibration.model)} was "
+            "made in a program: put it into a file (…/model.py), and fit that file's model."
+        )
+    own = {name: float(parameter.value) for name, parameter in own_parameters(calibration.model).items()}
+    named = f"model = {toml_string(_in_file(source, path))}\n"
+    return named + (f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}\n" if own else "")
+
+
+def _for_advice(calibration: Calibration, doubts: Sequence[str]) -> str:
+    """The table [advise] of a case file; without laws where the data does not determine or decide all parameters."""
+    of_scale = "The tests had units of their own, so the size of the wear is that of the case."
+    said = " ".join([of_scale] * calibration.data.free_scale + [*doubts])
+    lines = ["", "[advise]"] + ([f"warning = {toml_string(said)}"] if said else [])
+    laws = _laws(calibration)
+    if laws:
+        lines.append("uncertain = { " + ", ".join(f'{name} = "{law}"' for name, law in laws.items()) + " }")
+    names, correlation = calibration.names, calibration.correlation
+    # A little less than the fit has, so that rounding cannot make it impossible.
+    pairs = {f"{first},{second}": (1 - 1e-6) * float(correlation[names.index(first), names.index(second)])
+             for first, second in itertools.combinations(laws, 2)}  # fmt: skip
+    if pairs:
+        lines.append("correlation = { " + ", ".join(f'"{pair}" = {value!r}' for pair, value in pairs.items()) + " }")
+    return "\n".join(lines) + "\n" if lines[2:] else ""
+
+
+def _laws(calibration: Calibration) -> dict[str, str]:
+    """The law of each estimate, normal in its θ; one that a bound cuts is uniform over the 95 % interval."""
+    if calibration.undetermined or calibration.undecided:
+        return {}
+    errors, laws = np.sqrt(np.diag(calibration.covariance_of_theta)), dict[str, str]()
+    if not np.isfinite(errors).all():
+        return {}
+    problem, theta = calibration.problem, calibration.solution.theta
+    # The errors of exact data are rounding, which may be nothing at all.
+    errors = np.maximum(errors, _SHARP * np.maximum(1.0, np.abs(theta)))
+    # Few rows and lopsided intervals reach further than 1.96 errors: each law holds the interval that the fit prints.
+    errors = np.fmax(errors, np.abs(calibration.ends(LEVEL)).max(axis=1) / stats.norm.ppf((1 + LEVEL) / 2))
+    for i, name in enumerate(calibration.names):
+        if name == SCALE:
+            continue
+        log = "log" if problem.forward.logarithmic[i] else ""
+        outside = stats.norm.cdf([(problem.lower[i] - theta[i]) / errors[i], (theta[i] - problem.upper[i]) / errors[i]])
+        low, high = calibration.intervals()[name]
+        if outside.max() < _CUT:
+            error = errors[i] * (1.0 if log else problem.forward.slopes(theta)[i])
+            laws[name] = f"{log}normal({calibration.estimates[name]!r}, {float(error)!r})"
+        elif np.isfinite([low, high]).all() and low < high:
+            laws[name] = f"{log}uniform({low!r}, {high!r})"
+    return laws
+
+
+def _per_mass(calibration: Calibration) -> PerMass:
+    density = calibration.problem.forward.density
+    if density is not None:
+        density *= conversion_factor("density", calibration.p.units, "si")
+    return PerMass(density, calibration.cutting_fraction)
+
+
+def command(path: str) -> str:
+    """The command that finds the best angle of the case file that `to_case` has written."""
+    return _typed(["erosion", "optimum", path])
+
+
+def _with_unit(number: str, quantity: Quantity, units: System) -> str:
+    """A number with its unit as programs read it."""
+    unit = quantity.unit(units)
+    return number if unit == "1" else f"{number} {unit}"
+
+
+def advice_command(case: Sequence[str], draws: Path | None) -> str:
+    """The command that advises a nozzle's angle by a fit.
+
+    Args:
+        case: the file that `to_case` has written, or the options of the fit's own case.
+        draws: that `Posterior.save` has written.
+    """
+    words = ["erosion", "advise", *case, *([] if draws is None else ["--uncertain", str(draws)])]
+    return _typed(words)
+
+
+def _typed(words: Sequence[str]) -> str:
+    """A command as it is typed."""
+    return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
+
+
+def exported_case(calibration: Calibration) -> Parameters:
+    """The fitted case at a speed and a mass that the data has.
+
+    They are those of most rows, of the greatest speed among equals; or the case's own, where the data has these.
+    """
+    p, groups = calibration.p, conditions(calibration.data)
+    own = [group for group in groups if all(np.isclose(float(getattr(p, name)), value, rtol=1e-3)
+                                            for name, value in group.values.items())]  # fmt: skip
+    chosen = max(own or groups, key=lambda group: (len(group.rows), *group.values.values()))
+    return dataclasses.replace(p, **chosen.values)
+
+
+def _comment(calibration: Calibration) -> str:
+    """Model, data, estimates, speed and warnings."""
+    lines = _origin(calibration)
+    if calibration.cutting_fraction != 1:
+        lines.append(share_in_words(calibration.cutting_fraction))
+    lines += calibration.statements
+    if calibration.data.free_scale:
+        lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
+    return "\n".join(lines)
+
+
+def _origin(calibration: Calibration) -> list[str]:
+    """Model, data, estimates and speed."""
+    p, data = exported_case(calibration), calibration.data
+    return [
+        f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(data)} rows of {data.source}",
+        ", ".join(
+            _with_unit(f"{name} = {calibration.estimates[name]:.6g}", quantity, p.units)
+            for name, quantity in calibration.quantities.items()
+        )
+        + f", at v0 = {float(p.to('si').v0):.6g} m/s",
+        *_other_speeds(calibration, p),
+    ]
+
+
+def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
+    """A sentence on the speed, where the data has speeds, and one on the other speeds or masses that it has."""
+    groups = [group for group in conditions(calibration.data, MOST) if group.values]
+    if not groups:
+        return []
+    lines = ["This speed is one of the data's." if "v0" in groups[0].values else "This mass is one of the data's."]
+
+    def over_energy(case: Parameters) -> np.ndarray:
+        return impact(calibration.model, case.replace(alpha=ANGLES)).volume / float(case.m * case.v0**2)
+
+    here = over_energy(p)
+    differs = {group.label: np.abs(over_energy(dataclasses.replace(p, **group.values)) - here).max() / here.max()
+               for group in groups}  # fmt: skip
+    label = max(differs, key=lambda key: differs[key])
+    if len(groups) > 1:
+        lines.append(f"At {label} the volume over m V^2 differs from it by up to {differs[label]:.2%} of its maximum.")
+    return lines

@@ -1,0 +1,241 @@
+"""From free parameters to predicted erosion, with exact derivatives.
+
+Positive parameters q are fitted as θ = log q, the spin φ̇₀ as θ = φ̇₀ r/v₀ (of the case): then
+steps are of order 1 whatever the units, and nothing leaves its range. A model's own parameter that starts above
+zero is fitted as its logarithm; any other is fitted in multiples of its size (`own_parameters.sizes`) and may change
+its sign, unless it has a least value. A speed that has a least value is fitted in multiples of the greatest normal
+speed of the data, whatever it starts from.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from erosion.fits.measurements import Measurements
+from erosion.impacts.impact import Impact, impact
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
+from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters.quantities import Quantity
+
+SCALE = "scale"
+"""The free parameter of data in units of its own: measured erosion over the model's volume."""
+FRACTION = "cutting_fraction"
+"""The share of the particles that cut as the model says, by which its volume is multiplied (Finnie 1960)."""
+FACTORS: Mapping[str, Quantity] = {
+    FRACTION: Quantity("c", "share of the particles that cut", "1"),
+    SCALE: Quantity("s", "measured over computed volume", "1"),
+}
+"""Symbols of the free parameters that no impact has."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Forward:
+    """A model's prediction of the kind of erosion that was measured.
+
+    Args:
+        model: any model.
+        p: the case, with the values of all parameters that are neither free nor in the data.
+        free: the free parameters.
+        data: the measurements; a prediction depends on their kind of erosion alone.
+        density: of the target [density]; needed where mass losses were measured.
+        cutting_fraction: the share of the particles that cut, or its first guess where it is free.
+    """
+
+    model: CuttingModel
+    p: Parameters
+    free: tuple[str, ...]
+    data: Measurements
+    density: float | None
+    cutting_fraction: float = 1.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters, and the scale where that is free too."""
+        return (*self.free, SCALE) if self.data.free_scale else self.free
+
+    @property
+    def of_impact(self) -> tuple[str, ...]:
+        """The free parameters of an impact: all but factors on its volume."""
+        return tuple(name for name in self.free if name != FRACTION)
+
+    @property
+    def logarithmic(self) -> np.ndarray:
+        """Whether each θ is a logarithm, shape (names,)."""
+        return np.array([name not in self._units for name in self.names])
+
+    @property
+    def limits(self) -> np.ndarray:
+        """θ at the least and the greatest value that each parameter may have by its meaning, shape (names, 2)."""
+        own, limits = own_parameters(self.model), np.tile([-np.inf, np.inf], (len(self.names), 1))
+        for i, name in enumerate(self.names):
+            if name == FRACTION:
+                limits[i, 1] = 0.0
+            elif name in own and name in self._units:
+                limits[i, 0] = own[name].least / self._units[name]
+                if name in self._normal_speeds:
+                    limits[i, 1] = 1.0
+        return limits
+
+    @property
+    def start(self) -> np.ndarray:
+        """θ of the case, shape (names,); 0 for the scale."""
+        of_case = {**values(self.model, self.p), FRACTION: self.cutting_fraction, SCALE: 1.0}
+        return self.theta({name: float(of_case[name]) for name in self.names})
+
+    @property
+    def own_stresses(self) -> np.ndarray:
+        """Which free parameters are stresses of the model that are fitted as logarithms, shape (names,)."""
+        own = own_parameters(self.model)
+        return np.array([name in own and name not in self._units and own[name].quantity.dimension == "stress"
+                         for name in self.names])  # fmt: skip
+
+    @property
+    def contact_stress(self) -> float:
+        """σψ of the case [stress]."""
+        return float(self.p.sigma * self.p.psi)
+
+    def theta(self, values: Mapping[str, float]) -> np.ndarray:
+        """θ of parameter values."""
+        return np.array([self.to_theta(name, values[name]) for name in self.names])
+
+    def to_theta(self, name: str, value: float) -> float:
+        """One parameter's θ."""
+        return value / self._units[name] if name in self._units else float(np.log(value))
+
+    def values(self, theta: np.ndarray) -> dict[str, float]:
+        """The parameters at θ, by name."""
+        return {name: float(self.from_theta(name, part)) for name, part in zip(self.names, theta, strict=True)}
+
+    def from_theta(self, name: str, theta: Any) -> Any:
+        """The values of one parameter, of the shape of `theta`."""
+        return theta * self._units[name] if name in self._units else np.exp(theta)
+
+    def slopes(self, theta: np.ndarray) -> np.ndarray:
+        """dq/dθ, shape (names,)."""
+        values = self.values(theta)
+        return np.array([self._units.get(name, values[name]) for name in self.names])
+
+    def at(self, theta: np.ndarray) -> tuple[CuttingModel, Parameters]:
+        """Model and case with the free parameters at θ."""
+        values = self.values(theta)
+        return with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
+
+    def predict(self, theta: np.ndarray, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """The erosion at θ and its derivatives.
+
+        Args:
+            theta: shape (names,).
+            conditions: parameters that vary from row to row, each of shape (rows,).
+
+        Returns:
+            Erosion, shape (rows,), and ∂/∂θ, shape (rows, names); NaN where an impact failed.
+        """
+        hits, factor = self._impacts(self.values(theta), conditions, derivatives=1 if self.of_impact else 0)
+        erosion = hits.volume * factor
+        slopes = dict(zip(self.names, self.slopes(theta), strict=True))
+        # Erosion is proportional to its factors, whose θ are logarithms.
+        rates: dict[str, Any] = dict.fromkeys(self.names, erosion)
+        rates |= {name: hits.dvolume[:, i] * slopes[name] * factor for i, name in enumerate(self.of_impact)}
+        if self.data.per_mass and "m" in rates:
+            rates["m"] = rates["m"] - erosion
+        return erosion, np.stack(list(rates.values()), axis=-1)
+
+    def predict_many(self, thetas: np.ndarray, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The erosion at several θ, in one batch.
+
+        Args:
+            thetas: shape (points, names).
+            conditions: as for `predict`.
+
+        Returns:
+            Erosion, shape (points, rows); NaN where an impact failed.
+        """
+        columns = zip(self.names, thetas.T, strict=True)
+        return self.erosion({name: self.from_theta(name, column) for name, column in columns}, conditions)
+
+    def erosion(
+        self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray], rtol: float = 1e-9
+    ) -> np.ndarray:
+        """The erosion at several values of the parameters, in one batch.
+
+        Args:
+            values: of each of `names`, shape (points,).
+            conditions: as for `predict`.
+            rtol: see `impact`.
+
+        Returns:
+            Erosion, shape (points, rows); NaN where an impact failed.
+        """
+        columns = {name: column[:, None] for name, column in values.items()}
+        hits, factor = self._impacts(columns, conditions, derivatives=0, rtol=rtol)
+        return np.broadcast_to(hits.volume * factor, (len(next(iter(values.values()))), len(conditions["alpha"])))
+
+    def _impacts(
+        self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int, rtol: float = 1e-9
+    ) -> tuple[Impact, Any]:
+        """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
+        model, p = with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
+        p = dataclasses.replace(p, **conditions)
+        along = {"derivatives": derivatives, "wrt": self.of_impact} if derivatives else {}
+        hits = impact(model, p, rtol=rtol, **along)
+        factor = values.get(FRACTION, self.cutting_fraction)
+        if self.data.needs_density and self.density is not None:
+            factor = factor * self.density
+        if self.data.per_mass:
+            factor = factor / np.asarray(p.m)
+        if self.data.free_scale:
+            factor = factor * values[SCALE]
+        return hits, factor
+
+    @property
+    def own_thresholds(self) -> tuple[str, ...]:
+        """The own parameters of the model that are speeds with a least value, free or not."""
+        own = own_parameters(self.model).items()
+        return tuple(name for name, parameter in own
+                     if parameter.quantity.dimension == "speed" and np.isfinite(parameter.least))  # fmt: skip
+
+    @functools.cached_property
+    def _units(self) -> dict[str, float]:
+        """Size of the parameters that are not fitted as logarithms: their value at θ = 1."""
+        size, own = sizes(self.model, self.p), own_parameters(self.model)
+        signed = [name for name in self.free if name in own and float(own[name].value) <= 0]
+        return {name: float(size[name]) for name in ("phidot0", *signed)} | self._normal_speeds
+
+    @functools.cached_property
+    def _normal_speeds(self) -> dict[str, float]:
+        """The greatest normal speed of the data, by free own parameter that is a speed with a least value."""
+        rows = self.data.conditions
+        greatest = float(np.max(rows.get("v0", self.p.v0) * np.sin(rows["alpha"])))
+        return {name: greatest for name in self.own_thresholds if name in self.free}
+
+
+def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> tuple[str, ...]:
+    """The names of the parameters to fit.
+
+    Raises:
+        ValueError: for a name that is no parameter, or one that the data fixes.
+        TypeError: for an own parameter of a field that is not declared as a number.
+    """
+    if not isinstance(free, Sequence):
+        raise TypeError(f"Argument `free` must be a list of parameters, but is {free!r}.")
+    names = (free,) if isinstance(free, str) else tuple(free)
+    known = quantities(model)
+    for name in names:
+        if not isinstance(name, str) or name not in (*known, FRACTION):
+            listed = ", ".join((*known, FRACTION))
+            raise ValueError(f"Argument `free` must name parameters ({listed}), but has {name!r}.")
+        if name == SCALE:
+            raise ValueError(f"Argument `free` must not name `{SCALE}`, as the factor of data in units of its own is.")
+        if name == FRACTION and name in known:
+            raise ValueError(f"Argument `free` must not name `{FRACTION}`, as the share of particles that cut is.")
+        if name == "alpha" or name in data.conditions:
+            raise ValueError(f"Argument `free` must not name `{name}`: the data has a column of it.")
+    if not names or len(set(names)) != len(names):
+        raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
+    # So that an own parameter that cannot be an array is refused before anything is computed.
+    replaced(model, {name: np.zeros(1) for name in names if name not in (*QUANTITIES, FRACTION)})
+    return names

@@ -1,0 +1,531 @@
+"""Which parameters the data can tell apart, from the Jacobian at the fit.
+
+Parameters that enter only as a product leave the prediction unchanged along a direction of
+their logarithms. The singular vectors of the Jacobian with vanishing singular values show
+these directions; the other singular vectors are the combinations that are determined.
+
+Least squares with exact Jacobians, from many starts.
+
+V(α) of a turning body jumps, and the misfit jumps with it: a descent from one start may end in
+the wrong valley. So the misfit is computed at many starts, and descents begin at the best.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from scipy import optimize
+from scipy.linalg import null_space
+from scipy.stats import qmc
+
+from erosion.fits.forward import FRACTION, SCALE, Forward
+from erosion.fits.measurements import Measurements
+from erosion.models.own_parameters import own_parameters
+
+# The engine's derivatives hold nine digits, so a direction without influence has 1e-9 or less.
+_NOTHING = 1e-7  # of the prediction: influence of a parameter
+_NULL = 1e-6  # of the largest singular value
+_INVOLVED = 1e-4  # component of a parameter in a direction
+
+
+class Group(NamedTuple):
+    """Parameters that the data leaves open together.
+
+    Args:
+        names: of these parameters.
+        statement: a sentence on what is determined.
+        direction: a change of θ that leaves the prediction as it is, shape (n,).
+    """
+
+    names: tuple[str, ...]
+    statement: str
+    direction: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Identifiability:
+    """The parameters and combinations that the data determines.
+
+    Args:
+        covariance: of θ, for residuals of variance 1; infinite on the diagonal for parameters
+            that are not determined, and NaN beside it; shape (n, n).
+        modes: directions of θ that are determined, each as long as one standard deviation
+            for residuals of variance 1; shape (n, rank).
+        undetermined: the names of the parameters that are not determined.
+        groups: of undetermined parameters.
+    """
+
+    covariance: np.ndarray
+    modes: np.ndarray
+    undetermined: tuple[str, ...]
+    groups: tuple[Group, ...]
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """A sentence for each group of undetermined parameters."""
+        return tuple(group.statement for group in self.groups)
+
+    @property
+    def rank(self) -> int:
+        """How many combinations of the parameters are determined."""
+        return self.modes.shape[1]
+
+
+def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, size: float) -> Identifiability:
+    """Find the combinations of parameters that the residuals depend on.
+
+    Args:
+        names: of the parameters.
+        jacobian: of the weighted residuals with respect to θ, shape (rows, n), rows ≥ n.
+        exponent: dθ/d(log q), 1 for θ = log q; shape (n,). Combinations are products of powers.
+        size: norm of the weighted prediction, with which influences are compared.
+    """
+    n = len(names)
+    norms = np.linalg.norm(jacobian, axis=0)
+    active = norms > _NOTHING * size
+    groups = [
+        Group((name,), f"{name} has no influence on these data and cannot be determined.", direction)
+        for name, counts, direction in zip(names, active, np.eye(n), strict=True)
+        if not counts
+    ]
+    undetermined = ~active
+    modes = np.zeros((n, 0))
+    if active.any():
+        index, scaled = np.flatnonzero(active), jacobian[:, active] / norms[active]
+        _, strength, across = np.linalg.svd(scaled, full_matrices=False)
+        determined = strength > _NULL * strength[0]
+        modes = np.zeros((n, int(determined.sum())))
+        modes[index] = across[determined].T / norms[active][:, None] / strength[determined]
+        if not determined.all():
+            null = across[~determined].T
+            involved = np.abs(null).max(axis=1) > _INVOLVED
+            undetermined[index[involved]] = True
+            thetas = np.zeros((n, null.shape[1]))
+            thetas[index] = null / norms[active][:, None]
+            groups += _ties(names, index[involved], thetas, exponent)
+    covariance = modes @ modes.T
+    covariance[undetermined, :] = covariance[:, undetermined] = np.nan
+    covariance[undetermined, undetermined] = np.inf
+    return Identifiability(
+        covariance,
+        modes,
+        tuple(name for name, flag in zip(names, undetermined, strict=True) if flag),
+        tuple(groups),
+    )
+
+
+def _ties(all_names: Sequence[str], involved: np.ndarray, thetas: np.ndarray, exponent: np.ndarray) -> list[Group]:
+    """The groups of parameters that null directions of θ, shape (n, directions), tie together."""
+    names, null = [all_names[int(i)] for i in involved], thetas[involved] / exponent[involved][:, None]
+    sparse = _reduced(null.T)
+    determined = _reduced(null_space(null.T).T) if null.shape[1] < len(names) else np.zeros((0, len(names)))
+    groups, remaining = [], list(range(len(names)))
+    while remaining:
+        group = {remaining[0]}
+        while True:
+            rows = [row for row in (*sparse, *determined) if any(abs(row[i]) > _INVOLVED for i in group)]
+            wider = group | {i for row in rows for i in np.flatnonzero(np.abs(row) > _INVOLVED).tolist()}
+            if wider == group:
+                break
+            group = wider
+        remaining = [i for i in remaining if i not in group]
+        products = [_product(names, row) for row in determined if any(abs(row[i]) > _INVOLVED for i in group)]
+        tied = " and ".join((", ".join(names[i] for i in sorted(group)[:-1]), names[max(group)]))
+        only = f"only {' and '.join(products)} {'is' if len(products) == 1 else 'are'} determined"
+        direction = np.zeros(len(all_names))
+        members = sorted(group)
+        direction[involved[members]] = _within(null, members) * exponent[involved[members]]
+        groups.append(Group(tuple(names[i] for i in members), f"{tied} cannot be told apart: {only}.", direction))
+    return groups
+
+
+def _within(null: np.ndarray, members: list[int]) -> np.ndarray:
+    """A null direction of the members alone, which no direction ties to others; shape (members,)."""
+    strongest = np.linalg.svd(null[members], full_matrices=False)[0]
+    return strongest[:, 0]
+
+
+def _reduced(rows: np.ndarray) -> np.ndarray:
+    """The reduced row echelon form, whose rows are sparse combinations; of the same shape."""
+    rows, at = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if at == len(rows):
+            break
+        pivot = at + int(np.argmax(np.abs(rows[at:, column])))
+        if abs(rows[pivot, column]) < _INVOLVED * np.abs(rows).max():
+            continue
+        rows[[at, pivot]] = rows[[pivot, at]]
+        rows[at] /= rows[at, column]
+        others = np.arange(len(rows)) != at
+        rows[others] -= np.outer(rows[others, column], rows[at])
+        at += 1
+    return rows
+
+
+def _product(names: Sequence[str], exponents: np.ndarray) -> str:
+    """Powers as text: "sigma·psi", "m/(sigma·psi)"."""
+    above = [_power(name, e) for name, e in zip(names, exponents, strict=True) if e > _INVOLVED]
+    below = [_power(name, -e) for name, e in zip(names, exponents, strict=True) if e < -_INVOLVED]
+    text = "·".join(above) or "1"
+    if not below:
+        return text
+    return f"{text}/{below[0]}" if len(below) == 1 else f"{text}/({'·'.join(below)})"
+
+
+def _power(name: str, exponent: float) -> str:
+    simple = Fraction(float(exponent)).limit_denominator(6)
+    if abs(exponent - simple) < 1e-3:
+        return name if simple == 1 else f"{name}^{simple}" if simple.denominator == 1 else f"{name}^({simple})"
+    return f"{name}^{exponent:.3g}"
+
+
+Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
+LOSSES: tuple[Loss, ...] = get_args(Loss)
+
+_FOLLOWED = 5  # descents
+_THINNED = 500  # rows are enough to choose among valleys
+_WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds, by `logarithmic`: a factor of 100, a spin of 2 v₀/r
+_INSIDE = 0.1  # of the range, from a bound
+_SIZES = {SCALE: 1, "psi": -1, "sigma": -1, FRACTION: 1}  # powers of the erosion's size; V grows as 1/(σψ)
+_SIZED = 4  # steps to the size of the data: with rotation, ψ and σ change the shape of V(α) too
+_NEAR = {True: np.log(5.0), False: 0.5}  # of the starts about the case, by `logarithmic`
+_HOPS = 10  # rounds of points about the best minimum
+_DRAWN, _DRAWN_HELD = 96, 24  # points of a round: about a start, which may be far off; about a profile's last point
+_SEARCHED = 400_000  # rows of all points of a round
+_REACH = 0.1, 6.0  # of these points, in standard errors
+_EXACT = 1e-12  # of the cost
+_ROUGH = 0.02  # of one row's share in the cost: enough to choose among valleys
+_RHO: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
+    "linear": lambda z: z,
+    "soft_l1": lambda z: 2 * (np.sqrt(1 + z) - 1),
+    "huber": lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
+    "cauchy": np.log1p,
+    "arctan": np.arctan,
+}  # of scipy.optimize.least_squares
+_NOISES, _SAME_NOISE = 10, 0.01  # rounds of a robust fit and its noise; the relative change that ends them
+_MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
+
+
+class CalibrationError(RuntimeError):
+    """A fit that could not be made."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """Weighted residuals of a model against data, as a function of θ.
+
+    Args:
+        forward: the model.
+        data: the measurements.
+        lower, upper: bounds of θ, shape (names,).
+        start: θ of the first guess, of the data's size, shape (names,).
+        loss: scipy's robust loss, "linear" for plain least squares.
+        noise: residuals beyond so many standard deviations count less in a robust loss.
+    """
+
+    forward: Forward
+    data: Measurements
+    lower: np.ndarray
+    upper: np.ndarray
+    start: np.ndarray
+    loss: Loss = "linear"
+    noise: float = 1.0
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """The divisor of residuals, shape (rows,): the uncertainties, or the typical erosion without them."""
+        if self.data.uncertainty is not None:
+            return self.data.uncertainty
+        return np.full(len(self.data), np.sqrt(np.mean(self.data.erosion**2)))
+
+    def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(prediction - measurement)/deviation, shape (rows,), and its Jacobian, shape (rows, names)."""
+        predicted, rates = self.forward.predict(theta, self.data.conditions)
+        deviation = self.deviation
+        return (predicted - self.data.erosion) / deviation, rates / deviation[:, None]
+
+    def cost(self, residuals: np.ndarray) -> np.ndarray:
+        """Half the sum of squares (of the robust loss) over the last axis; infinite for NaN."""
+        with np.errstate(over="ignore"):
+            costs = 0.5 * self.noise**2 * np.sum(_RHO[self.loss]((residuals / self.noise) ** 2), axis=-1)
+        return np.where(np.isfinite(costs), costs, np.inf)
+
+    def costs(self, thetas: np.ndarray) -> np.ndarray:
+        """The cost at several θ, shape (points, names) -> (points,); infinite where impacts fail."""
+        predicted = self.forward.predict_many(thetas, self.data.conditions)
+        return self.cost((predicted - self.data.erosion) / self.deviation)
+
+    def thinned(self) -> "Problem":
+        """The same problem with at most as many rows as are needed to choose among valleys."""
+        data = self.data.thinned(_THINNED)
+        return self if data is self.data else dataclasses.replace(self, data=data)
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A minimum.
+
+    Args:
+        theta: the place of the minimum, shape (names,).
+        cost: half the sum of squares (of the robust loss), with residuals over `deviation`.
+        jacobian: of the residuals, weighted by the robust loss, shape (rows, names); 0 for a
+            parameter that was held.
+    """
+
+    theta: np.ndarray
+    cost: float
+    jacobian: np.ndarray
+
+
+def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequence[float]]) -> Problem:
+    """The first guess and the bounds, as θ.
+
+    Raises:
+        ValueError: for bounds of no free parameter, or that make no sense.
+    """
+    signed = [name for name, log in zip(forward.names, forward.logarithmic, strict=True) if not log]
+    least = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
+    for name, pair in bounds.items():
+        if name not in forward.names:
+            raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
+        above = name != FRACTION or pair[-1] <= 1
+        below = pair[0] >= least.get(name, -np.inf) if name in signed else pair[0] > 0
+        if not (len(pair) == 2 and pair[0] < pair[1] and below and above):
+            raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
+    lower, upper = forward.limits.T
+    for i, name in enumerate(forward.names):
+        if name in bounds:
+            lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
+    unbounded = Problem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
+    start = _first_guess(unbounded.thinned())
+    width = default_width(forward)
+    width[len(forward.free) :] = np.inf  # the scale has no bounds
+    lower = np.where(lower == -np.inf, start - width, lower)
+    upper = np.where(upper == np.inf, start + width, upper)
+    # A threshold of zero is at the end of its range: the fit begins inside.
+    at_least = ~forward.logarithmic & (start <= lower)
+    start[at_least] = (1 - _INSIDE) * lower[at_least] + _INSIDE * upper[at_least]
+    return dataclasses.replace(unbounded, lower=lower, upper=upper, start=start)
+
+
+def default_width(forward: Forward) -> np.ndarray:
+    """How far from a first guess each θ is looked for, shape (names,), where nothing else limits it."""
+    return np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
+
+
+def _first_guess(problem: Problem) -> np.ndarray:
+    """θ of the case, of the data's size; or with the model's stresses at σψ, where the data are nearer to that."""
+    of_case, stresses = _of_data_size(problem, problem.start[None])[0], problem.forward.own_stresses
+    if not stresses.any():
+        return of_case
+    similar = problem.start.copy()
+    similar[stresses] = np.log(problem.forward.contact_stress)
+    similar = _of_data_size(problem, np.clip(similar, problem.lower, problem.upper)[None], together=stresses)[0]
+    similar = np.clip(similar, problem.lower, problem.upper)
+    costs = problem.costs(np.stack([of_case, similar]))
+    return similar if costs[1] < costs[0] else of_case
+
+
+def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
+    """The best minimum found; the problem returned has the robust loss and its noise.
+
+    Raises:
+        CalibrationError: if the model fails for all starts.
+    """
+    few = problem.thinned()
+    rough = _ROUGH / len(few.data)
+    begins = [*_starts(few, starts), *_at_least_values(few, rough)]
+    solutions = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
+    if not solutions:
+        raise CalibrationError("The model could not be fitted: its impacts failed for every start.")
+    # Valleys whose depths differ by rounding are the same; the first start is the first guess.
+    least = min(solution.cost for solution in solutions)
+    best = next(solution for solution in solutions if solution.cost <= least * (1 + rough) + 1e-20)
+    problem = dataclasses.replace(problem, loss=loss)
+    if loss == "linear" or problem.data.uncertainty is not None:
+        return problem, _settled(problem, best.theta)
+    # What plain least squares finds, far rows may have moved to another valley, or to where most residuals are great.
+    begins = [*begins, *(solution.theta for solution in solutions)]
+    few = dataclasses.replace(few, loss=loss, noise=float(np.nanmin([_noise(few, theta) for theta in begins])))
+    robust = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
+    best = min(robust, key=lambda solution: solution.cost)
+    problem, whole = with_noise(problem, best.theta, _noise(problem, best.theta))
+    for _ in range(_NOISES):
+        noise = _noise(problem, whole.theta)
+        if abs(noise - problem.noise) < _SAME_NOISE * problem.noise:
+            break
+        problem, whole = with_noise(problem, whole.theta, noise)
+    return problem, whole
+
+
+def with_noise(problem: Problem, theta: np.ndarray, noise: float) -> tuple[Problem, Solution]:
+    """The problem with another noise of its robust loss, and the minimum near θ."""
+    problem = dataclasses.replace(problem, noise=noise)
+    return problem, _settled(problem, theta)
+
+
+def _noise(problem: Problem, theta: np.ndarray) -> float:
+    """The standard deviation of most residuals; the least of them may be zero, as many as there are parameters."""
+    residuals = np.sort(np.abs(problem.residuals(theta)[0]))
+    free = min(len(theta), len(residuals) - 1)
+    return max(_MAD * float(np.median(residuals[free:])), 1e-12)
+
+
+def _settled(problem: Problem, theta: np.ndarray) -> Solution:
+    """The deepest of the valleys about θ, where impacts must not fail."""
+    solution = settle(problem, theta)
+    if solution is None:
+        raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
+    return solution
+
+
+def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
+    """The deepest of the valleys about θ; arguments as for `descend`.
+
+    When a parameter moves, a jump of V(α) passes rows one after the other, and the misfit steps
+    at each: valleys are as narrow as the rows are close. So points are drawn about the minimum,
+    nearer than its errors and farther. A point below the minimum lies in a deeper valley. For
+    very many rows this takes too long; there the search uses some of the rows.
+    """
+    few, rough = problem.thinned(), max(ftol, _ROUGH / len(problem.data))
+    if held is None and few is not problem:
+        of_few = settle(few, theta, ftol=rough)
+        theta = theta if of_few is None else of_few.theta
+    best = descend(problem, theta, held, rough)
+    if best is None:
+        return None
+    rng = np.random.default_rng(0)
+    drawn = min(_DRAWN if held is None else _DRAWN_HELD, _SEARCHED // len(problem.data))
+    reach = np.geomspace(*_REACH, drawn)[:, None]
+    for _ in range(_HOPS if drawn else 0):
+        modes = _modes(problem, best)
+        spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))
+        draws = best.theta + spread * reach * rng.standard_normal((drawn, modes.shape[1])) @ modes.T
+        draws = np.clip(draws, problem.lower, problem.upper)
+        costs = problem.costs(draws)
+        lowest = int(np.argmin(costs))
+        if costs[lowest] >= best.cost:
+            break
+        deeper = descend(problem, draws[lowest], held, rough)
+        best = best if deeper is None else deeper
+    return best if rough == ftol else descend(problem, best.theta, held, ftol)
+
+
+def _modes(problem: Problem, solution: Solution) -> np.ndarray:
+    """The determined directions of θ, each one standard error long, shape (names, rank)."""
+    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.deviation))
+    return identify(names, solution.jacobian, np.ones(len(names)), size).modes
+
+
+def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
+    """The minimum down from θ.
+
+    Args:
+        problem: the residuals.
+        theta: shape (names,).
+        held: index of a parameter that keeps its value.
+        ftol: relative tolerance of the cost.
+
+    Returns:
+        None where impacts fail.
+    """
+    moving = np.arange(len(theta)) != held
+    last: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
+
+    def evaluate(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # scipy asks for residuals and Jacobian of the same point in two calls.
+        nonlocal last
+        if last is None or last[0] != part.tobytes():
+            whole = theta.copy()
+            whole[moving] = part
+            last = part.tobytes(), problem.residuals(whole)
+        return last[1]
+
+    part = theta[moving]
+    residuals, jacobian = evaluate(part)
+    if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(jacobian))):
+        return None
+    if not moving.any():
+        return Solution(theta, float(problem.cost(residuals)), np.zeros_like(jacobian))
+    # At a jump of the misfit the steps shrink; they end at a length that would change the cost too little on a slope.
+    steepness = float(np.linalg.norm(jacobian[:, moving])) or np.inf
+    length = 0.1 * np.sqrt(ftol * float(problem.cost(residuals))) / steepness
+    with np.errstate(over="ignore"):
+        result = optimize.least_squares(
+            lambda part: evaluate(part)[0],
+            part,
+            jac=lambda part: evaluate(part)[1][:, moving],  # pyright: ignore[reportArgumentType]
+            bounds=(problem.lower[moving], problem.upper[moving]),
+            loss=problem.loss,
+            f_scale=problem.noise,
+            xtol=max(_EXACT, length / max(float(np.linalg.norm(part)), 1.0)),
+            ftol=ftol,
+            gtol=1e-12,
+            max_nfev=200,
+        )
+    theta, jacobian = theta.copy(), np.zeros_like(jacobian)
+    # scipy's steps never reach a bound: no threshold is 0, and not 1e-33.
+    at_least = result.x - problem.lower[moving] < _EXACT
+    theta[moving], jacobian[:, moving] = np.where(at_least, problem.lower[moving], result.x), result.jac
+    return Solution(theta, float(result.cost), jacobian)
+
+
+def _starts(problem: Problem, count: int) -> np.ndarray:
+    """The first guess, and the best of `count` points about it, shape (points, names)."""
+    forward, start = problem.forward, problem.start
+    free = len(forward.free)
+    near = np.array([_NEAR[bool(logarithmic)] for logarithmic in forward.logarithmic[:free]])
+    low, high = (
+        np.maximum(start[:free] - near, problem.lower[:free]),
+        np.minimum(start[:free] + near, problem.upper[:free]),
+    )
+    spread = low + (high - low) * qmc.LatinHypercube(free, rng=0).random(max(count - 1, 0))
+    begins = np.tile(start, (count, 1))
+    begins[1:, :free] = spread
+    begins = _of_data_size(problem, begins)
+    costs = problem.costs(begins)
+    ranked = [i for i in np.argsort(costs[1:]) + 1 if np.isfinite(costs[i])]
+    return begins[[0, *ranked[: _FOLLOWED - 1]]]
+
+
+def _at_least_values(problem: Problem, ftol: float) -> list[np.ndarray]:
+    """θ of the fits that hold one parameter at its least value: no threshold.
+
+    There the misfit often has a valley of its own, whose floor is the bound. Points inside of the range miss it.
+    """
+    thetas = []
+    for i in np.flatnonzero(np.isfinite(problem.forward.limits[:, 0])):
+        theta = problem.start.copy()
+        theta[i] = problem.lower[i]
+        held = descend(problem, _of_data_size(problem, theta[None])[0], int(i), ftol)
+        thetas += [] if held is None else [held.theta]
+    return thetas
+
+
+def _of_data_size(problem: Problem, thetas: np.ndarray, together: np.ndarray | None = None) -> np.ndarray:
+    """Several θ, shape (points, names), each with erosion of the data's size if a parameter that sets it is free.
+
+    Args:
+        problem: the residuals.
+        thetas: shape (points, names).
+        together: which stresses keep their ratio to σψ, shape (names,); none by default.
+    """
+    names = problem.forward.names
+    name = next((name for name in _SIZES if name in names), None)
+    if name is None:
+        return thetas
+    thetas, at = thetas.copy(), names.index(name)
+    for _ in range(_SIZED):
+        predicted = problem.forward.predict_many(thetas, problem.data.conditions)
+        weight = predicted / problem.deviation**2
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            step = np.log((weight @ problem.data.erosion) / np.sum(weight * predicted, axis=1)) / _SIZES[name]
+        moved = np.clip(thetas[:, at] + np.where(np.isfinite(step), step, 0.0), problem.lower[at], problem.upper[at])
+        if np.array_equal(moved, thetas[:, at]):
+            break
+        if together is not None and _SIZES[name] < 0:
+            thetas[:, together] += (moved - thetas[:, at])[:, None]
+        thetas[:, at] = moved
+    return thetas

@@ -1,0 +1,528 @@
+"""Columns of measured data: from "volume [in^3]" to a dimension and a factor to consistent units.
+
+Measured erosion over angles: tables in memory, and CSV files of a million rows.
+
+    angle [deg], volume [in^3], uncertainty [in^3]
+    20,          1.8e-4,        2e-6
+
+Cells are separated by commas, or by semicolons or tabs, and then a comma in a number is a
+decimal comma. Lines that start with # are comments. Columns of other names are not used, unless they may be one of
+those that are: such a table is refused.
+
+Groups of rows that were measured at one speed and mass: a curve each, and the speeds that exports may have.
+"""
+
+import array
+import contextlib
+import csv
+import dataclasses
+import itertools
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from erosion.arguments import check_unmasked
+from erosion.output.files import readable
+from erosion.parameters.headings import (
+    ANGLE_WORDS,
+    ANGLES,
+    MASS_WORDS,
+    MASSES,
+    NO_UNIT,
+    SIZE_WORDS,
+    SPEED_WORDS,
+    SPEEDS,
+    Head,
+    HeaderError,
+    Known,
+    factor,
+    matching,
+    read_heads,
+)
+from erosion.parameters.parameters import are_angles
+from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity
+from erosion.parameters.units import (
+    Dimension,
+    System,
+    UnitError,
+    ascii_unit,
+    check_system,
+    conversion_factor,
+    unit_name,
+)
+
+REMOVALS: Mapping[str, Sequence[Dimension]] = {
+    "volume": ("volume", "volume per mass"),
+    "mass_loss": ("mass", "mass per mass"),
+    "erosion": ("volume", "volume per mass", "mass", "mass per mass"),
+}
+"""The columns that may hold the erosion, with their dimensions; `erosion [-]` has units of its own."""
+
+_LOSS_WORDS = r"vol\w*|loss\w*|lost|wear\w*|erosion\w*|eroded|remov\w*|ratio|rate|depth|abtrag|verlust|verschlei\w*"
+_KNOWN: Mapping[str, Known] = {
+    "angle": Known(("angle",), ANGLES, ANGLE_WORDS),
+    "volume": Known(
+        REMOVALS["volume"],
+        ("volume loss", "wear volume", "eroded volume", "removed volume", "volume removed"),
+        _LOSS_WORDS,
+    ),
+    "mass_loss": Known(
+        REMOVALS["mass_loss"],
+        ("mass loss", "weight loss", "eroded mass", "removed mass", "mass removed", "mass loss of target"),
+        _LOSS_WORDS,
+    ),
+    "erosion": Known(
+        REMOVALS["erosion"],
+        ("erosion rate", "erosion ratio", "specific erosion", "erosion loss", "wear", "wear rate"),
+        _LOSS_WORDS,
+    ),
+    "uncertainty": Known(
+        REMOVALS["erosion"],
+        ("standard deviation", "standard uncertainty", "std", "stdev", "std dev", "sd"),
+        r"uncert\w*|std\w*|stdev|deviation|errors?|err|scatter|unsicherheit|streuung",
+    ),
+    "speed": Known(("speed",), (*SPEEDS, "v"), f"{SPEED_WORDS}|rpm"),
+    "mass": Known(("mass",), (*MASSES, "erodent mass", "mass of erodent", "grain mass"), f"{MASS_WORDS}|{SIZE_WORDS}"),
+}
+_ALSO: Sequence[Dimension] = ("length", "density", "angular speed", "mass flow", "rate")
+"""Conditions of a row that are the case's: sizes, densities, spins, feeds."""
+
+_EXAMPLES = {
+    "angle": "angle [deg]", "volume": "volume [mm^3]", "mass_loss": "mass_loss [mg/g]", "erosion": "erosion [-]",
+    "speed": "speed [m/s]", "mass": "mass [mg]",
+}  # fmt: skip
+_INCH_POUND = {
+    "in", "inch", "inches", "mil", "mils", "thou", "ft", "foot", "feet", "mph", "mile", "miles", "lb", "lbs", "lbm",
+    "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
+}  # fmt: skip
+
+
+class Column(NamedTuple):
+    """A column: number in the file × factor = number in the unit system."""
+
+    name: str
+    dimension: Dimension
+    factor: float
+
+
+def system_of_unit(unit: str) -> System | None:
+    """The unit system that a heading's unit belongs to, of which one word says that it is inch-pound; None for none."""
+    if unit in NO_UNIT:
+        return None
+    return "inch-pound" if _INCH_POUND & {*re.findall(r"[^\W\d_]+", unit)} else "si"
+
+
+class Header(NamedTuple):
+    """The columns of a table.
+
+    Args:
+        columns: in their order; None for one that is not used.
+        unused: the heads of those, without those that were to be ignored.
+    """
+
+    columns: Sequence[Column | None]
+    unused: tuple[str, ...]
+
+
+def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ()) -> Header:
+    """The columns of a header.
+
+    Args:
+        cells: "angle [deg]", "volume [in^3]", …
+        units: the unit system to convert to.
+        ignore: columns that are left out, by their names.
+
+    Raises:
+        HeaderError: for a repeated or missing column, one that is not understood, or a unit that does not fit.
+    """
+    heads, unused = read_heads(cells, _KNOWN, ignore=ignore, also=_ALSO)
+    names = [head.name for head in heads if head is not None]
+    removals = [name for name in names if name in REMOVALS]
+    if "angle" not in names:
+        raise HeaderError(None, "has no column `angle [deg]`")
+    if len(removals) != 1:
+        present = f"has {' and '.join(removals)}" if removals else "has none"
+        remedy = "; Argument `ignore` may name the others" if removals else ""
+        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
+    at = next(i for i, head in enumerate(heads) if head is not None and head.name == removals[0])
+    removal = _column(at, heads[at], REMOVALS[removals[0]], units)
+    columns: list[Column | None] = []
+    for i, head in enumerate(heads):
+        if head is None or i == at:
+            columns.append(None if head is None else removal)
+        else:
+            expected = (removal.dimension,) if head.name == "uncertainty" else _KNOWN[head.name].dimensions
+            columns.append(_column(i, head, expected, units))
+    return Header(columns, unused)
+
+
+def units_of_header(cells: Sequence[str], names: Sequence[str], ignore: Sequence[str] = ()) -> list[str]:
+    """The units of some columns, in the order of `names`."""
+    heads = [head for head in matching(cells, _KNOWN, ignore=ignore) if head is not None]
+    return [head.unit for name in names for head in heads if head.name == name]
+
+
+def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> Column:
+    assert head is not None
+    name, unit = head.name, head.unit
+    if name in REMOVALS and unit in ("%", "percent"):
+        raise HeaderError(index, "must not be a percentage, which may be one of the target's mass; write [mg/g]")
+    if unit in NO_UNIT:
+        if name == "erosion" and head.alias:
+            message = "must carry its unit in brackets, as [mg/g]; `erosion [-]` is known up to a factor"
+            raise HeaderError(index, message)
+        if name == "erosion" or tuple(dimensions) == ("1",):
+            return Column(name, "1", 1.0)
+        if "mass per mass" in dimensions and unit:
+            return Column(name, "mass per mass", 1.0)
+        example = _EXAMPLES.get(name, f"{name} [mm^3]")
+        raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
+    errors = []
+    for dimension in dimensions:
+        try:
+            # "volume [1e-4 in^3]" has a number of its own.
+            return Column(name, dimension, factor(unit, dimension, units))
+        except UnitError as error:
+            errors.append(str(error))
+    if len(dimensions) == 1:
+        raise HeaderError(index, f"the unit of `{name}` {errors[0].replace(repr('1 ' + unit), repr(unit))}")
+    raise HeaderError(index, f"the unit of `{name}` must be one of {_listed(dimensions)}, but is {unit!r}")
+
+
+def _listed(dimensions: Sequence[Dimension]) -> str:
+    return ", ".join(dimensions[:-1]) + f" or {dimensions[-1]}"
+
+
+_QUANTITY_OF: dict[Dimension, str] = {
+    "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
+    "mass per mass": "erosion_ratio", "1": "relative_erosion",
+}  # fmt: skip
+
+_HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
+
+_SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
+
+
+class MeasurementError(ValueError):
+    """Data that cannot be used; the message names the file, line and column."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurements:
+    """Erosion at several angles; every array has the shape (n,).
+
+    Args:
+        angle: α [rad].
+        erosion: the removal per impact or per mass of erodent, as `dimension` says.
+        dimension: "volume", "volume per mass", "mass", "mass per mass"; or "1" for units of
+            its own, known up to a factor.
+        uncertainty: one standard deviation of each `erosion`, or None where unknown.
+        speed: impact speed of each row [speed]; None for the case's.
+        mass: mass of each erodent [mass]; None for the case's.
+        units: the unit system of all of these.
+        source: the file's name, for titles.
+        unused: the headings of the columns that are not used.
+    """
+
+    angle: np.ndarray
+    erosion: np.ndarray
+    dimension: Dimension
+    uncertainty: np.ndarray | None
+    speed: np.ndarray | None
+    mass: np.ndarray | None
+    units: System
+    source: str
+    unused: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    @property
+    def quantity(self) -> Quantity:
+        """Symbol and meaning of `erosion`, for labels."""
+        return RESULTS[_QUANTITY_OF[self.dimension]]
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of `erosion`, as programs read it."""
+        return ascii_unit(unit_name(self.dimension, self.units))
+
+    @property
+    def free_scale(self) -> bool:
+        """Whether the erosion is known up to a factor only."""
+        return self.dimension == "1"
+
+    @property
+    def per_mass(self) -> bool:
+        """Whether the erosion is that of a mass of erodent, not of one impact."""
+        return self.dimension in ("volume per mass", "mass per mass")
+
+    @property
+    def needs_density(self) -> bool:
+        """Whether the target's mass was measured, not its volume."""
+        return self.dimension in ("mass", "mass per mass")
+
+    @property
+    def conditions(self) -> dict[str, np.ndarray]:
+        """The impact's parameters that vary from row to row, by name."""
+        given = {"alpha": self.angle, "v0": self.speed, "m": self.mass}
+        return {name: values for name, values in given.items() if values is not None}
+
+    def thinned(self, most: int) -> "Measurements":
+        """At most `most` rows, drawn at random but always the same."""
+        if len(self) <= most:
+            return self
+        rows = np.sort(np.random.default_rng(0).choice(len(self), most, replace=False))
+        names = ("angle", "erosion", "uncertainty", "speed", "mass")
+        arrays = {name: values for name in names if (values := getattr(self, name)) is not None}
+        return dataclasses.replace(self, **{name: values[rows] for name, values in arrays.items()})
+
+
+def read_measurements(data: Any, units: str, *, ignore: Sequence[str] = ()) -> Measurements:
+    """Measured erosion from a CSV file, or from columns in memory.
+
+    Args:
+        data: the path of a CSV file, or columns by header ({"angle [deg]": …, "volume
+            [in^3]": …}, a pandas table), or `Measurements`. The columns are `angle`; one of
+            `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
+            Each carries its unit; volume and mass loss may be per impact ([mm^3], [mg]) or
+            per mass of erodent ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
+            A column of another name that may be one of these is refused; `unused` of the result names all others.
+        units: the unit system to convert to.
+        ignore: columns that are left out, by their names: ("v_gas",).
+
+    Raises:
+        MeasurementError: one sentence with the file, the line and the column.
+    """
+    system = check_system(units)
+    if isinstance(data, Measurements):
+        if data.units != system:
+            raise MeasurementError(f"Argument `data` must be in {system} units, as the case is, but is {data.units}.")
+        return data
+    if isinstance(data, (str, Path)):
+        return _read_file(Path(data), system, ignore)
+    if hasattr(data, "keys") and hasattr(data, "__getitem__"):
+        return _read_columns({str(key): data[key] for key in data.keys()}, system, ignore)  # noqa: SIM118 (tables iterate rows)
+    raise MeasurementError(
+        f"Argument `data` must be the path of a CSV file or columns by name, but is {type(data).__name__}."
+    )
+
+
+def unit_system(path: Path, ignore: Sequence[str] = ()) -> System | None:
+    """The unit system of a CSV file: that of its erosion's unit, or, where that has none, of its speed's or mass's.
+
+    None where no heading has a unit, and for what is no file, as a pipe is, or no table: reading it says what is wrong.
+    """
+    if not path.is_file():
+        return None
+    with contextlib.suppress(MeasurementError, HeaderError), readable(path, MeasurementError):
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            cells = next(_lines(file, path)[0])[1]
+        units = units_of_header(cells, (*REMOVALS, "speed", "mass"), ignore)
+        known: list[System] = [system for unit in units if (system := system_of_unit(unit)) is not None]
+        return known[0] if known else None
+    return None
+
+
+def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) -> Measurements:
+    where = "Argument `data`"
+    for name, values in table.items():
+        check_unmasked(name, values)
+    try:
+        header = read_header(list(table), system, ignore)
+        used = [values for values, column in zip(table.values(), header.columns, strict=True) if column is not None]
+        columns = [np.atleast_1d(np.asarray(values, float)) for values in used]
+    except HeaderError as error:
+        at = "" if error.index is None else f": column {list(table)[error.index]!r}"
+        raise MeasurementError(f"{where}{at} {error}.") from error
+    except (TypeError, ValueError) as error:
+        raise MeasurementError(f"{where} must hold columns of numbers, but one cannot be read ({error}).") from error
+    shapes = {column.shape for column in columns}
+    if len(shapes) != 1 or columns[0].ndim != 1:
+        raise MeasurementError(f"{where} must hold columns of one length, but has shapes {sorted(shapes)}.")
+
+    def place(row: int, column: int) -> str:
+        return f"{where}: row {row}, column {list(table)[column]!r}"
+
+    if not columns[0].size:
+        raise MeasurementError(f"{where} has no rows.")
+    return _checked(header, columns, place, system, "data")
+
+
+def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurements:
+    with readable(path, MeasurementError), path.open(encoding="utf-8-sig", newline="") as file:
+        return _read_text(file, path, system, ignore)
+
+
+def _read_text(file: Iterable[str], path: Path, system: System, ignore: Sequence[str]) -> Measurements:
+    rows, delimiter = _lines(file, path)
+    line, cells = next(rows)
+    try:
+        header = read_header(cells, system, ignore)
+    except HeaderError as error:
+        at = "the header" if error.index is None else f"column {error.index + 1} ({cells[error.index].strip()}):"
+        raise MeasurementError(f"{path}, line {line}, {at} {error}.") from error
+    used = [i for i, column in enumerate(header.columns) if column is not None]
+    numbers, lines = _numbers(rows, cells, used, delimiter, path)
+    if not lines:
+        raise MeasurementError(f"{path}: has a header, but no rows of data.")
+
+    def place(row: int, column: int) -> str:
+        return _place(path, lines[row], column, cells)
+
+    return _checked(header, [np.frombuffer(column) for column in numbers], place, system, path.name)
+
+
+def _lines(file: Iterable[str], path: Path) -> tuple[Iterator[tuple[int, list[str]]], str]:
+    """The cells of each line with the line's number, the header first, and what separates them."""
+    numbered = ((i, text) for i, text in enumerate(file, start=1) if not _SKIPPED.match(text))
+    first = next(numbered, None)
+    if first is None:
+        raise MeasurementError(f"{path}: is empty.")
+    delimiter = next((mark for mark in (";", "\t") if mark in first[1]), ",")
+    return _rows(itertools.chain([first], numbered), delimiter, path), delimiter
+
+
+def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The cells of each line that is neither empty nor a comment, with the line's number."""
+    line = 0
+
+    def texts() -> Iterator[str]:
+        nonlocal line
+        for number, text in numbered:
+            line = number
+            yield text
+
+    try:
+        for cells in csv.reader(texts(), delimiter=delimiter, skipinitialspace=True, strict=True):
+            if any(cells):
+                yield line, cells
+    except csv.Error as error:
+        raise MeasurementError(f"{path}, line {line}: cannot be read ({error}).") from error
+
+
+def _numbers(
+    rows: Iterable[tuple[int, list[str]]], header: Sequence[str], used: Sequence[int], delimiter: str, path: Path
+) -> tuple[list[array.array], array.array]:
+    """The columns of numbers that are used, and the line of each row."""
+    columns, lines, width = [array.array("d") for _ in used], array.array("q"), len(header)
+    decimal_comma = delimiter != ","
+    for line, cells in rows:
+        if len(cells) != width:
+            place = f"{path}, line {line}, column {min(len(cells), width) + (len(cells) > width)}"
+            hint = "; columns of numbers with decimal commas are separated by semicolons" if len(cells) > width else ""
+            raise MeasurementError(f"{place}: there are {len(cells)} cells for {width} columns{hint}.")
+        for column, index in zip(columns, used, strict=True):
+            cell = cells[index]
+            text = cell.replace(",", ".") if decimal_comma and "." not in cell else cell
+            try:
+                if "_" in text:  # Python would read 1_000
+                    raise ValueError
+                column.append(float(text))
+            except ValueError:
+                hint = "" if decimal_comma or "," not in cell else " (with decimal commas, separate columns by ;)"
+                raise MeasurementError(
+                    f"{_place(path, line, index, header)} must be a number, but is {cell.strip()!r}{hint}."
+                ) from None
+        lines.append(line)
+    return columns, lines
+
+
+def _place(path: Path, line: int, column: int, header: Sequence[str]) -> str:
+    return f"{path}, line {line}, column {column + 1} ({header[column].strip()})"
+
+
+def _checked(
+    header: Header,
+    numbers_of: Sequence[np.ndarray],
+    place: Callable[[int, int], str],
+    system: System,
+    source: str,
+) -> Measurements:
+    """The used columns in consistent units, every number in its range."""
+    arrays: dict[str, np.ndarray] = {}
+    used = [(index, column) for index, column in enumerate(header.columns) if column is not None]
+    removal = next(column for _, column in used if column.name in REMOVALS)
+    for (index, column), numbers in zip(used, numbers_of, strict=True):
+        values = numbers * column.factor
+        good = np.isfinite(values)
+        must = "must be a finite number"
+        if column.name == "angle":
+            good, must = are_angles(values), "must be above 0° and at most 90°"
+        elif column.name == "mass":
+            greatest = _HEAVIEST * conversion_factor("mass", "si", system)
+            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one erodent, at most 20 g"
+        elif column is not removal:
+            good, must = good & (values > 0), "must be positive and finite"
+        if not np.all(good):
+            row = int(np.argmin(good))
+            raise MeasurementError(f"{place(row, index)} {must}, but is {numbers[row]:g}.")
+        arrays["erosion" if column is removal else column.name] = values
+    return Measurements(
+        angle=arrays["angle"],
+        erosion=arrays["erosion"],
+        dimension=removal.dimension,
+        uncertainty=arrays.get("uncertainty"),
+        speed=arrays.get("speed"),
+        mass=arrays.get("mass"),
+        units=system,
+        source=source,
+        unused=header.unused,
+    )
+
+
+MOST = 12  # groups that a figure can tell apart
+_DIGITS = 3  # speeds and masses that agree to so many are the same
+
+
+class Condition(NamedTuple):
+    """Rows of one speed and mass.
+
+    Args:
+        rows: their indexes, shape (n,).
+        values: "v0" and "m", where the data has them.
+        label: "v₀ = 30 m/s"; empty where the data has neither.
+    """
+
+    rows: np.ndarray
+    values: Mapping[str, float]
+    label: str
+
+
+def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
+    """The groups, by ascending speed and mass.
+
+    Args:
+        data: the measurements.
+        most: where there are more groups, rows of similar energy m v₀² are put together.
+    """
+    given = {name: values for name, values in data.conditions.items() if name != "alpha"}
+    if not given:
+        return [Condition(np.arange(len(data)), {}, "")]
+    columns = np.stack(list(given.values()), axis=1)
+    size = 10.0 ** (np.floor(np.log10(columns)) + 1 - _DIGITS)
+    levels, group = np.unique(np.round(columns / size) * size, axis=0, return_inverse=True)
+    count = len(levels)
+    if most is None or count <= most:
+        together, sign = [[i] for i in range(count)], "="
+    else:
+        powers = [2 if name == "v0" else 1 for name in given]
+        together, sign = np.array_split(np.argsort(np.prod(levels**powers, axis=1), kind="stable"), most), "≈"
+    parts = [np.flatnonzero(np.isin(group.ravel(), [*part])) for part in together]
+    # The value itself where all rows have it: a mean would round.
+    middles = [{name: float(np.sort(values[rows])[len(rows) // 2]) for name, values in given.items()} for rows in parts]
+    varying = [name for name in given if len({middle[name] for middle in middles}) > 1] or list(given)
+    return [
+        Condition(rows, middle, describe({name: middle[name] for name in varying}, data.units, sign))
+        for rows, middle in zip(parts, middles, strict=True)
+    ]
+
+
+def describe(values: Mapping[str, float], units: System, sign: str = "=") -> str:
+    """Parameters in words: "v₀ = 30 m/s, m = 37 µg"."""
+    return ", ".join(
+        f"{QUANTITIES[name].symbol} {sign} {QUANTITIES[name].in_words(value, units)}" for name, value in values.items()
+    )

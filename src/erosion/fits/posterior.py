@@ -1,0 +1,536 @@
+"""Whether draws are good: R̂ of ranks and effective numbers, by ArviZ.
+
+Words on what is doubtful in a posterior: draws that do not agree, ridges, priors that decide, a poor model.
+
+The posterior of the angle of greatest removal, which may be at a jump of V(α).
+
+The result of a sampling: draws, intervals, evidence, and sentences on what is doubtful.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+from erosion.arguments import check_level, check_path, check_whole
+from erosion.extras import library
+from erosion.fits.doubts import LEVEL, POOR, rounded
+from erosion.fits.forward import FRACTION, SCALE
+from erosion.fits.least_squares import identify
+from erosion.fits.measurements import Measurements
+from erosion.fits.posterior_files import SOURCE, own_in_si
+from erosion.fits.tempering import NOISE, Likelihood, Priors, Run, at_ends, sampled_quantities
+from erosion.impacts.alpha_max import Optimum, alpha_max
+from erosion.impacts.impact import impact
+from erosion.joint_laws import Rows
+from erosion.models import model_name, model_source
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import with_values
+from erosion.models.registry import impact_to_dict
+from erosion.output.files import require_writable, seen_from, write_whole
+from erosion.output.tables import Result, Row, format_number, to_plain
+from erosion.parameters.case_files import dump_case, with_paths
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import RESULTS, Quantity
+from erosion.parameters.scales import Scale, table_scale
+from erosion.version import __version__
+
+RHAT = 1.01
+"""The greatest R̂ of draws that agree (Vehtari et al. 2021)."""
+
+EFFECTIVE = 100
+"""The fewest effective draws of a chain, by which R̂ can be trusted (Vehtari et al. 2021)."""
+
+
+def rhats(draws: np.ndarray) -> np.ndarray:
+    """R̂ of ranks, shape (chains, draws, names) -> (names,): the spread of all chains over that of one.
+
+    References:
+        A. Vehtari, A. Gelman, D. Simpson, B. Carpenter, P.-C. Bürkner, Rank-normalization, folding, and localization:
+        an improved R̂ for assessing convergence of MCMC, Bayesian Analysis 16 (2021) 667-718.
+    """
+    return _of_each(draws, "rhat")
+
+
+def effective(draws: np.ndarray) -> np.ndarray:
+    """The number of independent draws that say as much of the middle, shape (chains, draws, names) -> (names,)."""
+    return _of_each(draws, "ess")
+
+
+def _of_each(draws: np.ndarray, name: str) -> np.ndarray:
+    function = getattr(library("arviz_stats.base.array", "posterior").array_stats, name)
+    # Draws that are all the same have no R̂: of a law of one value.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.array([float(function(part, chain_axis=0, draw_axis=1)) for part in np.moveaxis(draws, -1, 0)])
+
+
+_EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
+_END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
+
+
+def doubts_of(posterior: "Posterior") -> tuple[str, ...]:
+    """All of them; none for a good result."""
+    return (*not_converged(posterior), *_ridges(posterior), *_at_ends(posterior), *_poor(posterior))
+
+
+def not_converged(posterior: "Posterior") -> tuple[str, ...]:
+    """What is wrong with the draws, with advice."""
+    said = []
+    bad = {name: rhat for name, rhat in posterior.rhat.items() if not rhat <= RHAT}
+    if bad:
+        greatest = max(bad, key=lambda name: bad[name])
+        said.append(
+            f"Not converged: the populations of draws disagree about {', '.join(bad)} (R̂ of {greatest} is "
+            f"{bad[greatest]:.3f}, good to {RHAT}). Ask for more draws."
+        )
+    least = EFFECTIVE * len(posterior.run.log_evidence)
+    few = {name: count for name, count in posterior.effective.items() if not count >= least}
+    if few:
+        fewest = min(few, key=lambda name: few[name])
+        said.append(
+            f"Not converged: there are too few effective draws of {', '.join(few)} ({few[fewest]:.0f} of {fewest}, "
+            f"good from {least}). Ask for more draws."
+        )
+    if not posterior.log_evidence_error <= _EVIDENCE:
+        said.append(
+            f"Not converged: the populations disagree about the evidence (ln Z to {posterior.log_evidence_error:.2g}). "
+            "Ask for more draws."
+        )
+    return tuple(said)
+
+
+def _ridges(posterior: "Posterior") -> list[str]:
+    """Parameters that the data cannot tell apart, in the words of a fit."""
+    forward, data = posterior.likelihood.forward, posterior.data
+    deviation = data.uncertainty if data.uncertainty is not None else np.full(len(data), np.std(data.erosion))
+    theta = posterior.best
+    predicted, rates = forward.predict(theta, data.conditions)
+    jacobian = rates / deviation[:, None]
+    if len(data) < len(forward.names) or not np.isfinite(jacobian).all():
+        return []
+    exponent = np.where(forward.logarithmic | (theta == 0), 1.0, theta)
+    groups = identify(forward.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
+    return [
+        f"{group.statement} "
+        + ("Its draws are those of the prior." if len(group.names) == 1 else "How far the ridge goes, the priors say.")
+        for group in groups
+    ]
+
+
+def _at_ends(posterior: "Posterior") -> list[str]:
+    """Draws that crowd at an end of their prior."""
+    said = []
+    shares = at_ends(_END, posterior.names, posterior.run.points)
+    for name, (low, high) in shares.items():
+        share, end = max((low, "lowest"), (high, "highest"))
+        if share > _PILED:
+            said.append(
+                f"{share:.0%} of the draws of {name} lie in the {end} hundredth of its prior, "
+                f"{posterior.priors.in_words(name, posterior.quantities[name], posterior.p.units)}: prior and data "
+                "disagree, or the prior is too narrow."
+            )
+    return said
+
+
+def _poor(posterior: "Posterior") -> list[str]:
+    """A sentence where no parameters explain the data."""
+    if posterior.data.uncertainty is None:
+        return []
+    chi2, rows = -2 * posterior.run.log_likelihood, len(posterior.data)
+    if float(stats.chi2.sf(chi2, rows).mean()) >= POOR:
+        return []
+    return [
+        f"The uncertainties do not explain the misfit: χ² is {np.median(chi2):.4g} for {rows:,} rows. The intervals "
+        "hold only if the model were right."
+    ]
+
+
+@dataclasses.dataclass(frozen=True)
+class BestAngles(Result):
+    """The angle of greatest removal at each draw of a posterior.
+
+    Args:
+        optimum: the certified answers, whose fields have the shape (draws,).
+    """
+
+    optimum: Optimum
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """The angles [rad], shape (draws,); NaN where nothing is removed."""
+        return np.atleast_1d(np.asarray(self.optimum.alpha))
+
+    @property
+    def kinds(self) -> dict[str, float]:
+        """What the greatest removal is, as `Optimum.kind` has it: the share of the draws."""
+        kinds, counts = np.unique(np.atleast_1d(self.optimum.kind), return_counts=True)
+        return {str(kind): float(count / counts.sum()) for kind, count in zip(kinds, counts, strict=True)}
+
+    @property
+    def title(self) -> str:
+        """How many draws."""
+        return f"the angle of greatest removal, {len(self.alpha):,} draws"
+
+    def rows(self) -> list[Row]:
+        """Median and interval of angle and volume, and the shares of the kinds."""
+        rows = []
+        for name, values in (("alpha_max", self.alpha), ("volume_max", np.atleast_1d(self.optimum.volume))):
+            quantity = RESULTS[name]
+            low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
+            scale = table_scale(quantity.dimension, self.optimum.p.units, float(middle))
+            ends = f"{LEVEL:.0%} of the draws: {low / scale.size:.4g} … {high / scale.size:.4g}"
+            rows.append(Row(name, quantity.symbol, f"{middle / scale.size:.4g}", scale.unit, f"the median; {ends}"))
+        rows += [Row(kind, "", f"{share:.1%}", "", "of the draws") for kind, share in self.kinds.items()]
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """The angles [rad], the volumes and their kinds, draw by draw."""
+        return to_plain({
+            "alpha": self.alpha,
+            "volume": np.atleast_1d(self.optimum.volume),
+            "kind": np.atleast_1d(self.optimum.kind),
+            "kinds": self.kinds,
+        })  # fmt: skip
+
+
+_FACTOR = 1.5  # by which a deviation and an interval may differ to be shown together
+_SOME = 400  # draws that show a curve's quantiles, and take a second for the best angles
+
+
+class ConvergenceWarning(UserWarning):
+    """The draws of a posterior are not good enough."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Posterior(Result):
+    """The parameters of a model after the data: draws of them, and the evidence.
+
+    Args:
+        likelihood: the model, the data and the priors.
+        run: the draws, as the sampler left them.
+        seed: of the draws.
+    """
+
+    likelihood: Likelihood
+    run: Run
+    seed: int
+
+    @property
+    def model(self) -> CuttingModel:
+        """The model, its own parameters as they were given."""
+        return self.likelihood.forward.model
+
+    @property
+    def p(self) -> Parameters:
+        """The case, its parameters as they were given."""
+        return self.likelihood.forward.p
+
+    @property
+    def data(self) -> Measurements:
+        """The measurements."""
+        return self.likelihood.forward.data
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of the data's erosion, as programs read it."""
+        return self.data.erosion_unit
+
+    @property
+    def priors(self) -> Priors:
+        """The laws before the data."""
+        return self.likelihood.priors
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sampled parameters; "scale" and "noise" come last."""
+        return self.priors.names
+
+    @functools.cached_property
+    def samples(self) -> xr.Dataset:
+        """The draws of each parameter, over the dimensions (chain, draw), in the case's units.
+
+        Chains are populations that know nothing of each other. Within one, copies of a draw stand side by side.
+        """
+        known = self.quantities
+        return xr.Dataset({
+            name: (("chain", "draw"), values, known[name].attributes(self.p.units))
+            for name, values in self.priors.values(self.run.points).items()
+        }, {"chain": range(self.run.points.shape[0]), "draw": range(self.run.points.shape[1])})  # fmt: skip
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Symbol, meaning and dimension of each parameter."""
+        known = sampled_quantities(self.likelihood.forward)
+        return {name: known[name] for name in self.names}
+
+    @property
+    def means(self) -> dict[str, float]:
+        """The mean of each parameter."""
+        return {name: float(self.samples[name].mean()) for name in self.names}
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """The standard deviation of each parameter."""
+        return {name: float(self.samples[name].std(ddof=1)) for name in self.names}
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """The correlation of the parameters, shape (names, names)."""
+        return np.atleast_2d(np.corrcoef([self.samples[name].values.ravel() for name in self.names]))
+
+    def intervals(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
+        """The values between which each parameter is with this probability, as likely below as above."""
+        check_level(level)
+        ends = [(1 - level) / 2, (1 + level) / 2]
+        quantiles = {name: np.quantile(self.samples[name].values, ends) for name in self.names}
+        return {name: (float(low), float(high)) for name, (low, high) in quantiles.items()}
+
+    @property
+    def log_evidence(self) -> float:
+        """The logarithm of the probability density of the data [per unit of erosion, by row] under model and priors.
+
+        Only its difference from that of another model on the same data means something.
+        """
+        logs = self.run.log_evidence
+        return self.likelihood.constant + float(logs.max() + np.log(np.mean(np.exp(logs - logs.max()))))
+
+    @property
+    def log_evidence_error(self) -> float:
+        """Standard error of `log_evidence`, from the spread of the populations."""
+        logs = self.run.log_evidence
+        return float(np.std(logs, ddof=1) / np.sqrt(len(logs)))
+
+    @functools.cached_property
+    def rhat(self) -> dict[str, float]:
+        """R̂ of each parameter; near 1 where the populations agree."""
+        return dict(zip(self.names, rhats(self.run.points).tolist(), strict=True))
+
+    @functools.cached_property
+    def effective(self) -> dict[str, float]:
+        """The number of independent draws that say as much about the middle of each parameter."""
+        return dict(zip(self.names, effective(self.run.points).tolist(), strict=True))
+
+    @property
+    def converged(self) -> bool:
+        """Whether the draws are good, by R̂ ≤ 1.01, 100 effective draws of each population, and one evidence."""
+        return not self.not_converged
+
+    @property
+    def not_converged(self) -> tuple[str, ...]:
+        """Sentences on draws that are not good; none for good ones."""
+        return not_converged(self)
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """Sentences on what is doubtful; empty for a good result."""
+        return doubts_of(self)
+
+    def some(self, count: int) -> dict[str, np.ndarray]:
+        """Draws of all parameters, from all populations alike, each of shape (count,) or, of fewer draws, of all."""
+        total = self.run.log_likelihood.size
+        chosen = np.linspace(0, total, min(check_whole("count", count, 1), total), endpoint=False).astype(int)
+        return {name: self.samples[name].values.reshape(-1)[chosen] for name in self.names}
+
+    def cases(self, count: int = _SOME) -> tuple[CuttingModel, Parameters]:
+        """Model and case at draws, as arrays of shape (count,), for `erosion.impact` and all that takes arrays."""
+        of_impact = self.likelihood.forward.of_impact
+        return with_values(self.model, self.p, {name: self.some(count)[name] for name in of_impact})
+
+    def rows_of_draws(self) -> Rows:
+        """All draws as a joint law, for `uncertain` of `erosion.stream` and `erosion.erosion_map`.
+
+        It has the parameters of an impact, and "cutting_fraction" if that was sampled: a map takes it, a stream does
+        not. "scale" and "noise" belong to the measurements and are left out. Values are in the units of the posterior's
+        case, which the case that takes them must have, too.
+        """
+        names = [name for name in self.names if name not in (SCALE, NOISE)]
+        columns = {name: self.samples[name].values for name in names}
+        return Rows(columns, f"the posterior of {self.data.source}", self.p.units)
+
+    def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
+        """A function of model and case at draws; it gets arrays of shape (count,): see `cases`."""
+        return function(*self.cases(count))
+
+    def alpha_max(self, count: int = _SOME) -> BestAngles:
+        """The angle of greatest removal at draws of the parameters, at jumps of V(α) too."""
+        return BestAngles(alpha_max(*self.cases(count)))
+
+    def predict(
+        self, alpha: Any, at: Mapping[str, float] | None = None, count: int = _SOME, *, noise: bool = False
+    ) -> np.ndarray:
+        """The erosion at angles, for draws of the parameters.
+
+        Args:
+            alpha: α [rad], of any shape.
+            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}.
+            count: number of draws.
+            noise: also draw the error of a measurement: of the typical uncertainty, or of the sampled noise.
+
+        Returns:
+            In the data's dimension, draws first and then the shape of `alpha`.
+        """
+        angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
+        others = {name: np.full(angles.shape, value) for name, value in (at or {}).items()}
+        draws = self.some(count)
+        erosion = self.likelihood.predict(draws, {"alpha": angles, **others})
+        if noise:
+            erosion = erosion + self.noise(draws)[:, None] * np.random.default_rng(self.seed).standard_normal(
+                erosion.shape
+            )
+        return erosion.reshape((-1, *np.shape(alpha)))
+
+    def ends(self, alpha: Any, at: Mapping[str, float] | None = None, count: int = _SOME) -> np.ndarray:
+        """How the cuts end at angles, for draws of the parameters; arguments and shape as of `predict`."""
+        angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
+        draws, of_impact = self.some(count), self.likelihood.forward.of_impact
+        model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
+        ends = impact(model, dataclasses.replace(p, alpha=angles, **(at or {}))).ended_by
+        drawn = len(next(iter(draws.values())))
+        return np.broadcast_to(ends, (drawn, angles.size)).reshape((drawn, *np.shape(alpha)))
+
+    def noise(self, draws: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The standard deviation of a measurement at draws: sampled, or the median of the data's uncertainties."""
+        if self.data.uncertainty is None:
+            return draws[NOISE]
+        return np.full(len(next(iter(draws.values()))), float(np.median(self.data.uncertainty)))
+
+    def rows(self, level: float = LEVEL) -> list[Row]:
+        """Means with deviations, or medians, intervals of `level` and priors; the evidence; the draws' quality."""
+        evidence = f"{self.log_evidence:.2f} ± {self.log_evidence_error:.2f}"
+        chains, count = self.run.points.shape[:2]
+        fewest = f"of {chains * count:,} draws, the fewest; good from {EFFECTIVE * chains}"
+        return [
+            *(self._row(name, level) for name in self.names),
+            Row("log_evidence", "ln Z", evidence, "", "of the data, under this model and these priors"),
+            Row("rhat", "R̂", format_number(max(self.rhat.values()), 5), "", f"the greatest; good to {RHAT}"),
+            Row("effective", "", f"{min(self.effective.values()):,.0f}", "", fewest),
+            Row("acceptance", "", f"{self.run.acceptance:.2f}", "", "share of the last moves"),
+        ]
+
+    def _row(self, name: str, level: float) -> Row:
+        """A parameter in the unit in which it reads well."""
+        quantity = self.quantities[name]
+        scale = table_scale(quantity.dimension, self.p.units, abs(self.means[name]))
+        mean, deviation = self.means[name] / scale.size, self.deviations[name] / scale.size
+        low, high = (end / scale.size for end in self.intervals(level)[name])
+        prior = f"prior: {self.prior_in_words(name)}"
+        width = float(stats.norm.ppf((1 + level) / 2)) * deviation
+        if all(width < _FACTOR * distance < _FACTOR**2 * width for distance in (mean - low, high - mean)):
+            ends = f"{rounded(low, high - low, 2)} … {rounded(high, high - low, 2)}"
+            value = f"{rounded(mean, deviation)} ± {rounded(deviation, deviation)}"
+            return Row(name, quantity.symbol, value, scale.unit, f"{level:.0%}: {ends}; {prior}")
+        # A mean and a deviation would say that other values are likely than the interval does.
+        middle = float(self.samples[name].median()) / scale.size
+        ends = f"{rounded(low, middle - low, 2)} … {rounded(high, high - middle, 2)}"
+        value = rounded(middle, min(middle - low, high - middle))
+        return Row(name, quantity.symbol, value, scale.unit, f"the median; {level:.0%}: {ends}; {prior}")
+
+    def mean_in_words(self, name: str) -> str:
+        """A parameter's mean and deviation, or its median: "threshold = 7.3 ± 1.0 m/s"."""
+        row = self._row(name, LEVEL)
+        return f"{name} = {Scale(1.0, row.unit).beside(row.value)}"
+
+    def prior_in_words(self, name: str) -> str:
+        """The law of a parameter before the data, and whether it is the default."""
+        words = self.priors.in_words(name, self.quantities[name], self.p.units)
+        return words if name in self.priors.chosen else f"{words}, the default"
+
+    @property
+    def title(self) -> str:
+        """The model and the data."""
+        return f"{model_name(self.model)}: the posterior from {len(self.data):,} rows of {self.data.source}"
+
+    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
+        """Model and case; means, deviations, intervals of `level`; the evidence, and the quality of the draws."""
+        numbers = {
+            "rows": len(self.data),
+            "means": self.means,
+            "deviations": self.deviations,
+            "intervals": self.intervals(level),
+            "level": level,
+            "correlation": self.correlation,
+            "priors": [{"parameter": name, "law": self.prior_in_words(name)} for name in self.names],
+            "log_evidence": self.log_evidence,
+            "log_evidence_error": self.log_evidence_error,
+            "converged": self.converged,
+            "quality": [
+                {"parameter": name, "rhat": self.rhat[name], "effective": self.effective[name]} for name in self.names
+            ],
+            "acceptance": self.run.acceptance,
+            "draws": self.run.log_likelihood.size,
+            "chains": len(self.run.log_evidence),
+            "seed": self.seed,
+            "erosion_unit": self.data.erosion_unit,
+            "warnings": self.statements,
+        }
+        return impact_to_dict(self.model, self.p) | to_plain(numbers)
+
+    def to_datatree(self) -> xr.DataTree:
+        """Everything in ArviZ's layout: the groups posterior, sample_stats, observed_data and constant_data."""
+        chains = self.samples.coords
+        stats = xr.Dataset(
+            {"log_likelihood": (("chain", "draw"), self.run.log_likelihood + self.likelihood.constant)}, chains
+        )
+        known, units = sampled_quantities(self.likelihood.forward), self.p.units
+        observed = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
+        if self.data.uncertainty is not None:
+            observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
+        constant = {name: ("row", values, known[name].attributes(units))
+                    for name, values in self.data.conditions.items()}  # fmt: skip
+        described = {
+            "inference_library": "erosion",
+            "inference_library_version": __version__,
+            "model": model_name(self.model),
+            SOURCE: model_source(self.model) or "",
+            "case": dump_case(self.p),
+            "unit_system": self.p.units,
+            "own_parameters": own_in_si(self.model, self.p, self.names),
+            **({} if FRACTION in self.names else {FRACTION: self.likelihood.forward.cutting_fraction}),
+            "data": self.data.source,
+            "seed": self.seed,
+            "log_evidence": self.log_evidence,
+            "log_evidence_error": self.log_evidence_error,
+            "converged": int(self.converged),
+            **{f"prior_{name}": self.prior_in_words(name) for name in self.names},
+        }
+        return xr.DataTree.from_dict({
+            "posterior": self.samples.assign_attrs(described),
+            "sample_stats": stats,
+            "observed_data": xr.Dataset(observed),
+            "constant_data": xr.Dataset(constant),
+        })  # fmt: skip
+
+    def save(self, path: str | Path) -> Path:
+        """Write `to_datatree` to a netCDF file, whole or not at all.
+
+        Raises:
+            ValueError: for a suffix other than .nc.
+            OSError: where the file cannot be written.
+        """
+        path = check_path("path", path)
+        if path.suffix != ".nc":
+            raise ValueError(f"Argument `path` must end in .nc, but is {path}.")
+        require_writable(path)
+        tree = self.to_datatree()
+        draws = tree["posterior"].attrs
+        draws[SOURCE] = with_paths(draws[SOURCE], functools.partial(seen_from, path))
+        # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
+        checked = {
+            group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}
+            for group in tree.subtree
+        }
+        with memoryview(tree.to_netcdf(None, engine="h5netcdf", encoding=checked)) as content:
+            write_whole(path, content)
+        return path
+
+    @property
+    def best(self) -> np.ndarray:
+        """θ of the likeliest draw, shape (names of a fit,); for advice that a fit gives, too."""
+        at = np.unravel_index(int(np.argmax(self.run.log_likelihood)), self.run.log_likelihood.shape)
+        forward = self.likelihood.forward
+        return forward.theta({name: float(self.samples[name].values[at]) for name in forward.names})

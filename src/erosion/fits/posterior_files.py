@@ -1,0 +1,151 @@
+"""Files of draws: what `Posterior.save` writes, read as a joint law for streams and maps of the same model."""
+
+import dataclasses
+import functools
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from erosion.arguments import check_path
+from erosion.fits.forward import FRACTION, SCALE
+from erosion.fits.tempering import FACTORS, NOISE
+from erosion.joint_laws import Rows
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import converted, own_in_words
+from erosion.output.files import beside
+from erosion.parameters.case_files import parse_case, with_paths
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import QUANTITIES, Quantity
+from erosion.parameters.units import System, check_system, conversion_factor
+
+SOURCE = "model_source"
+"""The attribute with what loads the model again: its name, or its file, whose path begins at the draws."""
+_OF_METAL = ("k", "psi", "sigma")  # those that a case must share with the data
+
+
+@dataclasses.dataclass(frozen=True)
+class Draws:
+    """The draws of a posterior, and what they were drawn with.
+
+    Args:
+        rows: the parameters of an impact that were sampled, and the share of the particles that cut if it was.
+        path: of the file.
+        model: its name.
+        own: its own parameters that were not sampled, in words.
+        p: the case of the fit.
+        cutting_fraction: the share of the particles that cut that the fit assumed, or None where it was sampled.
+        has_scale: whether the measurements were in units of their own.
+        converged: whether the draws are good.
+    """
+
+    rows: Rows
+    path: Path
+    model: str
+    own: str
+    p: Parameters
+    cutting_fraction: float | None
+    has_scale: bool
+    converged: bool
+
+    def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[str]:
+        """Sentences on what an impact has otherwise than the fit, where it matters, and on bad draws."""
+        said = [] if self.converged else [f"{self.path}: the draws did not converge."]
+        there = self.p.to(p.units)
+        for name in _OF_METAL:
+            before, now = float(getattr(there, name)), float(getattr(p, name))
+            if name not in self.rows and not np.isclose(before, now, rtol=1e-6):
+                symbol, unit = QUANTITIES[name].symbol, QUANTITIES[name].unit(p.units)
+                unit = "" if unit == "1" else f" {unit}"
+                said.append(
+                    f"{self.path}: the draws hold for {symbol} = {before:.6g}{unit}, but the case has {now:.6g}{unit}."
+                )
+        if self.own != (here := own_in_si(model, p, self.rows)):
+            said.append(f"{self.path}: the draws hold for {self.own}, but the model has {here}.")
+        if self.has_scale:
+            said.append(f"{self.path}: the tests had units of their own, so the size of the wear is that of the case.")
+        if self.cutting_fraction is not None and not np.isclose(self.cutting_fraction, cutting_fraction):
+            said.append(
+                f"{self.path}: the draws hold if {self.cutting_fraction:g} of the particles cut, but here "
+                f"{cutting_fraction:g} of them do."
+            )
+        return said
+
+
+def own_in_si(model: CuttingModel, p: Parameters, sampled: Collection[str]) -> str:
+    """The own parameters that were not sampled, in words that do not depend on the case's units."""
+    return own_in_words(converted(model, p, "si")[0], but=sampled, units="si")
+
+
+def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: System) -> Draws:
+    """Read what `Posterior.save` or `erosion calibrate --posterior -o` has written.
+
+    Args:
+        path: of the file (.nc).
+        quantities: the parameters of the model that is to take them, see `erosion.models.own_parameters.quantities`.
+        units: of the result.
+
+    Raises:
+        ValueError: for a file that is something else, or has parameters that the model has not.
+    """
+    path = check_path("path", path)
+    dataset = _opened(path)
+    attrs = dataset.attrs
+    before = check_system(attrs["unit_system"])
+    known = {**quantities, FRACTION: FACTORS[FRACTION]}
+    columns = {}
+    for name in map(str, dataset.data_vars):
+        values = dataset[name]
+        if name in (NOISE, SCALE):  # of the measurements, not of an impact
+            continue
+        if name not in known or values.attrs.get("units") != known[name].unit(before):
+            raise ValueError(
+                f"{path}: has draws of {name} [{values.attrs.get('units', '?')}] for {attrs['model']}, which is not a "
+                f"parameter here; they are {', '.join(quantities)}."
+            )
+        columns[name] = values.values * conversion_factor(known[name].dimension, before, units)
+        if not columns[name].size or not np.isfinite(columns[name]).all():
+            raise ValueError(f"{path}: must have finite draws of {name}, one or more, but has not.")
+    if not columns:
+        raise ValueError(f"{path}: must have draws of parameters of an impact, but has none.")
+    fraction = None if FRACTION in columns else float(attrs.get(FRACTION, 1.0))
+    try:
+        case = parse_case(attrs["case"])
+    except ValueError as error:
+        raise ValueError(f"{path}: must hold the draws of a posterior, but its case cannot be read.") from error
+    rows = Rows(columns, str(path))
+    return Draws(
+        rows,
+        path,
+        model=attrs["model"],
+        own=attrs.get("own_parameters", ""),
+        p=case,
+        cutting_fraction=fraction,
+        has_scale=SCALE in dataset,
+        converged=bool(attrs.get("converged", 1)),
+    )
+
+
+def model_of_draws(path: str | Path) -> str:
+    """The name of the model whose draws a file has, or the path of its file; errors as of `read_draws`."""
+    path = check_path("path", path)
+    attrs = _opened(path).attrs
+    return with_paths(str(attrs.get(SOURCE) or attrs["model"]), functools.partial(beside, path))
+
+
+def _opened(path: Path) -> xr.Dataset:
+    """The draws with the attributes that `Posterior.save` gives them."""
+    if path.exists() and not path.is_file():  # a pipe waits for its writer
+        raise ValueError(f"{path}: is no file.")
+    try:
+        with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
+            dataset = stored.load()
+    except FileNotFoundError:
+        raise ValueError(f"{path}: is not there.") from None
+    # Damaged bytes may be anything to the libraries.
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError, IndexError) as error:
+        raise ValueError(f"{path}: must hold the draws of a posterior, but cannot be read as such.") from error
+    if dataset.attrs.get("inference_library") != "erosion" or not {"unit_system", "case", "model"} <= {*dataset.attrs}:
+        raise ValueError(f"{path}: must hold the draws of a posterior of this program, but holds something else.")
+    return dataset

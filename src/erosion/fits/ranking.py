@@ -1,0 +1,392 @@
+"""Several models: fitted to the same data, ranked by Akaike's criterion.
+
+The criterion counts parameters so dearly where rows are few that it may put a model first which misses the data by far.
+So a model whose misfit is no noise, by the uncertainties, by the rows' own scatter or by the misfit of another model,
+is not ranked. Nor is one with too many parameters for the criterion.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from erosion.arguments import Progress, no_progress
+from erosion.fits.calibration import Calibration, calibrate
+from erosion.fits.doubts import LEVEL, RARE, is_beyond_scatter, is_poor, variances_differ, worst_row
+from erosion.fits.forward import FRACTION
+from erosion.fits.least_squares import CalibrationError, with_noise
+from erosion.fits.measurements import conditions, read_measurements
+from erosion.models import load_model, model_name, usable_models
+from erosion.models.base import CuttingModel
+from erosion.models.own_parameters import own_in_words, quantities
+from erosion.output.tables import Record, Result, format_number, to_plain
+from erosion.parameters.parameters import Parameters
+from erosion.parameters.scales import Scale, table_scale
+
+_EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
+_SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
+_FEW_PER_CENT = 0.05  # of the greatest erosion: residuals that erosion tests seldom go below
+
+
+@dataclasses.dataclass(frozen=True)
+class Ranking(Result):
+    """Fits of several models to the same data, the best first.
+
+    Args:
+        fits: those that are ranked by ascending AICc, then those that are not.
+        ties: groups of models, by name, whose fits are the same curve: no data of this kind
+            distinguishes them.
+        failures: a sentence for each model that could not be fitted.
+        reasons: why the last of `fits` are not ranked, a clause for each of them.
+        preferred: the place in `fits` of the model that something else than AICc chose, the evidence for example.
+    """
+
+    fits: tuple[Calibration, ...]
+    ties: tuple[tuple[str, ...], ...]
+    failures: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
+    preferred: int = 0
+
+    @property
+    def best(self) -> Calibration:
+        """The fit of least AICc, or the preferred one."""
+        return self.fits[self.preferred]
+
+    @property
+    def ranked(self) -> tuple[Calibration, ...]:
+        """The fits that are ranked."""
+        return self.fits[: len(self.fits) - len(self.reasons)]
+
+    @property
+    def best_first(self) -> tuple[Calibration, ...]:
+        """The ranked fits with the best one first."""
+        return (self.best, *(fit for fit in self.ranked if fit is not self.best))
+
+    def preferring(self, name: str) -> "Ranking":
+        """The same with another model as the best one, of which everything that is written then is."""
+        return dataclasses.replace(self, preferred=self.names.index(name))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The models, the best first."""
+        return tuple(model_name(fit.model) for fit in self.fits)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Akaike weights, the probability of each model if one of them is right; shape (fits,).
+
+        0 for models that are not ranked; NaN for all where AICc says nothing, see `has_aicc`.
+        """
+        if not self.has_aicc:
+            return np.full(len(self.fits), np.nan)
+        likely = np.exp([-difference / 2 for difference in self._differences])
+        return np.append(likely / likely.sum(), np.zeros(len(self.reasons)))
+
+    @property
+    def has_aicc(self) -> bool:
+        """Whether there are rows enough for AICc; without it the models are ordered by their residuals' variance."""
+        return self.fits[0].aicc < np.inf
+
+    @property
+    def _differences(self) -> list[float]:
+        """AICc less the least, of the ranked fits; that of exact fits is -∞."""
+        least = self.fits[0].aicc
+        return [0.0 if fit.aicc == least else fit.aicc - least for fit in self.ranked]
+
+    def tied_with(self, name: str) -> tuple[str, ...]:
+        """The other models that give the same curve as this one."""
+        return next((tuple(tied for tied in tie if tied != name) for tie in self.ties if name in tie), ())
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """Sentences on models that cannot be distinguished, on what is held, on failures, and on the best fit."""
+        return (
+            *self._poor(), *self._tied(), *self._not_ranked(), *self._too_few(), *self._equals(), *self._preference(),
+            *self._held(), *self.failures, *self.best.statements,
+        )  # fmt: skip
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Those sentences that concern whoever uses the best fit."""
+        return (*self._poor(), *self._too_few(), *self._equals(), *self.best.statements)
+
+    def _not_ranked(self) -> tuple[str, ...]:
+        """A sentence on the models that are not ranked, with the reason of each."""
+        groups: dict[str, list[str]] = {}
+        for name, reason in zip(self.names[len(self.ranked) :], self.reasons, strict=True):
+            groups.setdefault(reason, []).append(name)
+        parts = [f"{', '.join(names)} ({reason})" for reason, names in groups.items()]
+        return (f"Not ranked: {'; '.join(parts)}.",) if parts else ()
+
+    def _too_few(self) -> tuple[str, ...]:
+        """A sentence where AICc says nothing of any model."""
+        if self.has_aicc or len(self.ranked) < 2:
+            return ()
+        needed = min(fit.rows_for_aicc for fit in self.ranked)
+        return (
+            f"AICc needs at least {needed} rows for so many parameters, but there are {len(self.best.data)}: the "
+            "models are in the order of their residuals' variance. Measure more, or free fewer parameters.",
+        )
+
+    def _preference(self) -> tuple[str, ...]:
+        """A sentence where another model than that of least AICc is the best one."""
+        if self.preferred == 0:
+            return ()
+        name = self.names[self.preferred]
+        return (f"AICc prefers {self.names[0]}, the evidence {name}: all that is written is of {name}.",)
+
+    def _tied(self) -> tuple[str, ...]:
+        """A sentence on the models of the same curve."""
+        groups = [f"{', '.join(tie[:-1])} and {tie[-1]}" for tie in self.ties]
+        if len(groups) < 2:
+            return tuple(f"{group} give the same curve: these data cannot tell them apart." for group in groups)
+        return (f"These data cannot tell models of the same curve apart: {'; '.join(groups)}.",)
+
+    def _held(self) -> tuple[str, ...]:
+        """A sentence on the own parameters of the models that were not fitted."""
+        models: dict[str, list[str]] = {}
+        for name, fit in zip(self.names, self.ranked, strict=False):
+            models.setdefault(own_in_words(fit.model, but=fit.names, units=fit.p.units), []).append(name)
+        held = [f"{own} ({', '.join(names)})" for own, names in models.items() if own]
+        if not held or len(self.ranked) < 2:
+            return ()
+        return (f"Own parameters that are not free are held: {'; '.join(held)}.",)
+
+    def _poor(self) -> tuple[str, ...]:
+        """A sentence where no one of several models fits."""
+        if len(self.fits) < 2:
+            return ()
+        if all(is_beyond_scatter(fit) for fit in self.fits):
+            return ("None of the models fits: the residuals of each are greater than the scatter of the rows.",)
+        if not all(is_poor(fit) for fit in self.fits):
+            return ()
+        least = min(fit.chi2 / fit.degrees_of_freedom for fit in self.fits)
+        return (f"None of the models fits within the uncertainties: χ²/dof is {least:.3g} or more.",)
+
+    def _equals(self) -> tuple[str, ...]:
+        """A sentence on the models that fit as well as the best one, with other curves."""
+        if not self.has_aicc:
+            return ()
+        differences = self._differences
+        near = [name for name, difference in zip(self.names, differences, strict=False) if difference < _EQUAL]
+        if {*near} <= {self.names[0], *self.tied_with(self.names[0])}:
+            return ()
+        weights = " : ".join(f"{100 * weight:.0f}" for weight in self.weights[: len(near)])
+        return (f"The data do not decide between {', '.join(near[:-1])} and {near[-1]}: their weights are {weights}.",)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row for each model."""
+        rows = []
+        numbers = [(f"{difference:.2f}", f"{weight:.1%}") if self.has_aicc else ("–", "–")
+                   for difference, weight in zip(self._differences, self.weights, strict=False)]  # fmt: skip
+        numbers += [("not ranked", "–")] * len(self.reasons)
+        for name, fit, (difference, weight) in zip(self.names, self.fits, numbers, strict=True):
+            size = self._scale().size
+            reduced = fit.data.uncertainty is not None
+            misfit = format_number(fit.chi2 / fit.degrees_of_freedom, 3) if reduced else format_number(fit.rms, 4, size)
+            left_out = format_number(fit.leave_one_out, 4, size) if np.isfinite(fit.leave_one_out) else "–"
+            rows.append((name, difference, weight, misfit, left_out, self._estimates(fit)))
+        return rows
+
+    def _estimates(self, fit: Calibration) -> str:
+        """The estimates in words; of models of the same curve, the first one that has it."""
+        words, name = _in_words(fit), model_name(fit.model)
+        first = next((tie[0] for tie in self.ties if name in tie[1:]), None)
+        if first is None:
+            return words
+        return f"same as {first}" if words == _in_words(self.fits[self.names.index(first)]) else (
+            f"{words} (curve of {first})"
+        )  # fmt: skip
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The columns of the table."""
+        unit = f" [{self._scale().unit}]" if self._scale().unit else ""
+        misfit = f"rms{unit}" if self.best.data.uncertainty is None else "χ²/dof"
+        return ("model", "ΔAICc", "weight", misfit, f"left out{unit}", "estimates")
+
+    def _scale(self) -> Scale:
+        """The unit in which errors read well."""
+        return table_scale(self.best.data.dimension, self.best.p.units, self.best.rms)
+
+    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
+        """The fits, each with its weight and the models of the same curve; and the failures."""
+        fits = [{**fit.to_dict(level), **self.standing(at)} for at, fit in enumerate(self.fits)]
+        return to_plain({"fits": fits, "failures": self.failures, "warnings": self.statements})
+
+    def standing(self, at: int) -> Record:
+        """The weight of a fit, the models of the same curve, and why it is not ranked where it is not."""
+        place = at - len(self.ranked)
+        reason = self.reasons[place] if place >= 0 else None
+        return {"weight": self.weights[at], "tied_with": self.tied_with(self.names[at]), "not_ranked": reason}
+
+    @property
+    def title(self) -> str:
+        """The number of models and the data."""
+        return f"{len(self.fits)} models fitted to {len(self.best.data):,} rows of {self.best.data.source}"
+
+
+def rank_models(
+    p: Parameters,
+    data: Any,
+    free: Sequence[str],
+    *,
+    models: Sequence[CuttingModel | str | Path] | None = None,
+    progress: Progress = no_progress,
+    bounds: Mapping[str, Sequence[float]] | None = None,
+    **options: Any,
+) -> Ranking:
+    """Fit several models to the same data and order them by AICc; those whose misfit is no noise are not ranked.
+
+    Args:
+        p: the case: the first guess of the free parameters, and the values of all others.
+        data: as for `calibrate`.
+        free: the parameters to fit; in each model those that it has.
+        models: models, names or paths; every registered model without it.
+        progress: called before each fit with "fitting" and the model's name, how many models are done, and how
+            many there are.
+        bounds: as for `calibrate`; in each model those of its free parameters.
+        options: `density`, `cutting_fraction`, `loss` (but "arctan") and `starts` of `calibrate`. A robust loss has the
+            same noise for all models, the least of their fits: what is far off is the same for all.
+
+    Raises:
+        ValueError: for arguments or data that cannot be used.
+        CalibrationError: if no model could be fitted.
+    """
+    if options.get("loss") == "arctan":
+        raise ValueError('Argument `loss` must have a likelihood to rank models, as "cauchy" has, but is "arctan".')
+    measured = read_measurements(data, p.units)
+    fits, failures = [], []
+    ranked = models_with_free(models, free)
+    for done, (model, own_free) in enumerate(ranked):
+        progress(f"fitting {model_name(model)}", done, len(ranked))
+        # Bounds of what no model has are refused by `calibrate`.
+        within = {name: pair for name, pair in (bounds or {}).items() if name in own_free or name not in free}
+        try:
+            fits.append(calibrate(model, p, measured, own_free, bounds=within, **options))
+        except CalibrationError as error:
+            failures.append(f"{model_name(model)}: {error}")
+    if not fits:
+        raise CalibrationError(" ".join(failures))
+    fits = _of_one_noise(fits)
+    reasons = _reasons(fits)
+    # Models of the same curve differ by rounding: they keep their order.
+    order = sorted(range(len(fits)), key=lambda at: (reasons[at] != "", round(fits[at].aicc, 3), fits[at].variance))
+    fits = [fits[at] for at in order]
+    return Ranking(tuple(fits), _ties(fits), tuple(failures), tuple(reasons[at] for at in order if reasons[at]))
+
+
+def _of_one_noise(fits: list[Calibration]) -> list[Calibration]:
+    """The fits by one error distribution: robust losses of several noises are not comparable, so the least is taken."""
+    noise = min(fit.problem.noise for fit in fits)
+    return [
+        fit if fit.problem.noise == noise else Calibration(*with_noise(fit.problem, fit.solution.theta, noise))
+        for fit in fits
+    ]
+
+
+def _reasons(fits: Sequence[Calibration]) -> list[str]:
+    """Why fits are not ranked, a clause for each; "" for those that are."""
+    groups, misses = conditions(fits[0].data), [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
+    reasons = [_beside_others(fit, fits) for fit in fits]
+    for at, fit in enumerate(fits):
+        if misses[at] and not all(misses):
+            reasons[at] = f"misses the data: {worst_row(fit.data, fit.fitted, groups)}"
+    if any(fit.aicc < np.inf and not reason for fit, reason in zip(fits, reasons, strict=True)):
+        for at, fit in enumerate(fits):
+            if not reasons[at] and fit.aicc == np.inf:
+                reasons[at] = f"AICc needs at least {fit.rows_for_aicc} rows for its parameters"
+    return reasons
+
+
+def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> str:
+    """A clause on the fit whose residuals are so much less that this one's are no noise; "" without one.
+
+    Another model may fit a few rows too well by chance, so residuals of usual noise are no reason. A robust loss lets
+    rows be far off: then variances say nothing.
+    """
+    linear = fit.data.uncertainty is None and fit.problem.loss == "linear"
+    if not linear or fit.rms <= _FEW_PER_CENT * float(np.abs(fit.data.erosion).max()):
+        return ""
+    erosion, curves = fit.data.erosion / fit.problem.deviation, _curves(fits)
+    tests = [
+        (*variances_differ(
+            (fit.variance, fit.degrees_of_freedom), (other.variance, other.degrees_of_freedom), erosion
+        ), other) for other in fits
+    ]  # fmt: skip
+    ratio, probability, other = min(tests, key=lambda test: test[1])
+    # The more curves a fit is compared with, the better the best of them is by chance (Bonferroni).
+    if probability * max(len(curves) - 1, 1) >= RARE:
+        return ""
+    return f"its residuals are {format_number(np.sqrt(ratio), 2)} times those of {model_name(other.model)}"
+
+
+def models_with_free(
+    models: Sequence[CuttingModel | str | Path] | None, free: Sequence[str]
+) -> list[tuple[CuttingModel, Sequence[str]]]:
+    """Models, all registered ones without names, each with those of the free parameters that it has.
+
+    Raises:
+        ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none of them.
+    """
+    wanted = usable_models() if models is None else list(models)
+    names = [str(model) for model in wanted if isinstance(model, (str, Path))]
+    if not wanted or len(set(names)) != len(names):
+        raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
+    loaded = [load_model(source) for source in wanted]
+    return list(zip(loaded, _free_in_each(loaded, free), strict=True))
+
+
+def _free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[Sequence[str]]:
+    """Of the free parameters, those that each model has; errors as of `models_with_free`."""
+    if len(models) == 1 or isinstance(free, str) or not isinstance(free, Sequence):
+        return [free] * len(models)
+    known = [{*quantities(model), FRACTION} for model in models]
+    names = [model_name(model) for model in models]
+    for name in free:
+        if not any(name in has for has in known):
+            raise ValueError(
+                f"Argument `free` must name parameters of the models, but {name!r} is none of {', '.join(names)}."
+            )
+    of_each: list[Sequence[str]] = [[name for name in free if name in has] for has in known]
+    for name, own_free in zip(names, of_each, strict=True):
+        if free and not own_free:
+            raise ValueError(f"Argument `free` must name a parameter of each model, but {name} has no {free[0]!r}.")
+    return of_each
+
+
+def _in_words(fit: Calibration) -> str:
+    """The estimates, then the parameters whose estimates mean nothing: "psi = 0.13, k not determined"."""
+    left_open = dict.fromkeys(fit.undetermined, "not determined") | dict.fromkeys(fit.undecided, "not decided")
+    known = [
+        f"{name} = {fit.in_words(name, value)}{_at_bound(fit, name)}"
+        for name, value in fit.estimates.items()
+        if name not in left_open
+    ]
+    return ", ".join([*known, *(f"{name} {state}" for name, state in left_open.items())])
+
+
+def _at_bound(fit: Calibration, name: str) -> str:
+    """Which bound the estimate touches, if any."""
+    sides = [side for side in ("lower", "upper") if f"estimate at {side}" in fit.bounds_touched().get(name, ())]
+    return f" (at its {sides[0]} bound)" if sides else ""
+
+
+def _ties(fits: Sequence[Calibration]) -> tuple[tuple[str, ...], ...]:
+    """Groups of two or more models, by name, with the same curve."""
+    return tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(fits) if len(group) > 1)
+
+
+def _curves(fits: Sequence[Calibration]) -> list[list[Calibration]]:
+    """The fits in groups of the same curve."""
+    near = _SAME * float(np.sqrt(np.mean(fits[0].data.erosion ** 2)))
+    groups: list[list[Calibration]] = []
+    for fit in fits:
+        group = next((group for group in groups if np.abs(group[0].fitted - fit.fitted).max() < near), None)
+        if group is None:
+            groups.append([fit])
+        else:
+            group.append(fit)
+    return groups

@@ -1,0 +1,488 @@
+"""Objectives of the search: the volume, and other integrals over the same cut.
+
+An objective is a model with the motion of another model and another integrand. The engine
+computes the integral and its derivatives as it computes any volume.
+
+The angle of greatest removal, certified.
+
+With rotation V(α) is discontinuous and has several maxima; the greatest may be at a jump
+(`docs/optimum.md`). Newton's method on dV/dα alone gives wrong answers. So V is resolved over
+all angles first (`resolve.py`). The answer is the best of every maximum, of both sides of
+every jump and of both ends of the range.
+"""
+
+import abc
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from erosion.arguments import Broadcast, ModelState, PerImpact
+from erosion.impacts.impact import PairDerivatives, impact, lanes_of, pair_derivatives
+from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
+from erosion.models import load_model, model_name
+from erosion.models.base import CuttingModel, Events, Scales, Tip
+from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
+from erosion.models.registry import impact_to_dict
+from erosion.ode.maxima import ASIDE as ASIDE
+from erosion.ode.maxima import TIGHT, Maxima, searched
+from erosion.ode.step_control import require_float64
+from erosion.output.tables import Record, Result, Row, format_number, largest_of, to_plain
+from erosion.parameters.parameters import Parameters, require_parameters, validate
+from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, STEEPEST, quantity_row, result_row
+from erosion.parameters.scales import table_scale
+
+_HAIR = 1e-8  # of the first speed into the depth
+
+
+class SameMotion(CuttingModel):
+    """A model's motion with another integrand, `removal_rate`."""
+
+    motion: eqx.AbstractVar[CuttingModel]
+
+    def initial_state(self, p: Parameters) -> ModelState:
+        return self.motion.initial_state(p)
+
+    def derivative(self, state: ModelState, p: Parameters) -> ModelState:
+        return self.motion.derivative(state, p)
+
+    def tip(self, state: ModelState, p: Parameters) -> Tip:
+        return self.motion.tip(state, p)
+
+    def events(self, state: ModelState, p: Parameters) -> Events:
+        return self.motion.events(state, p)
+
+    def scales(self, p: Parameters) -> Scales:
+        return self.motion.scales(p)
+
+    @property
+    def needs_units(self) -> bool:
+        return self.motion.needs_units
+
+    @abc.abstractmethod
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        """The integrand."""
+
+
+class VolumePerMass(SameMotion):
+    """V/m, the volume per mass of abrasive [volume/mass]."""
+
+    motion: CuttingModel
+
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        return self.motion.removal_rate(state, p) / p.m
+
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
+        return self.motion.removed_at_contact(p) / p.m
+
+
+class EndTime(SameMotion):
+    """t_c = ∫ dt [s]."""
+
+    motion: CuttingModel
+
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        return jnp.ones_like(self.tip(state, p).depth)
+
+
+class Depth(SameMotion):
+    """The depth at which the tip first stops going deeper, ∫ d(depth) [length]."""
+
+    motion: CuttingModel
+
+    def events(self, state: ModelState, p: Parameters) -> Events:
+        scales = self.scales(p)
+        # A hair later than it is, so that rounding does not choose where the cut ends at this instant anyway: the depth
+        # changes by the square of it.
+        vdepth = self.tip(state, p).vdepth + _HAIR * self.tip(self.initial_state(p), p).vdepth
+        return {**self.motion.events(state, p), "deepest": vdepth * scales.time / scales.length}
+
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        return self.tip(state, p).vdepth
+
+
+Objective = Callable[[CuttingModel], CuttingModel]
+
+OBJECTIVES: Mapping[str, Objective] = {
+    "volume": lambda model: model,
+    "volume per mass": VolumePerMass,
+    "t_c": EndTime,
+    "depth": Depth,
+}
+"""The objectives of `alpha_max` by name."""
+
+MEASURES: Mapping[str, str] = {
+    "volume": "volume",
+    "volume per mass": "specific_volume",
+    "t_c": "t_c",
+    "depth": "max_depth",
+}
+"""The key of each objective in `erosion.parameters.quantities.RESULTS`."""
+
+
+NOT_CERTIFIED = "impacts failed or have no derivatives: a better angle may have been missed"
+
+_NO_RATES = {
+    "plateau": "no angle of a plateau is better than the others",
+    "unresolved": "there are no derivatives there",
+    "jump": "the cut does not graze at this jump",
+    "none": "nothing is removed at any angle",
+}
+
+_DISTANCES = 1e-7, 4e-7, 16e-7  # rad, from a jump or a kink; a quotient at it is continued from these
+
+
+@dataclasses.dataclass(frozen=True)
+class Optimum(Result):
+    """The angle of attack at which an objective is greatest (or least).
+
+    For parameters that are arrays, every field but `model`, `p`, `objective`, `least` and
+    `integrand` is an array of their broadcast shape, without that of `alpha`, which is not used.
+
+    Args:
+        model: the model.
+        p: the parameters; `alpha` is the answer.
+        objective: the name of the objective.
+        least: whether the objective is least there.
+        alpha: the angle [rad]; 1e-9 beside a jump; 0 for the limit as α → 0; the middle of a plateau; NaN where
+            nothing is removed at any angle.
+        low, high: the ends of a plateau [rad]; else both are `alpha`.
+        value: the objective there.
+        volume: V there [volume].
+        kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
+            `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
+            slope jumps through zero), "plateau" (the same value from `low` to `high`, to nine digits),
+            "unresolved" (the greatest value, known to 1e-6 rad at best, where derivatives do not exist), or
+            "none": nothing is ever removed, or, where `ended_by` is "failed", nothing could be computed.
+        ended_by: how the cut ends there.
+        side: the side of a jump, "below" or "above"; else "".
+        attained: whether `value` is reached, or only approached.
+        dvolume, d2volume: derivatives of the objective by the angle there [per rad, per rad²].
+        candidates: every maximum that was compared, best first: a tuple of `Candidate`.
+        jumps: all discontinuities, a tuple of `Jump` by angle.
+        regimes: how the cut ends over the whole range, a tuple of `Regime` by angle.
+        iterations: rounds of refinement plus Newton steps of the answer.
+        certified: False where an impact failed or has no derivatives, so that a better angle may have been missed.
+            Of a range from 0 what was searched begins at 1e-6 rad, or at a hundredth of its end.
+        integrand: the model whose "volume" is the objective; `model` itself for the volume.
+    """
+
+    model: CuttingModel
+    p: Parameters
+    objective: str
+    least: bool
+    alpha: PerImpact
+    low: PerImpact
+    high: PerImpact
+    value: PerImpact
+    volume: PerImpact
+    kind: PerImpact
+    ended_by: PerImpact
+    side: PerImpact
+    attained: PerImpact
+    dvolume: PerImpact
+    d2volume: PerImpact
+    candidates: PerImpact
+    jumps: PerImpact
+    regimes: PerImpact
+    iterations: PerImpact
+    certified: PerImpact
+    integrand: CuttingModel = dataclasses.field(repr=False)
+
+    @functools.cached_property
+    def sensitivities(self) -> Mapping[str, PerImpact]:
+        """dα_max/dq for every parameter q but α, the model's own too [rad per unit of q]; computed when first read.
+
+        Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α of the end time t
+        on the side that grazes. Kink: -[V_q]/[V_α], where [ ] is the difference of both sides. Boundary: 0.
+        NaN where it is not known: on a plateau, where derivatives do not exist ("unresolved"), at a jump without
+        a graze (as where cutting begins), and where nothing is removed. A sensitivity below the rounding (1e-11 rad
+        for a change of q by its own size) is given as 0.
+        """
+        names = [name for name in quantities(self.integrand) if name != "alpha"]
+        rates = _sensitivities(self, names)
+        return dict(zip(names, rates, strict=True))
+
+    @property
+    def without_sensitivities(self) -> str:
+        """Why the sensitivities of one case are not known; empty where they are."""
+        if any(np.isfinite(rate) for rate in self.sensitivities.values()):
+            return ""
+        return _NO_RATES.get(str(self.kind), "there are no derivatives there")
+
+    @property
+    def title(self) -> str:
+        """The model and what is greatest or least."""
+        return f"{model_name(self.model)}: the angle of {'least' if self.least else 'greatest'} {self.objective}"
+
+    def rows(self) -> list[Row]:
+        """The answer as rows of a table."""
+        angle = quantity_row("", QUANTITIES["alpha"], self.alpha, self.p.units)
+        rows = [
+            angle._replace(name="alpha_min" if self.least else "alpha_max", meaning="angle of attack, of this model"),
+            Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._kind_explained()),
+            Row("ended_by", "", format_number(self.ended_by), "", "how the cut ends there"),
+            result_row("volume", self.volume, self.p.units),
+        ]
+        if self.objective != "volume":
+            rows.append(self.value_row(self.value))
+        rows.append(self._certificate())
+        return rows
+
+    def to_dict(self) -> Record:
+        """Model, parameters and every field, without the sensitivities, which take longer."""
+        described = ("model", "p", "integrand")
+        names = [field.name for field in dataclasses.fields(self) if field.name not in described]
+        content = {name: getattr(self, name) for name in names} | {"units": self.units()}
+        return impact_to_dict(self.model, self.p) | to_plain(content)
+
+    def units(self) -> dict[str, str]:
+        """Unit by name of the numbers of `to_dict`, those of candidates, jumps and regimes too."""
+        angle, volume = (RESULTS[name].unit(self.p.units) for name in ("alpha_max", "volume"))
+        value = RESULTS[MEASURES[self.objective]].unit(self.p.units) if self.objective in MEASURES else "1"
+        return {
+            **dict.fromkeys(("alpha", "low", "high"), angle),
+            "volume": volume,
+            **dict.fromkeys(("value", "below", "above"), value),
+            **dict.fromkeys(("dvolume", "dvalue"), f"{value}/{angle}"),
+            **dict.fromkeys(("d2volume", "d2value"), f"{value}/{angle}^2"),
+        }
+
+    def _certificate(self) -> Row:
+        count, size = int(np.sum(self.certified)), np.size(self.certified)
+        share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
+        better = "smaller" if self.least else "greater"
+        return Row("certified", "", share, "", NOT_CERTIFIED if count < size else f"no {better} value was missed")
+
+    def value_row(self, value: PerImpact) -> Row:
+        """A value of the objective as a table row, in the unit of the greatest one."""
+        if self.objective not in MEASURES:
+            return Row("value", "", format_number(value, DIGITS), "", self.objective)
+        name = MEASURES[self.objective]
+        scale = table_scale(RESULTS[name].dimension, self.p.units, largest_of(self.value))
+        row = result_row(name, value, self.p.units)
+        return row._replace(value=format_number(value, DIGITS, scale.size), unit=scale.unit)
+
+    def _kind_explained(self) -> str:
+        if self.kind == "jump":
+            return f"just {self.side} a jump" + ("" if self.attained else ", not reached")
+        if self.kind == "boundary":
+            return "an end of the range" if self.attained else "approached as α → 0, not reached"
+        if self.kind == "plateau":
+            low, high = (quantity_row("", QUANTITIES["alpha"], end, self.p.units) for end in (self.low, self.high))
+            return f"the same from {low.value}{low.unit} to {high.value}{high.unit}"
+        explained = {
+            "interior": "dV/dα = 0",
+            "unresolved": "the greatest value that was computed",
+        }
+        return explained.get(str(self.kind), "")
+
+
+def alpha_max(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    alpha_range: tuple[float, float] | None = None,
+    objective: str | Objective = "volume",
+) -> Optimum:
+    """The angle at which most is removed.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: parameters whose leaves are scalars or arrays that broadcast; `alpha` is not used.
+        alpha_range: ends of the range of angles [rad]; all of (0, π/2] without it.
+        objective: "volume", "volume per mass", "t_c", "depth" (where the tip first stops
+            going deeper), or a function that turns a model into one with another
+            `removal_rate`, as those of `erosion.impacts.alpha_max` do.
+
+    Returns:
+        The certified optimum; see `Optimum`.
+
+    Raises:
+        ValueError: for parameters or a range out of bounds, or an unknown objective.
+
+    References:
+        Laverty asks for Newton's method on dV/dα; docs/optimum.md says why that is not
+        enough. For the linearized model α_max = ½ arctan k.
+    """
+    return _optimum(model, p, alpha_range, objective, least=False)
+
+
+def alpha_min(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    alpha_range: tuple[float, float] | None = None,
+    objective: str | Objective = "volume",
+) -> Optimum:
+    """The angle at which least is removed; give a range, because over all angles it is an end.
+
+    Arguments, result and errors are those of `alpha_max`.
+    """
+    return _optimum(model, p, alpha_range, objective, least=True)
+
+
+def _optimum(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    alpha_range: tuple[float, float] | None,
+    objective: str | Objective,
+    *,
+    least: bool,
+) -> Optimum:
+    require_float64()
+    model = load_model(model)
+    require_parameters(p)
+    name, integrand = _integrand(model, objective)
+    low, high = (0.0, STEEPEST) if alpha_range is None else _checked_range(alpha_range)
+    p = p.replace(alpha=STEEPEST)
+    validate(p)
+    optima, shape = _searched(integrand, p, low, high, least=least)
+    columns = in_words(optima, shape)
+    volume = columns["value"]
+    if integrand is not model:
+        volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"], shallowest(high))
+    p = p.replace(alpha=columns["alpha"])
+    return Optimum(model=model, p=p, objective=name, least=least, volume=volume, integrand=integrand, **columns)
+
+
+def _integrand(model: CuttingModel, objective: str | Objective) -> tuple[str, CuttingModel]:
+    """The objective's name, and the model whose volume it is."""
+    if isinstance(objective, str):
+        if objective not in OBJECTIVES:
+            raise ValueError(f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, but is {objective!r}.")
+        return objective, OBJECTIVES[objective](model)
+    if not callable(objective):
+        raise TypeError(f"Argument `objective` must be a name or a function, but is {objective!r}.")
+    integrand = objective(model)
+    if not isinstance(integrand, CuttingModel):
+        raise TypeError(f"Argument `objective` must turn a model into a model, but makes {integrand!r}.")
+    return getattr(objective, "__name__", "objective"), integrand
+
+
+def _searched(
+    integrand: CuttingModel, p: Parameters, low: float, high: float, *, least: bool
+) -> tuple[list[Maxima], tuple[int, ...]]:
+    """The optima of all cases, and the shape of the cases."""
+    layout, numbers, shape = lanes_of(integrand, p)
+
+    def search(lanes: slice, cases: int) -> list[Maxima]:
+        return over_angles(layout, layout.of_lanes(numbers, lanes), cases, low, high, least=least).optima()
+
+    return searched(math.prod(shape), search), shape
+
+
+def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
+    try:
+        low, high = (float(end) for end in alpha_range)
+    except (TypeError, ValueError):
+        low = high = np.nan
+    if not 0 <= low < high <= STEEPEST * (1 + 1e-12):
+        raise ValueError(
+            "Argument `alpha_range` must be two ascending angles within [0, 90°], but is "
+            f"{_in_degrees(alpha_range)} (numbers without a unit are in radians)."
+        )
+    return low, min(high, STEEPEST)
+
+
+def _in_degrees(angles: tuple[float, float]) -> str:
+    try:
+        return ", ".join(f"{math.degrees(angle):g}°" for angle in angles)
+    except TypeError:
+        return repr(angles)
+
+
+def _volume_at(
+    model: CuttingModel, p: Parameters, alpha: PerImpact, ended_by: PerImpact, shallow: float
+) -> tuple[PerImpact, PerImpact]:
+    """Volume [volume] and outcome in words at the optimum of another objective."""
+    inside, at_zero = np.asarray(alpha) > 0, np.asarray(alpha) == 0
+    hits = impact(model, p.replace(alpha=np.where(inside, alpha, shallow)), rtol=TIGHT)
+    volume = np.where(inside, hits.volume, np.nan)
+    if np.any(at_zero):
+        first = impact(model, p.replace(alpha=shallow), derivatives=2, rtol=TIGHT)
+        volume = np.where(at_zero, limit_at_zero(shallow, first.volume, first.dvolume, first.d2volume), volume)
+    return volume[()], np.where(inside, hits.ended_by, ended_by)[()]
+
+
+_AlongAngle = Callable[[np.ndarray, np.ndarray], PairDerivatives]  # of the numbers of cases, and angles for them
+
+
+def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
+    """dα/dq, shape (names, *shape of the optimum)."""
+    p, model = optimum.p, optimum.integrand
+    kind = np.atleast_1d(optimum.kind)
+    # Own parameters that all cases share stay single numbers: their fields may not take an array.
+    own = own_parameters(model)
+    per_case = {q: value for q, value in values(model, p).items() if q not in own or np.ndim(value)}
+    flat = {q: np.broadcast_to(np.asarray(value), np.shape(optimum.kind)).reshape(-1) for q, value in per_case.items()}
+    size_of = sizes(model, p)
+    size = np.stack([np.broadcast_to(size_of[q], np.shape(optimum.kind)).reshape(-1) for q in names])
+    # An end of the range stays where it is.
+    rates = np.where(kind.ravel() == "boundary", 0.0, np.full((len(names), kind.size), np.nan))
+
+    def along_angle(cases: np.ndarray, angles: np.ndarray) -> PairDerivatives:
+        varied, at_angles = with_values(model, p, {q: leaf[cases] for q, leaf in flat.items()} | {"alpha": angles})
+        return pair_derivatives(varied, at_angles, [("alpha", q) for q in ("alpha", *names)], rtol=TIGHT)
+
+    for of_kind, rates_of in (("interior", _along_interior), ("jump", _along_jump), ("kink", _along_kink)):
+        cases = np.flatnonzero(kind.ravel() == of_kind)
+        if cases.size:
+            with np.errstate(all="ignore"):
+                rates[:, cases] = rates_of(along_angle, cases, optimum)
+    # No finite rate is a statement only where the derivatives exist.
+    rates = np.where(np.isfinite(rates), np.where(np.abs(rates * size) < 1e-11, 0.0, rates), np.nan)
+    return rates.reshape(len(names), *np.shape(optimum.kind))
+
+
+def _along_interior(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """dα/dq of the interior maxima of some cases, shape (names, cases)."""
+    second = along_angle(cases, np.ravel(optimum.alpha)[cases]).volume.second
+    return (-second[:, 1:] / second[:, :1]).T
+
+
+def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """dα/dq of the jumps of some cases, shape (names, cases).
+
+    On the side that grazes, the event function g(t, α, q) is tangent at the jump: ġ → 0 there,
+    both t_q and t_α grow, and -t_q/t_α tends to -g_q/g_α. The quotient is a series in the root
+    of the distance from the jump.
+    """
+    alpha = np.ravel(optimum.alpha)[cases]
+    jumps = np.ravel(optimum.jumps) if np.ndim(optimum.kind) else [optimum.jumps]
+    # The candidate is beside its jump.
+    beside = ([jump.alpha for jump in jumps[case]] for case in cases)
+    at = np.array([min(angles, key=lambda angle, a=a: abs(angle - a)) for angles, a in zip(beside, alpha, strict=True)])
+    # On the side that grazes the cut ends earlier: it is the side that is attained.
+    below, attained = (np.ravel(mask)[cases] for mask in (np.asarray(optimum.side) == "below", optimum.attained))
+    towards = np.where(below == attained, -1.0, 1.0)
+    times = [along_angle(cases, at + towards * distance).t_c for distance in _DISTANCES]
+    rates = _at_no_distance([(-time.other[:, 1:] / time.first[:, :1]).T for time in times])
+    nearest, farthest = (np.abs(times[i].first[:, 0]) for i in (0, -1))
+    # Beside a graze t_α grows as the root of the distance falls, by 4 here. Another jump leaves no trace beside it.
+    return np.where(nearest > 2 * farthest, rates, np.nan)
+
+
+def _along_kink(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
+    """dα/dq of the kinks of some cases, shape (names, cases).
+
+    V is the same on both sides of the kink, also of the kink at q + dq: [V_α] dα + [V_q] dq = 0.
+    """
+    alpha = np.ravel(optimum.alpha)[cases]
+
+    def quotient(distance: float) -> np.ndarray:
+        below, above = (along_angle(cases, alpha + side * distance).volume for side in (-1, 1))
+        return (-(above.other - below.other)[:, 1:] / (above.first - below.first)[:, :1]).T
+
+    return _at_no_distance([quotient(distance) for distance in _DISTANCES])
+
+
+def _at_no_distance(quotients: Sequence[np.ndarray]) -> np.ndarray:
+    """A quotient at a place, from those at `_DISTANCES`, which cancel the terms of the distance and of its root."""
+    nearest, middle, farthest = quotients
+    return (8 * nearest - 6 * middle + farthest) / 3

@@ -1,0 +1,172 @@
+"""The removed volume as a function of the angle: what is its own in the search of `erosion.ode`, and its words."""
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from erosion.arguments import PerImpact
+from erosion.impacts.impact import OTHER_ENDS, volume_of
+from erosion.models.base import NO_CUT
+from erosion.ode import maxima
+from erosion.ode.integrator import LaneEnd
+from erosion.ode.maxima import Along, Range, Search
+from erosion.ode.resolve import Nodes, Ruler
+from erosion.ode.variational import Derivatives, Layout
+from erosion.output.tables import Record
+from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import STEEPEST
+
+_SHALLOWEST = 1e-6  # rad; below it a function is continued to its limit as α → 0
+_RULER = Ruler(unit=1.0, relative=1e-4)  # rad
+_ROUNDING = 1e-11  # of a function: what its slope near 0 adds over the angle, where it is rounding
+_ALPHA = list(QUANTITIES).index("alpha")
+_GRID = 64  # first angles between 0.02 rad and π/2
+_SERIES = 1e-4  # rad; from here to 0 two terms of a series continue a function
+_CHANGE = 0.01  # of a function: if its slope adds more over the angle, it is a power of the angle
+_BEND = 0.02  # rad; below, the first angles are closer together
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A local maximum of the objective (or minimum, for `alpha_min`), at a jump and at a boundary too.
+
+    Args:
+        alpha: its angle [rad]; of a jump 1e-9 beside the jump; of a plateau the middle.
+        low, high: the ends of a plateau [rad]; else both are `alpha`.
+        value: the objective there.
+        kind: "interior", "jump", "boundary", "kink", "plateau" or "unresolved"; see `Optimum`.
+        ended_by: how the cut ends there.
+        side: the side of a jump in angle, "below" or "above"; else "".
+        attained: whether `value` is reached. At a jump the impact that just grazes belongs
+            to the side where the cut ends earlier; the other side only approaches its value.
+            The limit as α → 0 is not reached either.
+        dvalue, d2value: derivatives of the objective by the angle there [per rad, per rad²].
+        steps: evaluations that polished the angle.
+    """
+
+    alpha: float
+    low: float
+    high: float
+    value: float
+    kind: str
+    ended_by: str
+    side: str
+    attained: bool
+    dvalue: float
+    d2value: float
+    steps: int
+
+    @classmethod
+    def of(cls, found: maxima.Candidate) -> "Candidate":
+        """What the search found, in erosion's words."""
+        fields = dict(vars(found))
+        alpha, dvalue, d2value = (fields.pop(name) for name in ("at", "slope", "curve"))
+        return cls(alpha=alpha, dvalue=dvalue, d2value=d2value, **fields)
+
+
+@dataclasses.dataclass(frozen=True)
+class Jump:
+    """A discontinuity of the objective, bracketed to 1e-11 rad.
+
+    Args:
+        alpha: its angle [rad].
+        below, above: the objective on either side, 2e-10 rad beside it.
+        ended_below, ended_above: how the cut ends on either side.
+    """
+
+    alpha: float
+    below: float
+    above: float
+    ended_below: str
+    ended_above: str
+
+    @classmethod
+    def of(cls, found: maxima.Jump) -> "Jump":
+        """What the search found, in erosion's words."""
+        return cls(found.at, found.below, found.above, found.ended_below, found.ended_above)
+
+
+def over_angles(
+    layout: Layout, numbers: list[np.ndarray], cases: int, low: float, high: float, *, least: bool
+) -> Search:
+    """The search of the greatest (or least) volumes of many cases over the angles from `low` to `high` [rad]."""
+    within = Range(
+        low,
+        high,
+        _first_angles(low, high),
+        _RULER,
+        limit=None if low else _limit,
+        # Beside 90° an impact may cut what one at 90° does not.
+        ends_apart=least,
+        nothing=NO_CUT,
+    )
+    volume = functools.partial(Along, layout, numbers, _ALPHA, _volume, least, again=False)
+    return Search(lambda rtol: volume(rtol=rtol), cases, (*layout.event_names, *OTHER_ENDS), within, least=least)
+
+
+def in_words(optima: list[maxima.Maxima], shape: tuple[int, ...]) -> Record:
+    """The fields of an `Optimum` that are arrays of the shape of the cases."""
+    columns = maxima.columns(optima, shape)
+    names = {"at": "alpha", "slope": "dvolume", "curve": "d2volume"}
+    columns["candidates"] = maxima.objects([tuple(map(Candidate.of, each.candidates)) for each in optima], shape)
+    columns["jumps"] = maxima.objects([tuple(map(Jump.of, each.jumps)) for each in optima], shape)
+    return {names.get(name, name): column for name, column in columns.items()}
+
+
+def _volume(results: LaneEnd, numbers: list[np.ndarray]) -> Derivatives:
+    """The removed volume."""
+    volume, alpha = volume_of(results), numbers[_ALPHA]
+    if volume.first is None:
+        return volume
+    # Near 0 a slope is known to rounding over the angle.
+    rounding = (_RULER.near(alpha) < 1) & (np.abs(alpha * volume.first) <= _ROUNDING * np.abs(volume.value))
+    return volume._replace(first=np.where(rounding, 0.0, volume.first))
+
+
+def _limit(nodes: Nodes, first: int, second: int) -> tuple[int, float]:
+    """The supremum as α → 0, continued from the shallowest node, or from the next if that is shallow enough."""
+    at = (
+        second
+        if nodes.at[second] <= _SERIES
+        and abs(nodes.at[first] * nodes.slope[first]) <= _CHANGE * abs(nodes.value[first])
+        else first
+    )
+    return at, float(limit_at_zero(nodes.at[at], nodes.value[at], nodes.slope[at], nodes.curve[at]))
+
+
+def shallowest(high: float) -> float:
+    """The least angle [rad] that is computed of a range from 0 to `high`."""
+    return min(_SHALLOWEST, high / 100)
+
+
+def limit_at_zero(alpha: PerImpact, value: PerImpact, slope: PerImpact, curve: PerImpact) -> PerImpact:
+    """The limit of a function as α → 0, from its value and derivatives at a shallow angle.
+
+    It is a limit plus a power of the angle there, or two terms of a series.
+    """
+    rise = alpha * slope
+    with np.errstate(all="ignore"):
+        power = 1 + np.divide(alpha * curve, slope)
+        series = value - rise + alpha**2 / 2 * curve
+        of_power = np.where(power > 0, value - rise / power, -np.sign(rise) * np.inf)
+    changes = np.abs(rise) > _CHANGE * np.abs(value)
+    limit = np.where(changes, of_power, series)
+    # What has risen from less than a tenth has risen from 0.
+    return np.where(changes & (np.abs(limit) < 0.1 * np.abs(value)), 0.0, limit)[()]
+
+
+def _first_angles(low: float, high: float) -> np.ndarray:
+    """The first nodes [rad], all within the range: geometric near 0, where functions may be powers; then even."""
+    low = low or shallowest(high)
+    # At π/2 itself an impact without spin cuts nothing: its neighbour stands for the limit.
+    high = min(high, max(STEEPEST - 1e-10, (low + STEEPEST) / 2))
+    if high <= _BEND:
+        angles = np.geomspace(low, high, _GRID)
+    elif low >= _BEND:
+        angles = np.linspace(low, high, _GRID)
+    else:
+        near_zero = np.geomspace(max(low, _SERIES), _BEND, 14)[:-1]
+        angles = np.concatenate([[low], near_zero, np.linspace(_BEND, high, _GRID)])
+    # In the narrowest ranges neighbours are the same number.
+    return np.unique(np.clip(angles, low, high))

@@ -1,0 +1,457 @@
+"""One impact from contact to its end: the histories of its motion.
+
+One impact through diffrax: the whole motion, dense in time, with the end located exactly.
+
+diffrax takes the steps. Where the cut ends is decided here, because an event search that
+looks only at the ends of steps misses a tip that leaves and returns within a step, and one
+that takes the first of several events in storage order picks the wrong end near a cusp.
+
+One impact by the engine of the batches, in a millisecond once it is compiled.
+"""
+
+import dataclasses
+import functools
+import math
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+import erosion.impacts.diffrax_steps as flow
+from erosion.arguments import ModelState, Structure, check_tolerance, check_whole
+from erosion.correlations.ranges import OutOfRangeWarning
+from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
+from erosion.impacts.impact import OTHER_ENDS, end_names, states_at
+from erosion.models import load_model, model_name
+from erosion.models.base import NO_CUT, CuttingModel, State, units_within
+from erosion.models.own_parameters import require_one_impact
+from erosion.models.registry import impact_to_dict
+from erosion.ode.solution import path_of
+from erosion.ode.step_control import LONGEST, require_float64, require_xla
+from erosion.output.tables import Record, Result, Row, abbreviate, format_number, to_plain
+from erosion.parameters.parameters import Parameters, require_concrete, validate
+from erosion.parameters.quantities import RESULTS, contact_rows, result_row
+
+
+class SimulationError(RuntimeError):
+    """An impact that could not be followed to its end."""
+
+
+class TurnWarning(UserWarning):
+    """The body turned so far that "the tip" is no longer one."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Trajectory(Result):
+    """One cut from contact to its end.
+
+    Arrays have shape (points,) and run over times `t` from 0 to `t_c`, in the units of `p`.
+
+    Args:
+        model, p: what was simulated.
+        t: times [s].
+        x, y: displacement of the centre of mass [length]; y is positive into the target.
+        phi: orientation [rad]; π/2 is upright.
+        vx, vy: velocity of the centre of mass [speed].
+        omega: φ̇ [rad/s].
+        x_tip, depth: position of the cutting tip [length].
+        vx_tip, vdepth: velocity of the tip [speed].
+        removed: volume removed so far [volume]; the first is what is removed at contact.
+        removal_rate: dV/dt [volume/s].
+        t_c: when the cut ends [s]; 0 where nothing is cut.
+        ended_by: "rebound", "stop", "no-cut", or the name of a plug-in's event.
+        volume: removed volume [volume], b ∫ depth dx_tip and what is removed at contact.
+        states: the model's own state over `t`, a pytree of arrays.
+        dvolume: dV/dα [volume/rad], where it was computed.
+        at: state at any time(s) in [0, t_c].
+    """
+
+    model: CuttingModel
+    p: Parameters
+    t: np.ndarray
+    states: ModelState
+    x_tip: np.ndarray
+    depth: np.ndarray
+    vx_tip: np.ndarray
+    vdepth: np.ndarray
+    removed: np.ndarray
+    removal_rate: np.ndarray
+    t_c: float
+    ended_by: str
+    volume: float
+    _interpolate: Callable[[np.ndarray], ModelState] = dataclasses.field(repr=False)
+    dvolume: float | None = None
+
+    def at(self, t: ArrayLike) -> ModelState:
+        """The state at time(s) `t` [s].
+
+        Raises:
+            ValueError: for a time outside [0, t_c].
+        """
+        times = np.asarray(t, dtype=float)
+        if not np.all((times >= 0) & (times <= self.t_c)):
+            raise ValueError(f"Argument `t` must be in [0, t_c] = [0, {self.t_c:.12g}] s, but is {t}.")
+        flat = self._interpolate(times.reshape(-1))
+        return jax.tree.map(lambda leaf: np.asarray(leaf).reshape(times.shape)[()], flat)
+
+    @property
+    def x(self) -> np.ndarray:
+        """Displacement of the centre of mass along the surface [length]."""
+        return np.asarray(self._body().x)
+
+    @property
+    def y(self) -> np.ndarray:
+        """Displacement of the centre of mass into the target [length]."""
+        return np.asarray(self._body().y)
+
+    @property
+    def phi(self) -> np.ndarray:
+        """Orientation [rad]; π/2 is upright."""
+        return np.asarray(self._body().phi)
+
+    @property
+    def vx(self) -> np.ndarray:
+        """Velocity of the centre of mass along the surface [speed]."""
+        return np.asarray(self._body().vx)
+
+    @property
+    def vy(self) -> np.ndarray:
+        """Velocity of the centre of mass into the target [speed]."""
+        return np.asarray(self._body().vy)
+
+    @property
+    def omega(self) -> np.ndarray:
+        """Spin φ̇ [rad/s]."""
+        return np.asarray(self._body().omega)
+
+    @property
+    def volume_at_contact(self) -> float:
+        """The volume removed at contact by deformation, beside the cut [volume]."""
+        return float(self.removed[0])
+
+    @property
+    def max_depth(self) -> float:
+        """The tip's greatest depth on the grid of `t`, refined by a cubic [length]."""
+        if len(self.t) < 2:
+            return 0.0
+        deepest = float(self.depth.max())
+        # In shares of t_c and of the depth, whose powers neither overflow nor vanish.
+        depth, step = self.depth / deepest, np.diff(self.t / self.t_c)
+        from_, to = (step * rate for rate in (self.vdepth[:-1], self.vdepth[1:]))
+        from_, to = from_ * (self.t_c / deepest), to * (self.t_c / deepest)
+        # The cubic of each step, and where its derivative a θ² + b θ + from vanishes.
+        a, b = 3 * (from_ + to - 2 * np.diff(depth)), 2 * (3 * np.diff(depth) - 2 * from_ - to)
+        with np.errstate(all="ignore"):
+            q = -(b + np.copysign(np.sqrt(b * b - 4 * a * from_), b)) / 2
+            theta = np.stack([q / a, from_ / q])
+            values = depth[:-1] + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
+        turning = values[(theta > 0) & (theta < 1)]
+        return deepest * float(np.max(turning, initial=1.0))
+
+    @property
+    def turn(self) -> float:
+        """How far the body turned, φ(t_c) - φ(0) [rad]."""
+        return float(self.phi[-1] - self.phi[0]) if isinstance(self.states, State) else math.nan
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader of these numbers should know, as plain sentences."""
+        return tuple(said for said in (self.turn_warning, self.model.outside_of_range(self.p)) if said is not None)
+
+    @property
+    def turn_warning(self) -> str | None:
+        """The sentence on a body that turned too far, if it did."""
+        greatest = np.abs(self.phi - self.phi[0]).max() if isinstance(self.states, State) else 0.0
+        if greatest <= np.pi / 2:
+            return None
+        return (
+            f"The body turned by {np.rad2deg(greatest):.1f}° during the cut, more than 90°: the edge that cut "
+            "first has left the surface, so the model's single tip no longer describes the contact."
+        )
+
+    def rows(self) -> list[Row]:
+        """The results as rows of a table."""
+        return [
+            result_row("t_c", self.t_c, self.p.units),
+            Row("ended_by", "", self.ended_by, "", "how the cut ends"),
+            result_row("volume", self.volume, self.p.units),
+            *contact_rows(self.volume_at_contact, self.p.units),
+            *([] if self.dvolume is None else [result_row("dvolume", self.dvolume, self.p.units)]),
+            result_row("max_depth", self.max_depth, self.p.units),
+            *self._state_rows(),
+        ]
+
+    def _state_rows(self) -> list[Row]:
+        """How far a rigid body turned; of a state of the model's own, each part at the end."""
+        if isinstance(self.states, State):
+            return [result_row("turn", self.turn, self.p.units)]
+        parts = jax.tree_util.tree_flatten_with_path(self.states)[0]
+        return [
+            Row(
+                ".".join(path_of(keys)) or "state",
+                "",
+                format_number(values[-1]),
+                "",
+                "of the model's own state, at the end",
+            )
+            for keys, values in parts
+        ]
+
+    def __repr__(self) -> str:
+        return (
+            f"Trajectory({model_name(self.model)!r}, {len(self.t)} points, t_c={abbreviate(self.t_c)}, "
+            f"ended_by={self.ended_by!r}, volume={abbreviate(self.volume)}, p={self.p!r})"
+        )
+
+    @property
+    def title(self) -> str:
+        """The model and the angle of attack."""
+        return f"{model_name(self.model)}: one impact at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
+
+    @property
+    def statements(self) -> list[str]:
+        """The warnings, as the table shows them."""
+        return [f"warning: {line}" for line in self.warnings]
+
+    def to_dict(self) -> Record:
+        """Model and case, how the cut ends and what it removes, and the units; without the histories."""
+        names = ("t_c", "volume", "volume_at_contact", "dvolume", "max_depth", "turn")
+        numbers = {name: getattr(self, name) for name in names}
+        units = {name: RESULTS[name].unit(self.p.units) for name in names}
+        content = {**numbers, "ended_by": self.ended_by, "units": units, "warnings": self.warnings}
+        return impact_to_dict(self.model, self.p) | to_plain(content)
+
+    def _body(self) -> State:
+        if not isinstance(self.states, State):
+            raise AttributeError(f"{type(self.model).__name__} keeps a state of its own: use `.states`.")
+        return self.states
+
+
+_SAMPLES = 8  # looks at the event functions within each step
+_ATOL = 1e-15  # of each quantity's size: rounding
+_LONGEST_STEP = 0.05  # of the model's time scale: sampled 8 times, a cubic errs by 1e-10 or less
+
+_Functions = dict[str, np.ndarray]
+_Look = tuple[_Functions, _Functions, tuple[np.ndarray, ...], np.ndarray]
+
+
+def simulate(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    *,
+    points: int = 201,
+    rtol: float = 1e-12,
+    solver: diffrax.AbstractSolver | None = None,
+    stepsize_controller: diffrax.AbstractAdaptiveStepSizeController | None = None,
+) -> Trajectory:
+    """Follow one impact from contact to the end of the cut.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: parameters, all scalars, as are the model's own.
+        points: times at which the histories are given, ≥ 2.
+        rtol: relative tolerance of each step.
+        solver: a diffrax solver with dense output, by default `Dopri8`.
+        stepsize_controller: by default a PID controller at `rtol`, with steps of at most a
+            twentieth of the model's time scale. It sees all quantities scaled to order 1.
+
+    Returns:
+        The trajectory. Its end is the earliest fall of any event function through zero,
+        located to 1e-12 relative; a tip that dips out and back within a step is seen.
+
+    Raises:
+        ValueError: for parameters out of range or not scalar.
+        SimulationError: where the solver fails, or no event ends the cut.
+
+    Warns:
+        TurnWarning: where the body turned by more than π/2.
+        OutOfRangeWarning: where a correlation, or another model with a range, is used outside of it.
+    """
+    require_xla()
+    model = load_model(model)
+    validate(p)
+    require_concrete(p)
+    require_one_impact(model, p, "; for many impacts use `erosion.impact`")
+    rtol, points = check_tolerance(rtol), check_whole("points", points, 2)
+    for name, given, kind in (
+        ("solver", solver, diffrax.AbstractSolver),
+        ("stepsize_controller", stepsize_controller, diffrax.AbstractAdaptiveStepSizeController),
+    ):
+        if given is not None and not isinstance(given, kind):
+            raise TypeError(f"Argument `{name}` must be a diffrax.{kind.__name__}, but is {given!r}.")
+    trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
+    for message in trajectory.warnings:
+        category = TurnWarning if message == trajectory.turn_warning else OutOfRangeWarning
+        warnings.warn(message, category, stacklevel=2)
+    return trajectory
+
+
+def _follow(
+    model: CuttingModel,
+    p: Parameters,
+    solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractAdaptiveStepSizeController | None,
+    rtol: float,
+    points: int,
+) -> Trajectory:
+    given, p = p, dataclasses.replace(p, units=units_within(model, p))
+    structure = flow.layout(model, p)
+    begins, start, sizes, time = flow.begin(model, p)
+    if not np.all(np.isfinite(start)):
+        raise SimulationError(f"{model_name(model)}: state and volume are not finite at contact.")
+    if not begins:
+        ys = np.asarray(start)[None]
+        return _trajectory(model, given, structure, np.zeros(1), ys, NO_CUT, lambda t: np.repeat(ys, len(t), 0))
+    if controller is None:
+        controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
+    # Numpy from here: JAX would compile a program for every number of steps.
+    problem = flow.Problem(model, p, solver, controller, sizes)
+    ends, states, _, interpolant = flow.solve(problem, start, 0.0 * time, LONGEST * time)
+    ends = np.asarray(ends)
+    ends = np.append(0.0, ends[np.isfinite(ends)])
+
+    def dense(t: np.ndarray) -> np.ndarray:
+        return np.asarray(flow.interpolate(solver, interpolant, sizes, _padded(t)))[: len(t)]
+
+    fall = _first_event(model, p, dense, ends, float(time))
+    name = fall.name
+
+    # From the start of the step in which the cut ends, steps of full order to any time in it.
+    begun = int(np.searchsorted(ends, fall.low, side="right")) - 1
+    before = start if begun == 0 else np.asarray(states)[begun - 1]
+
+    @functools.cache
+    def reach(t: float) -> Array | np.ndarray:
+        if t <= ends[begun]:
+            return before
+        return flow.solve(problem, before, jnp.float64(ends[begun]), jnp.float64(t))[2]
+
+    def event(t: float) -> tuple[float, float]:
+        value, rate = flow.event(model, p, reach(t))
+        return float(value[name]), float(rate[name])
+
+    t_c = find_root(event, fall)
+    t = np.linspace(0.0, t_c, points)
+    # The ends of the histories are known better than the dense output gives them.
+    ys = np.concatenate([dense(t)[:-1], np.asarray(reach(t_c))[None]])
+    return _trajectory(model, given, structure, t, ys, name, dense)
+
+
+def _first_event(
+    model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], np.ndarray], ends: np.ndarray, time: float
+) -> Fall:
+    """The event that ends the cut, from looks within the steps, which end at `ends`."""
+    t, values, rates = _looks(model, p, dense, ends, time)
+    try:
+        fall = first_fall(t, values, rates)
+    except ArithmeticError as error:
+        raise SimulationError(f"{model_name(model)}: {error}.") from error
+    if len(ends) == 1:
+        raise SimulationError(
+            f"{model_name(model)}: no first step could be taken: the motion is not finite at contact."
+        )
+    if fall is None:
+        raise SimulationError(
+            f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
+            f"({ends[-1] / time:.3g} time scales, {len(ends) - 1} of at most {flow.MAX_STEPS} steps)."
+        )
+    return fall
+
+
+def _looks(
+    model: CuttingModel, p: Parameters, dense: Callable[[np.ndarray], np.ndarray], ends: np.ndarray, time: float
+) -> tuple[np.ndarray, _Functions, _Functions]:
+    """Times, several in each step, with the event functions and their rates there."""
+    counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
+    pieces = zip(ends[:-1], ends[1:], counts, strict=True)
+    t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
+    values, rates, *_ = _looked(model, p, dense(t))
+    return t, values, rates
+
+
+def _looked(model: CuttingModel, p: Parameters, ys: np.ndarray) -> _Look:
+    """`flow.look` at any number of y."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(ys)], flow.look(model, p, _padded(ys)))
+
+
+def _padded(array: np.ndarray) -> np.ndarray:
+    """The array, its last repeated: few lengths are ever compiled, and most cuts need the same one."""
+    count = len(array)
+    repeated = np.minimum(np.arange(1 << max(10, (count - 1).bit_length())), count - 1)
+    return array[repeated] if count else array
+
+
+def _trajectory(
+    model: CuttingModel,
+    p: Parameters,
+    structure: Structure,
+    t: np.ndarray,
+    ys: np.ndarray,
+    name: str,
+    dense: Callable[[np.ndarray], np.ndarray],
+) -> Trajectory:
+    _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units=units_within(model, p)), ys)
+    x_tip, depth, vx_tip, vdepth = tip
+    return Trajectory(
+        model=model,
+        p=p,
+        t=t,
+        states=flow.state_of(structure, ys),
+        x_tip=x_tip,
+        depth=depth,
+        vx_tip=vx_tip,
+        vdepth=vdepth,
+        removed=ys[:, -1],
+        removal_rate=removal_rate,
+        t_c=float(t[-1]),
+        ended_by=name,
+        volume=float(ys[-1, -1]),
+        _interpolate=lambda t: flow.state_of(structure, dense(t)),
+    )
+
+
+_RTOL = 1e-12
+
+
+def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
+    """Follow one impact from contact to the end of the cut, with dV/dα.
+
+    `erosion.simulate` gives the same by diffrax; arguments are not checked here.
+
+    Raises:
+        SimulationError: where the impact fails or does not end.
+    """
+    require_float64()
+    end = states_at(model, p, np.array([np.inf]), _RTOL)
+    name = end_names(model)[int(end.outcome[0])]
+    if name in OTHER_ENDS and name != NO_CUT:
+        raise SimulationError(f"{model_name(model)}: {OTHER_ENDS[name]}.")
+    t_c = float(end.time[0])
+    t = np.linspace(0.0, t_c, points) if name != NO_CUT else np.zeros(1)
+    # The end itself is known better than what is integrated to that time.
+    times = np.where(np.arange(t.size) < t.size - 1, t, np.inf) if name != NO_CUT else t
+    states = states_at(model, p, times, _RTOL)
+    x_tip, depth, vx_tip, vdepth = map(np.asarray, states.tip)
+    return Trajectory(
+        model=model,
+        p=p,
+        t=t,
+        states=states.state,
+        x_tip=x_tip,
+        depth=depth,
+        vx_tip=vx_tip,
+        vdepth=vdepth,
+        removed=states.volume,
+        removal_rate=states.removal_rate,
+        t_c=t_c,
+        ended_by=name,
+        volume=float(end.volume[0]),
+        dvolume=float(end.dvolume[0]),
+        _interpolate=lambda t: states_at(model, p, t, _RTOL).state,
+    )

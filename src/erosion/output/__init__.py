@@ -1,0 +1,1 @@
+"""What leaves the package: text tables, whole files, two languages."""

@@ -1,0 +1,117 @@
+"""Pages in other languages than English: gettext catalogues over their texts.
+
+A message of the catalogue is a block of a text, between empty lines, as it stands in its file: with its fields, so
+that a translator sees whole sentences. Words that are computed (the end of a cut, a parameter's meaning) and the
+texts of figures are messages too; where they hold numbers, "#" stands for each. Sentences of the code have fields in
+braces, as `str.format` has them.
+"""
+
+import dataclasses
+import functools
+import re
+import reprlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+_FOLDER = Path(__file__).parents[1] / "locale"
+_NUMBER = re.compile(r"[−-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+_POINT = re.compile(r"(?<=\d)\.(?=\d)")
+_BETWEEN_BLOCKS = re.compile(r"(\n\s*\n)")
+
+
+@dataclasses.dataclass(frozen=True)
+class Language:
+    """A language of the pages.
+
+    Args:
+        tag: as HTML has it: "en", "de".
+        messages: the translation of each English message.
+        comma: whether a number has a decimal comma.
+    """
+
+    tag: str = "en"
+    messages: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    comma: bool = False
+
+    def text(self, message: str) -> str:
+        """The translation of a few words; numbers in them stay. The words themselves where there is none."""
+        words = message.strip()
+        if words in self.messages:
+            return message.replace(words, self.messages[words])
+        numbers = _NUMBER.findall(words)
+        pattern = _NUMBER.sub("#", words)
+        if not numbers or pattern not in self.messages:
+            return message
+        pieces = self.messages[pattern].split("#")
+        filled = [piece + number for piece, number in zip(pieces, map(self.number, numbers), strict=False)]
+        return "".join([*filled, *pieces[len(numbers) :]])
+
+    def say(self, message: str, **fields: str) -> str:
+        """A message of the code, such as "share at {angle}", with its fields; numbers with their decimal separators."""
+        return self.messages.get(message, message).format(**{name: self.number(text) for name, text in fields.items()})
+
+    def template(self, source: str) -> str:
+        """A text's file with each block translated."""
+        return "".join(self.messages.get(block.strip(), block) for block in _BETWEEN_BLOCKS.split(source))
+
+    def number(self, text: str) -> str:
+        """A number, or a text with numbers, with its decimal separators."""
+        return _POINT.sub(",", text) if self.comma else text
+
+    def number_tex(self, tex: str) -> str:
+        """The same in LaTeX, which takes a bare comma for the end of an argument."""
+        return _POINT.sub("{,}", tex) if self.comma else tex
+
+
+ENGLISH = Language()
+
+
+def languages() -> list[str]:
+    """The tags of all languages."""
+    return [ENGLISH.tag, *sorted(path.stem for path in _FOLDER.glob("*.po"))]
+
+
+def language(tag: str) -> Language:
+    """The language with a tag.
+
+    Raises:
+        ValueError: for a tag without a catalogue.
+    """
+    if tag not in languages():
+        raise ValueError(f"Argument `lang` must be one of {', '.join(languages())}, but is {reprlib.repr(tag)}.")
+    return _read(tag)
+
+
+@functools.cache
+def _read(tag: str) -> Language:
+    if tag == ENGLISH.tag:
+        return ENGLISH
+    import polib
+
+    catalogue = polib.pofile(str(catalogue_path(tag)), encoding="utf-8")
+    messages = {entry.msgid: entry.msgstr for entry in catalogue.translated_entries()}
+    return Language(tag, messages, catalogue.metadata.get("X-Decimal-Separator") == ",")
+
+
+def catalogue_path(tag: str) -> Path:
+    """The file of a language's catalogue."""
+    return _FOLDER / f"{tag}.po"
+
+
+def message_blocks(source: str) -> list[str]:
+    """The blocks of a text's file that hold words, which a catalogue is to translate."""
+    return [block.strip() for block in _BETWEEN_BLOCKS.split(source) if _has_words(block)]
+
+
+_NO_WORDS: tuple[Callable[[str], str], ...] = tuple(
+    functools.partial(re.compile(pattern, re.DOTALL).sub, " ")
+    for pattern in (r"\{[{%#].*?[}%#]\}", r"\$\$.*?\$\$", r"^## Derivation$")
+)
+
+
+def _has_words(block: str) -> bool:
+    in_formula = re.search(r"\\text\{[^}{]*[a-z]{3}", block)
+    in_field = re.search(r'\{\{[^}]*"[^"]*[a-z] [a-z][^"]*"', block)
+    for remove in _NO_WORDS:
+        block = remove(block.strip())
+    return bool(in_formula or in_field or re.search(r"[^\W\d_]{2}", block))

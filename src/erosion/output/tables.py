@@ -1,0 +1,279 @@
+"""Results as a person or a program reads them: tables in text and HTML, JSON."""
+
+import abc
+import csv
+import dataclasses
+import html
+import io
+import json
+import math
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from jax.core import Tracer
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+
+HEADINGS = ("quantity", "", "value", "unit", "meaning")
+WIDTH = 120  # characters of a line of text
+
+
+Record = dict[str, Any]
+"""Results by name: numbers, texts, lists and dictionaries of them."""
+
+
+class Row(NamedTuple):
+    """One line of a table; all cells are text already."""
+
+    name: str
+    symbol: str
+    value: str
+    unit: str
+    meaning: str = ""
+
+
+def format_number(value: object, digits: int = 10, size: float = 1.0) -> str:
+    """A number as read by a person; an array as its shape and range.
+
+    Args:
+        value: numbers, or words, which are counted.
+        digits: significant digits.
+        size: of the unit in which numbers are shown.
+    """
+    if isinstance(value, Tracer):
+        return f"traced{list(value.shape)}"
+    array = np.asarray(value)
+    if array.dtype.kind in "US":
+        if array.ndim == 0:
+            return str(array)
+        names, counts = np.unique(array, return_counts=True)
+        return ", ".join(f"{count:,} {name}" for name, count in zip(names, counts, strict=True))
+    array = array / size
+    if array.ndim == 0:
+        return f"{float(array):.{digits}g}"
+    if not array.size:
+        return f"{list(array.shape)} empty"
+    return f"{list(array.shape)} {np.nanmin(array):.{digits}g} … {np.nanmax(array):.{digits}g}"
+
+
+def largest_of(value: object) -> float:
+    """The greatest magnitude of a number or an array; 0 where there is none."""
+    if isinstance(value, Tracer):
+        return 0.0
+    magnitudes = np.abs(np.asarray(value, dtype=float))
+    return float(np.max(magnitudes, where=np.isfinite(magnitudes), initial=0.0))
+
+
+def with_error(value: float, error: float, size: float = 1.0) -> str:
+    """A number and its standard error, to the error's second digit: "31.72 ± 0.11"; alone where the error is 0."""
+    value, error = value / size, error / size
+    if not (math.isfinite(error) and error > 0 and math.isfinite(value)):
+        return f"{value:.6g}" if error == 0 else f"{value:.6g} ± {error:.2g}"
+    places = 1 - math.floor(math.log10(float(f"{error:.1e}")))
+    if abs(value) >= 1e7 or places > 12:
+        return f"{value:.6g} ± {error:.2g}"
+    return f"{round(value, places):.{max(places, 0)}f} ± {round(error, places):.{max(places, 0)}f}"
+
+
+def abbreviate(value: object) -> str:
+    """A number so that Python reads the same one back, text in quotes, an array as its shape and range."""
+    if isinstance(value, Tracer) or np.asarray(value).ndim:
+        return f"<{format_number(value, 6)}>"
+    number = np.asarray(value)
+    if number.dtype.kind in "US":
+        return repr(str(number))
+    return repr(float(number)).removesuffix(".0")
+
+
+def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
+    """An aligned table under a title, without colour, ending without a newline."""
+    return "\n".join(line.plain.rstrip() for line in to_lines(title, rows, headings)).rstrip()
+
+
+def to_lines(
+    title: str,
+    rows: "Sequence[Sequence[str | Text]]",
+    headings: Sequence[str] = HEADINGS,
+    numbers: Collection[int] = (2,),
+    width: int = WIDTH,
+) -> "list[Text]":
+    """A table as lines of rich text for a terminal.
+
+    To fit into the width, the last column wraps between words, and a long name in the first column gets
+    a line of its own. The title and names are never broken, as they may hold paths.
+
+    Args:
+        title: above the table; none where it is empty.
+        rows: cells, as text or rich text.
+        headings: of the columns.
+        numbers: the columns that are flush right.
+        width: of the terminal, in characters.
+    """
+    from rich.text import Text
+
+    table = [[Text(heading, "bold") for heading in headings]]
+    table += [[*map(_cell, row[:-1]), _cell(row[-1], "dim")] for row in rows]
+    widths, gap = _layout([[cell.cell_len for cell in row] for row in table], numbers, width)
+    head, *body = (_row_lines(row, widths, numbers, " " * gap) for row in table)
+    rule = Text(" " + "─" * (sum(widths) + gap * (len(widths) - 1)))
+    titles = [Text(title, "bold")] if title else []
+    return [*titles, Text(), *head, rule, *(line for lines in body for line in lines), Text()]
+
+
+_LAYOUTS = ((3, 24), (2, 24), (2, 16))
+"""Characters between two columns and those to which the last column shrinks, the roomiest layout first."""
+
+
+def _cell(cell: "str | Text", style: str = "") -> "Text":
+    from rich.text import Text
+
+    return cell if isinstance(cell, Text) else Text(cell, style)
+
+
+def _layout(lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int) -> tuple[list[int], int]:
+    """The widths of the columns and the gap between two: the roomiest in which all names fit, else the tightest."""
+    layouts = [(_column_widths(lengths, numbers, width, gap, least), gap) for gap, least in _LAYOUTS]
+    longest = max(row[0] for row in lengths)
+    return next((layout for layout in layouts if longest <= layout[0][0]), layouts[-1])
+
+
+def _column_widths(
+    lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int, gap: int, least: int
+) -> list[int]:
+    """The widths of two or more columns; the first one's is that of the names which fit."""
+    names, *others = zip(*lengths, strict=True)
+    *middle, last = (max(column) for column in others)
+    wraps = len(others) not in numbers
+    room = width - 1 - gap * len(others) - sum(middle)
+    least = min(last, least) if wraps else last
+    first = max((length for length in names if length <= room - least), default=0)
+    if wraps:
+        last = max(least, min(last, room - first))
+    return [first, *middle, last]
+
+
+def _row_lines(cells: "Sequence[Text]", widths: Sequence[int], numbers: Collection[int], gap: str) -> "list[Text]":
+    """One row: a name that is too long alone, then the cells, of which the last may take several lines."""
+    from rich.text import Text
+
+    name, *middle, last = cells
+    lines = []
+    if name.cell_len > widths[0]:
+        lines.append(Text.assemble(" ", name))
+        name = Text()
+    row = [name, *middle]
+    for words in _wrapped(last, widths[-1]):
+        padded = [_padded(cell, widths[i], left=i in numbers) for i, cell in enumerate((*row, words))]
+        lines.append(Text.assemble(" ", Text(gap).join(padded)))
+        lines[-1].rstrip()
+        row = [Text()] * len(row)
+    return lines
+
+
+def _padded(cell: "Text", width: int, *, left: bool) -> "Text":
+    cell = cell.copy()
+    (cell.pad_left if left else cell.pad_right)(max(0, width - cell.cell_len))
+    return cell
+
+
+def _wrapped(text: "Text", width: int) -> "list[Text]":
+    """Lines of whole words; "k = 2" is one word, if there is room for it."""
+    from rich.cells import cell_len
+
+    begins, end = [0], 0
+    for word in re.finditer(r"\S+", text.plain):
+        if word.start() < end:  # within "k = 2"
+            continue
+        equation = re.compile(r"\S+ = \S+").match(text.plain, word.start())
+        end = word.end() if equation is None or cell_len(equation[0]) > width else equation.end()
+        if word.start() > begins[-1] and cell_len(text.plain[begins[-1] : end]) > width:
+            begins.append(word.start())
+    lines = list(text.divide(begins[1:]))
+    for line in lines:
+        line.rstrip()
+    return lines
+
+
+def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
+    """The same as an HTML table."""
+    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in headings)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><caption>{html.escape(title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def to_csv(columns: Mapping[str, Iterable[Any]]) -> str:
+    """Comma-separated values: the headings, then a line for each row; Python's own floats are exact to the last bit."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue()
+
+
+def to_json(content: Mapping[str, Any]) -> str:
+    """JSON, indented; NaN and infinity, which it lacks, as null."""
+    return json.dumps(_finite(to_plain(content)), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def to_plain(value: Any) -> Any:
+    """Numbers, lists, texts and dictionaries of Python, from arrays and dataclasses of any depth."""
+    if isinstance(value, (bool, int)) or value is None:
+        return value
+    if isinstance(value, (str, float)):
+        return str(value) if isinstance(value, str) else float(value)  # numpy's are subclasses
+    if isinstance(value, Mapping):
+        return {key: to_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item) for item in value]
+    if dataclasses.is_dataclass(value):
+        return {field.name: to_plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    array = np.asarray(value)
+    if array.dtype == object and not array.ndim:
+        raise TypeError(f"{type(value).__name__} is not made of numbers and texts.")
+    return to_plain(array.tolist())
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Result(abc.ABC):
+    """A result that prints as a table, shows as one in a notebook, and is numbers by name for programs."""
+
+    @property
+    @abc.abstractmethod
+    def title(self) -> str:
+        """One line above the table."""
+
+    @abc.abstractmethod
+    def rows(self) -> Sequence[Sequence[str]]:
+        """The table, all cells as text."""
+
+    @property
+    def headings(self) -> Sequence[str]:
+        """The columns of the table."""
+        return HEADINGS
+
+    @property
+    def statements(self) -> Sequence[str]:
+        """Sentences below the table."""
+        return ()
+
+    def to_dict(self) -> Record:
+        """The numbers by name, in Python's own types; NaN and infinity stay what they are."""
+        return to_plain(self)
+
+    def __str__(self) -> str:
+        return "\n".join([to_text(self.title, self.rows(), self.headings), *self.statements])
+
+    def _repr_html_(self) -> str:
+        sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in self.statements)
+        return to_html(self.title, self.rows(), self.headings) + sentences

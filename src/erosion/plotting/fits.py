@@ -1,0 +1,414 @@
+"""Figures of fits: measurements, fitted curves with bands, and profiles.
+
+Figures of posteriors: pairs, traces, predictions with their jumps, best angles, and the next experiment.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy import stats
+
+from erosion.fits import Calibration, NextExperiment, Posterior
+from erosion.fits.measurements import MOST, Condition, conditions, describe
+from erosion.fits.posterior import BestAngles
+from erosion.models import model_name
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import Scale, readable_scale
+from erosion.parameters.units import unit_name
+from erosion.plotting.style import ENDS, INK, MARKS, PALETTE, STYLES, angle_axis, house_style, new_figure, typeset
+
+_FIT_ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
+_DASHES: Sequence[Any] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (5, 1.5, 1, 1.5)),
+    (0, (1, 1.5)),
+    (0, (8, 3)),
+    (0, (3, 1, 1, 1, 1, 1)),
+)
+_RIGHT = 92  # degrees, so that a mark at 90° is whole
+
+_BY = {True: "by the rows' scatter alone", False: "by the rows' uncertainties alone"}
+
+
+@house_style()
+def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure:
+    """The data, the fitted curves with the bands of their uncertainty, and the first fit's residuals.
+
+    Data of several speeds or masses has a colour for each, and a curve of each fit; a model is then
+    known by its dashes. A line above the figure says whether the first fit has warnings (`Calibration.statements`).
+
+    Args:
+        fits: fits to the same data, the best first; only the first six are drawn, because a reader
+            cannot distinguish more.
+        level: the confidence level of the bands.
+    """
+    best, data = fits[0], fits[0].data
+    groups = conditions(data, MOST)
+    fig = new_figure(6.2, 5.8)
+    upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.72, 0.28))
+    scale = readable_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
+    _draw_curves(upper, fits[: len(PALETTE)], groups, scale, float(stats.norm.ppf((1 + level) / 2)))
+    for i, group in enumerate(groups):
+        label = group.label or ("measured" if data.source == "data" else data.source)
+        look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": MARKS[i]}
+        _draw_data(upper, best, data.erosion, group.rows, scale, {**look, "label": label})
+        _draw_data(lower, best, best.residuals, group.rows, scale, look)
+    lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
+    lowest = data.erosion - (0.0 if data.uncertainty is None else data.uncertainty)
+    upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
+    lower.set_ylabel("residuals")
+    angle_axis(lower)
+    lower.set_xlim(0, _RIGHT)
+    handles, labels = upper.get_legend_handles_labels()
+    fig.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=min(len(labels), 3),
+        title=f"bands: {level:.0%} of the curve, {_BY[best.data.uncertainty is None]}",
+    )
+    if best.statements:
+        whose = f"{model_name(best.model)}: " if len(fits) > 1 else ""
+        count = len(best.statements)
+        note = f"{whose}{count} warning{'s' if count > 1 else ''}: see the text of the fit"
+        upper.set_title(note, fontsize=7.5, loc="left")
+    unit = f"[{scale.unit}]" if scale.unit else ""
+    _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", unit)
+    return fig
+
+
+@house_style()
+def plot_profile(ax: Axes, fit: Calibration, name: str, level: float = 0.95) -> Axes:
+    """The profile likelihood of one parameter, with its interval."""
+    profile, height = fit.profile(name), fit.rise(level)
+    ax.plot(profile.values, profile.rise, color=PALETTE["blue"], marker="o", markersize=3.5, label="profile")
+    ax.axhline(height, color=PALETTE["vermillion"], linewidth=1.2, label=f"{level:.0%}")
+    for end in fit.intervals(level)[name]:
+        if 0 < abs(end) < np.inf:
+            ax.axvline(end, color=PALETTE["vermillion"], linewidth=1.2, linestyle=(0, (4, 3)))
+    ax.set_xlabel(typeset(fit.quantities[name].symbol) + (f" [{profile.unit}]" if profile.unit else ""))
+    ax.set_ylabel("Δχ² above the best fit")
+    ax.set_ylim(0, 2.5 * height)
+    ax.legend()
+    return ax
+
+
+def _draw_curves(
+    ax: Axes, fits: Sequence[Calibration], groups: Sequence[Condition], scale: Scale, width: float
+) -> None:
+    """Each fit's curve for each group, with its band."""
+    degrees = np.rad2deg(_FIT_ANGLES)
+    for rank, fit in enumerate(fits):
+        name = model_name(fit.model)
+        for i, group in enumerate(groups):
+            erosion, error = (values / scale.size for values in fit.curve(_FIT_ANGLES, group.values))
+            color = _color(rank) if len(groups) == 1 else _color(i, len(groups))
+            if len(groups) == 1 or rank == 0:
+                ax.fill_between(degrees, erosion - width * error, erosion + width * error, color=color, linewidth=0,
+                                alpha=0.12 if rank else 0.3, zorder=3)  # fmt: skip
+            ax.plot(degrees, erosion, color=color, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0,
+                    zorder=4 - 0.1 * rank, label=name if len(groups) == 1 else "")  # fmt: skip
+        if len(groups) > 1:
+            # One entry for a model, whatever the colour.
+            ax.plot([], [], color=INK, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0, label=name)
+
+
+def _draw_data(
+    ax: Axes, fit: Calibration, values: np.ndarray, rows: np.ndarray, scale: Scale, look: Mapping[str, Any]
+) -> None:
+    """Rows with their uncertainties."""
+    data = fit.data
+    errors = None if data.uncertainty is None else data.uncertainty[rows] / scale.size
+    many = len(data) > 500
+    ax.errorbar(np.rad2deg(data.angle[rows]), values[rows] / scale.size, yerr=None if many else errors, elinewidth=0.9,
+                markersize=2 if many else 4, capsize=2, alpha=0.3 if many else 0.9, zorder=2,
+                **{**look, "fmt": "."} if many else look)  # fmt: skip
+
+
+def _color(index: int, count: int = 1) -> Any:
+    """One of `count` colours; more than the palette has are shades from dark to light, in order."""
+    if count <= len(PALETTE):
+        return list(PALETTE.values())[index]
+    return mpl.colormaps["viridis"](0.92 * index / (count - 1))
+
+
+def _label_whole(ax: Axes, meaning: str, unit: str) -> None:
+    """A label of the y axis on as many lines as let all of it be seen."""
+    figure: Any = ax.figure
+    words = meaning.split(" ")
+    forms = [f"{meaning}  {unit}".rstrip(), f"{meaning}\n{unit}".rstrip()]
+    forms += [f"{' '.join(words[:i])}\n{' '.join(words[i:])}  {unit}".rstrip() for i in (len(words) // 2 + 1,)]
+    for form in forms:
+        label = ax.set_ylabel(form)
+        figure.draw_without_rendering()
+        if label.get_window_extent().height <= ax.get_window_extent().height:
+            break
+
+
+_BAND_ANGLES = np.deg2rad(np.linspace(0.5, 89.5, 179))
+_DRAWS = 400  # of a band: its 95 % ends are known to some percents of its width
+_DECADE = 10.0  # of an interval, from which on the axis is logarithmic
+_BINS = 40
+_LEAST_BITS = 0.01  # of an axis: ten times the accuracy
+_BANDS = ((0.95, 0.18), (0.5, 0.4))  # probability, opacity
+
+
+@house_style()
+def plot_pairs(posterior: Posterior) -> Figure:
+    """Each parameter's draws as a histogram, and each pair's as points: ridges and several modes are seen here.
+
+    A parameter that varies by more than a factor of 10 has a logarithmic axis.
+    """
+    names = posterior.names
+    columns = [_Column(posterior, name) for name in names]
+    size = max(1.7 * len(names), 3.2)
+    fig = new_figure(size + 0.5, size)
+    axes = np.atleast_2d(fig.subplots(len(names), len(names), squeeze=False))
+    for i, row in enumerate(columns):
+        for j, column in enumerate(columns):
+            ax = axes[i, j]
+            if j > i:
+                ax.remove()
+                continue
+            _draw_histogram(ax, row) if i == j else _draw_cloud(ax, column, row)
+            column.scale_axis(ax.xaxis)
+            ax.tick_params(labelbottom=i == len(names) - 1, labelleft=0 == j < i, labelsize=8)
+            if i == len(names) - 1:
+                ax.set_xlabel(column.label)
+                ax.tick_params(axis="x", rotation=45)
+            if 0 == j < i:
+                ax.set_ylabel(row.label)
+    fig.align_labels()
+    return fig
+
+
+@house_style()
+def plot_traces(posterior: Posterior) -> Figure:
+    """The draws of each population one after the other, and their histograms: populations that agree look alike."""
+    names = posterior.names
+    fig = new_figure(6.2, 1.5 * len(names) + 0.7)
+    axes = fig.subplots(len(names), 2, squeeze=False, width_ratios=(0.7, 0.3), sharey="row")
+    for (left, right), name in zip(axes, names, strict=True):
+        column = _Column(posterior, name)
+        for chain, color in zip(column.chains, PALETTE.values(), strict=False):
+            left.plot(chain, color=color, linewidth=0.5)
+            right.hist(chain, column.bins, histtype="step", orientation="horizontal", color=color)
+        column.scale_axis(left.yaxis)
+        left.set_ylabel(column.label)
+        right.set_xticks([])
+        left.tick_params(labelbottom=False)
+        right.grid(visible=False)
+    axes[-1, 0].tick_params(labelbottom=True)
+    axes[-1, 0].set_xlabel("draw of each population")
+    axes[0, 0].set_title(f"R̂ {max(posterior.rhat.values()):.4f}", fontsize=8, loc="left")
+    return fig
+
+
+@house_style()
+def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None) -> Figure:
+    """What the model predicts over all angles, and below how its cuts end, for draws of the posterior.
+
+    The bands are quantiles of the curve, without the error of a measurement, at each angle. Where V(α) jumps at another
+    angle for each draw, a band spans the jump, and the panel below says which share of the draws is beyond it.
+
+    Args:
+        posterior: the draws.
+        at: other parameters of the case, such as {"v0": 60.0}. Without it each speed and mass of the data has bands, in
+            a colour of its own, and its rows; of more than six, those of similar energy share one. They have a panel on
+            their ends together where these are the same, as without rotation, else one each.
+    """
+    data = posterior.data
+    groups = _drawn_groups(posterior, at)
+    curves = [posterior.predict(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
+    scale = readable_scale(data.dimension, data.units, max(float(np.nanmax(np.abs(curve))) for curve in curves))
+    ends = [posterior.ends(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
+    is_alone, are_same = len(groups) == 1, all(np.array_equal(ends[0], other) for other in ends)
+    panels = (1.15,) if are_same else (0.72,) * len(groups)
+    fig = new_figure(6.2, 4.2 + sum(panels))
+    upper, *lower = fig.subplots(1 + len(panels), 1, sharex=True, height_ratios=(3.7, *panels))
+    for ax, of_group, group in zip(lower, ends, groups, strict=False):
+        _draw_ends(ax, of_group)
+        ax.set_ylabel("share of draws" if are_same else "share")
+        ax.set_title("" if are_same else group.label, fontsize=8, loc="left", pad=2)
+    for group, curve, color, mark in zip(groups, curves, PALETTE.values(), MARKS, strict=False):
+        source = "measured" if data.source == "data" else data.source
+        look = {"color": INK, "fmt": "o", "label": source}
+        if not is_alone:
+            look = {"color": color, "fmt": mark, "label": group.label}
+        _draw_bands(upper, curve / scale.size, color, labelled=is_alone)
+        _draw_rows(upper, posterior, group.rows, scale, look)
+    if not is_alone:
+        # One entry for a band, whatever its colour.
+        for level, opacity in _BANDS:
+            upper.fill_between([], [], color=INK, alpha=opacity, linewidth=0, label=f"{level:.0%}")
+        upper.plot([], [], color=INK, label="median")
+    angle_axis(lower[-1])
+    lower[-1].set_xlim(0, 92)
+    unit = f"  [{scale.unit}]" if scale.unit else ""
+    upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}{unit}")
+    what = groups[0].label if is_alone else data.source
+    upper.set_title(f"{model_name(posterior.model)}  {what}", fontsize=8.5, loc="left")
+    upper.set_ylim(bottom=0)
+    fig.align_ylabels()
+    # Panels that show the same kind of end share an entry.
+    legends = [ax.get_legend_handles_labels() for ax in (upper, *lower)]
+    entries = {label: handle for handles, labels in legends for handle, label in zip(handles, labels, strict=True)}
+    bands = "bands: of the curve, by the draws alone, without a row's error"
+    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=4, title=bands)
+    return fig
+
+
+def _drawn_groups(posterior: Posterior, at: Mapping[str, float] | None) -> list[Condition]:
+    """The rows of each speed and mass; or what is asked for, with its rows if it was measured."""
+    groups = conditions(posterior.data, len(PALETTE))
+    if at is None:
+        return groups
+    asked = Condition(np.zeros(0, int), dict(at), describe(at, posterior.data.units))
+    return [next((group for group in groups if dict(group.values) == dict(at)), asked)]
+
+
+@house_style()
+def plot_best_angles(best: BestAngles) -> Figure:
+    """The angle of greatest removal at each draw, and the removal there, coloured by the kind of the maximum."""
+    optimum = best.optimum
+    volume, kinds = np.atleast_1d(optimum.volume), np.atleast_1d(optimum.kind)
+    scale = readable_scale("volume", optimum.p.units, float(np.nanmax(volume)))
+    fig = new_figure(5.4, 4.6)
+    upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.4, 0.6))
+    degrees = np.rad2deg(best.alpha)
+    bins = np.linspace(np.nanmin(degrees), np.nanmax(degrees) + 1e-9, _BINS)
+    shares = best.kinds
+    colors = dict(zip(shares, PALETTE.values(), strict=False))
+    parts = [degrees[(kinds == kind) & np.isfinite(degrees)] for kind in shares]
+    labels = [f"{kind}: {share:.1%} of the draws" for kind, share in shares.items()]
+    upper.hist(parts, bins, stacked=True, color=list(colors.values()), label=labels)
+    for kind, color in colors.items():
+        lower.plot(
+            degrees[kinds == kind], volume[kinds == kind] / scale.size, ".", color=color, markersize=4, alpha=0.5
+        )
+    upper.set_ylabel("draws")
+    lower.set_xlabel(f"{typeset(RESULTS['alpha_max'].symbol)} [°]")
+    lower.set_ylabel(f"{typeset(RESULTS['volume_max'].symbol)}  [{scale.unit}]")
+    fig.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return fig
+
+
+@house_style()
+def plot_next_experiment(answer: NextExperiment) -> Figure:
+    """What one more row is expected to say over its angle, a curve for each speed, with the best one marked.
+
+    Of several models the upper panel is about their parameters, and the lower one about which model is right. The best
+    candidate is that of the greatest sum.
+    """
+    panels = {"about the parameters": answer.information}
+    if len(answer.names) > 1:
+        panels["about the model"] = answer.discrimination
+    fig = new_figure(6.2, 1.2 + 2.6 * len(panels))
+    axes = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
+    for ax, (meaning, information) in zip(axes, panels.items(), strict=True):
+        for (label, candidates), (color, line) in zip(_by_conditions(answer), cycle(STYLES)):
+            order = candidates[np.argsort(degrees[candidates])]
+            ax.plot(degrees[order], information[order], color=color, linestyle=line, marker=".", label=label)
+        ax.plot(degrees[best], information[best], "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
+                markeredgewidth=0.7, zorder=5, label=_best_in_words(answer))  # fmt: skip
+        ax.set_ylabel(f"{meaning}  [bit]")
+        # What is less than the accuracy of the sums is not shown at large.
+        ax.set_ylim(0, max(1.05 * float(np.nanmax(information)), _LEAST_BITS))
+    angle_axis(axes[-1])
+    axes[0].set_title(f"what one more row is expected to say: {', '.join(answer.names)}", fontsize=8.5, loc="left")
+    fig.align_ylabels(axes)
+    handles, labels = axes[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
+    return fig
+
+
+def _by_conditions(answer: NextExperiment) -> list[tuple[str, np.ndarray]]:
+    """The candidates with the same conditions but for the angle, by words for these."""
+    others = {name: values for name, values in answer.candidates.items() if name != "alpha"}
+    rows = np.stack([*others.values(), np.zeros(len(answer.total))], axis=1)
+    kinds, number = np.unique(rows, axis=0, return_inverse=True)
+    words = [
+        ", ".join(answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False))
+        for kind in kinds
+    ]
+    return [(words[i] or "_one condition", np.flatnonzero(number.ravel() == i)) for i in range(len(kinds))]
+
+
+def _best_in_words(answer: NextExperiment) -> str:
+    """The best candidate's conditions."""
+    return "best: " + ", ".join(answer.condition_in_words(name, value) for name, value in answer.best.items())
+
+
+class _Column:
+    """The draws of one parameter in the unit of its axis."""
+
+    def __init__(self, posterior: Posterior, name: str) -> None:
+        quantity = posterior.quantities[name]
+        chains = posterior.samples[name].values
+        low, high = np.quantile(chains, [0.025, 0.975])
+        self.logarithmic = bool(low > 0 and high / low > _DECADE)
+        middle = float(np.median(chains))
+        scale = readable_scale(quantity.dimension, posterior.p.units, abs(middle))
+        if quantity.dimension == "1" or self.logarithmic:
+            scale = Scale(1.0, unit_name(quantity.dimension, posterior.p.units))
+        self.chains = chains / scale.size
+        self.values = self.chains.ravel()
+        unit = f" [{scale.unit}]" if scale.unit else ""
+        self.label = f"{typeset(quantity.symbol)}{unit}"
+        least, greatest = self.values.min(), self.values.max()
+        spaced: Any = np.geomspace if self.logarithmic else np.linspace
+        ends = spaced(least, greatest, _BINS) if greatest > least else [least - 0.5, least + 0.5]
+        self.bins = [float(end) for end in ends]
+
+    def scale_axis(self, axis: Any) -> None:
+        """Make the axis logarithmic where the draws are."""
+        if self.logarithmic:
+            axis._set_axes_scale("log")
+
+
+def _draw_histogram(ax: Axes, column: _Column) -> None:
+    ax.hist(column.values, column.bins, color=PALETTE["blue"], alpha=0.8)
+    ax.set_yticks([])
+    ax.grid(visible=False)
+
+
+def _draw_cloud(ax: Axes, column: _Column, row: _Column) -> None:
+    ax.plot(column.values, row.values, ".", color=PALETTE["blue"], markersize=2, alpha=0.25)
+    row.scale_axis(ax.yaxis)
+
+
+def _draw_bands(ax: Axes, curves: np.ndarray, color: str, *, labelled: bool) -> None:
+    """The quantiles of curves, shape (draws, angles), and their median."""
+    degrees = np.rad2deg(_BAND_ANGLES)
+    for level, opacity in _BANDS:
+        label = f"{level:.0%}" if labelled else ""
+        low, high = np.nanquantile(curves, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        ax.fill_between(degrees, low, high, color=color, alpha=opacity, linewidth=0, label=label)
+    ax.plot(degrees, np.nanmedian(curves, axis=0), color=color, label="median" if labelled else "")
+
+
+def _draw_rows(ax: Axes, posterior: Posterior, rows: np.ndarray, scale: Scale, look: Mapping[str, Any]) -> None:
+    """The measurements, with their uncertainties or the mean of the sampled noise."""
+    if not rows.size:
+        return
+    data = posterior.data
+    errors = posterior.noise(posterior.some(_DRAWS)).mean() if data.uncertainty is None else data.uncertainty[rows]
+    angle, erosion = np.rad2deg(data.angle[rows]), data.erosion[rows] / scale.size
+    ax.errorbar(angle, erosion, yerr=errors / scale.size, markersize=3.5, linestyle="", elinewidth=0.9, **look)
+
+
+def _draw_ends(ax: Axes, ends: np.ndarray) -> None:
+    """The shares of the draws by how their cuts end, over the angle; shape (draws, angles)."""
+    kinds = sorted(set(ends.ravel().tolist()), key=lambda kind: [*ENDS, kind].index(kind))
+    shares = [(ends == kind).mean(axis=0) for kind in kinds]
+    others = iter(PALETTE[name] for name in ("green", "purple", "sky", "orange"))
+    colors = [ENDS[kind] if kind in ENDS else next(others) for kind in kinds]
+    ax.stackplot(np.rad2deg(_BAND_ANGLES), *shares, colors=colors, labels=kinds, alpha=0.6, linewidth=0)
+    ax.set_ylim(0, 1)

@@ -1,1 +1,0 @@
-"""Results in files, each with the identity of its result."""

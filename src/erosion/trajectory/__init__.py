@@ -1,1 +1,0 @@
-"""One impact, followed: by diffrax (`simulate`) or by the engine of the batches (`path`)."""
