@@ -8,13 +8,17 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test test-lowest test-newest coverage bench docs lint format clean
+.PHONY: report test test-types test-lowest test-newest coverage bench docs lint format clean
 
 report: $(STAMP)
 	.venv/bin/erosion report
 
 test: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist worksteal
+
+# Every call's shapes and types are checked, which takes three times as long: a nightly job.
+test-types: $(STAMP)
+	EROSION_CHECK_TYPES=1 .venv/bin/pytest --numprocesses 2 --dist worksteal
 
 # The lower bounds in pyproject.toml are versions that work: each verb once, with the lowest of all, beside .venv.
 test-lowest: | $(UV)
@@ -26,7 +30,7 @@ test-lowest: | $(UV)
 # JAX's newest versions need Python 3.12 or newer: what reads their jaxprs, with such a Python, beside .venv.
 test-newest: | $(UV)
 	UV_PROJECT_ENVIRONMENT=.venv-newest $(UV) sync --locked --all-extras --python $(PYTHON)
-	.venv-newest/bin/pytest --numprocesses 2 --dist worksteal -m "not slow" tests/lanes tests/ode tests/impacts tests/models tests/optimum
+	.venv-newest/bin/pytest --numprocesses 2 --dist worksteal -m "not slow" tests/lanes tests/ode tests/impacts tests/models
 
 # The lines of src/ that no test runs, by file.
 coverage: $(STAMP)

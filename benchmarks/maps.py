@@ -16,7 +16,7 @@ import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.rows import ImpactBlock, Impacts
 from erosion.cfd.surface import Surface
-from tests.maps.tables import hump
+from tests.cfd.tables import hump
 
 P = erosion.TABLE_1.to("si")
 

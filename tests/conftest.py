@@ -1,4 +1,4 @@
-"""Shape and type checks of every function are on during tests, and only then."""
+"""One cache of compiled programs for a run; with EROSION_CHECK_TYPES=1, shapes and types of every call are checked."""
 
 import atexit
 import importlib
@@ -17,12 +17,12 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 
 os.environ.setdefault("XDG_CACHE_HOME", os.environ["JAX_COMPILATION_CACHE_DIR"])
 
-# Unchecked: thousands of its small functions run for each program, half of the time to compile one.
-importlib.import_module("erosion.lanes.lanewise")
-
-# Before any other module of the package is imported.
-_hook = install_import_hook("erosion", "beartype.beartype")
-_hook.__enter__()
+# `make test-types`: the checks take more time than all else that the tests do.
+if os.environ.get("EROSION_CHECK_TYPES") == "1":
+    # Unchecked: thousands of its small functions run for each program, half of the time to compile one.
+    importlib.import_module("erosion.lanes.lanewise")
+    # Before any other module of the package is imported.
+    install_import_hook("erosion", "beartype.beartype").__enter__()
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.distributions import Normal
-from tests.maps.tables import Table, hump, sand
+from tests.cfd.tables import Table, hump, sand
 
 P = erosion.TABLE_1.to("si")
 SURFACE = hump()

@@ -23,7 +23,7 @@ from erosion.output.files import write_whole
 from erosion.plotting.style import save_plot
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.stores import ZarrStore
-from tests.maps.tables import hump, sand
+from tests.cfd.tables import hump, sand
 
 
 def write_vtp(path):

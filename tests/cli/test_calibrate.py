@@ -14,8 +14,8 @@ from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.case_files import dump_case, load_case
 from erosion.parameters.parameters import TABLE_1
-from tests.calibration.test_real_data import SAND, measured
 from tests.documents import result_of
+from tests.fits.test_real_data import SAND, measured
 
 pytestmark = pytest.mark.slow
 

@@ -14,8 +14,8 @@ import xarray as xr
 import erosion
 from erosion.cfd.surface import Surface
 from erosion.cli import _status
+from tests.cfd.parts import PARTS, rows_on, write
 from tests.cli.test_document import SCHEMA
-from tests.maps.parts import PARTS, rows_on, write
 
 pytestmark = pytest.mark.slow
 

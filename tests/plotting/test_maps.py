@@ -12,7 +12,7 @@ from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.surface import Surface
 from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view
-from tests.maps.tables import Table, hump, sand
+from tests.cfd.tables import Table, hump, sand
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from erosion.cfd.map_result import MapSummary
 from erosion.cfd.rows import ImpactsError
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
-from tests.maps.tables import Table, hump, sand
+from tests.cfd.tables import Table, hump, sand
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import numpy as np
 import pyvista
 
 from erosion.cfd.surface import Surface
-from tests.maps.tables import Table, hump
+from tests.cfd.tables import Table, hump
 
 HEAD = "FoamFile {{ version 2.0; format ascii; class {}; object x; }}\n"
 

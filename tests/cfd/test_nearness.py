@@ -13,8 +13,8 @@ from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_surface
 from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface
-from tests.maps.parts import PARTS, pipe, plate, polygons, rows_on, write
-from tests.maps.tables import Table
+from tests.cfd.parts import PARTS, pipe, plate, polygons, rows_on, write
+from tests.cfd.tables import Table
 
 P = erosion.TABLE_1.to("si")
 SCALES = (0.001, 0.01, 0.0254, 0.1, 0.3048, 1, 2, 10, 39.37, 100, 1000)

@@ -11,7 +11,7 @@ import erosion
 import erosion.cfd.surface
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import write_map
-from tests.maps.tables import hump, sand
+from tests.cfd.tables import hump, sand
 
 pyvista = pytest.importorskip("pyvista")
 

@@ -12,7 +12,7 @@ from erosion.cfd.erosion_map import erosion_map, prepare_map
 from erosion.cfd.map_result import MapOptions, MapSummary
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.joint_laws import Correlated, JointLaw, Rows
-from tests.maps.tables import Table, hump, sand
+from tests.cfd.tables import Table, hump, sand
 
 pytestmark = pytest.mark.slow
 

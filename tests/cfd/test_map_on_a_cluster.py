@@ -11,7 +11,7 @@ from erosion.cfd.erosion_map import erosion_map, prepare_map
 from erosion.cfd.map_result import MapOptions
 from erosion.distributions import LogNormal, Normal
 from erosion.joint_laws import Rows
-from tests.maps.tables import hump, sand
+from tests.cfd.tables import hump, sand
 
 pytestmark = pytest.mark.slow
 

@@ -9,9 +9,9 @@ import erosion
 from erosion.cli import _status
 from erosion.fits.forward import Forward
 from erosion.models import DeformationWear, Linearized
-from tests.calibration.test_real_data import DENSITY, SAND
 from tests.cli.test_set_option import FILE
 from tests.documents import result_of
+from tests.fits.test_real_data import DENSITY, SAND
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 
 pytestmark = pytest.mark.slow
