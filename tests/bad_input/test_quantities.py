@@ -12,7 +12,7 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.distributions import read_distribution
-from erosion.explorer.state import Case, State
+from erosion.explorer.state import PageCase, PageState
 from erosion.fits.measurements import HeaderError, read_header
 from erosion.parameters.quantities import read_axis
 from erosion.parameters.units import Dimension, UnitError, check_system, has_unit, read_quantity
@@ -87,7 +87,7 @@ def test_every_door_refuses_them(text: str, tmp_path: Path, capsys: pytest.Captu
         read_header(["angle [deg]", f"volume [{text}]"], "si")
     with pytest.raises(ValueError, match="must be"):
         read_distribution(f"normal({text}, 2)", "v0", "speed", "si")
-    state = State(Case.of(erosion.TABLE_1), ("linearized",), "linearized")
+    state = PageState(PageCase.of(erosion.TABLE_1), ("linearized",), "linearized")
     with pytest.raises(ValueError, match="Field `v0`"):
         state.reading({"v0": text}, ["linearized"])
     for option in ("--v0", "--alpha-range"):

@@ -12,10 +12,19 @@ import numpy as np
 import pytest
 
 from erosion.explorer import computed as computing
-from erosion.explorer.computed import ANGLES, Answer, Answers, Computed, LatestWins, Preparation, SingleEvent, end_times
+from erosion.explorer.computed import (
+    ANGLES,
+    Answers,
+    Computed,
+    LatestWins,
+    ModelProgram,
+    Preparation,
+    SingleEvent,
+    end_times,
+)
 from erosion.explorer.controls import Materials
 from erosion.explorer.exports import case_toml, curves_csv, python_lines, results_json
-from erosion.explorer.state import Case, State, own_numbers
+from erosion.explorer.state import PageCase, PageState, own_numbers
 from erosion.explorer.tab import Service
 from erosion.explorer.views import numbers, sensitivities, volumes
 from erosion.impacts.alpha_max import alpha_max
@@ -28,12 +37,12 @@ from erosion.plotting.style import AT_CONTACT
 
 pytestmark = pytest.mark.slow
 
-CASE = Case.of(TABLE_1)
-STATE = State(CASE, ("linearized",), "linearized")
+CASE = PageCase.of(TABLE_1)
+STATE = PageState(CASE, ("linearized",), "linearized")
 TIP = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")
 MODELS = {"linearized": Linearized(), "tip": load_model(TIP)}
-PLUGGED = Case.of(TABLE_1, own_numbers(MODELS)).replace(**{"tip.friction": 0.35})
-SLID = State(PLUGGED, ("linearized", "tip"), "tip")
+PLUGGED = PageCase.of(TABLE_1, own_numbers(MODELS)).replace(**{"tip.friction": 0.35})
+SLID = PageState(PLUGGED, ("linearized", "tip"), "tip")
 
 
 @pytest.mark.parametrize("event", ["rebound", "stop"])
@@ -50,11 +59,11 @@ def test_a_single_event_is_the_closed_forms_candidate(event: str) -> None:
 def test_answers_are_remembered_but_not_all() -> None:
     asked = []
 
-    def ask(model: str, case: Case) -> str:
+    def ask(model: str, case: PageCase) -> str:
         asked.append(case)
         return f"{model} {case.numbers()['k']}"
 
-    answer = Answer(ask)
+    answer = ModelProgram(ask)
     cases = [CASE.replace(k=1.0 + n) for n in range(200)]
     assert answer.remembered("m", cases[0]) is None
     assert answer("m", cases[0]) == answer("m", cases[0]) == answer.remembered("m", cases[0]) == "m 1.0"
@@ -129,11 +138,11 @@ def test_two_tabs_compute_at_a_time() -> None:
 
 
 def test_preparation_begins_once_and_says_what_failed() -> None:
-    def fail(model: str, case: Case) -> None:
+    def fail(model: str, case: PageCase) -> None:
         raise ValueError("no such forces")
 
     preparation, told = Preparation(CASE), []
-    good, bad = Answer(lambda model, case: case), Answer(fail)
+    good, bad = ModelProgram(lambda model, case: case), ModelProgram(fail)
     preparation.listeners.add(lambda: told.append(preparation.progress()))
     assert not preparation.ready(good, "a") or told
     preparation.ready(bad, "b")
@@ -148,12 +157,12 @@ def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytes
     monkeypatch.setattr(computing, "PATIENCE_AT_ONCE", 0.2)
     answers, preparation = Answers({"linearized": Linearized(), "plug_in": Linearized()}), Preparation(CASE)
     goes_on = threading.Event()
-    compiled = Answer(lambda model, case: "compiled")
+    compiled = ModelProgram(lambda model, case: "compiled")
     for name in ("curve", "point", "cut"):
-        setattr(answers, name, Answer(lambda model, case: model == "linearized" or goes_on.wait()))
-    both = State(CASE.replace(k=3.0), ("linearized", "plug_in"), "linearized")
+        setattr(answers, name, ModelProgram(lambda model, case: model == "linearized" or goes_on.wait()))
+    both = PageState(CASE.replace(k=3.0), ("linearized", "plug_in"), "linearized")
 
-    def ready(answer: Answer, model: str) -> bool:
+    def ready(answer: ModelProgram, model: str) -> bool:
         return Preparation.ready(preparation, compiled, model)
 
     monkeypatch.setattr(preparation, "ready", ready)
@@ -240,11 +249,11 @@ def test_curves_and_case_are_exact(tmp_path) -> None:
 
 def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
     models = {"linearized": Linearized(), "deforming": load_model("linearized-deformation")}
-    answers, case = Answers(models), Case.of(TABLE_1, own_numbers(models))
+    answers, case = Answers(models), PageCase.of(TABLE_1, own_numbers(models))
     curves = {name: answers.curve(name, case.at_any_angle()) for name in models}
     shaded = []
     for shown in models:
-        computed = Computed(State(case, tuple(models), shown), cut=answers.cut(shown, case), curves=curves)
+        computed = Computed(PageState(case, tuple(models), shown), cut=answers.cut(shown, case), curves=curves)
         shaded = [line for line in volumes(computed, models)[0]["series"] if line["name"] == AT_CONTACT]
         assert len(shaded) == (shown == "deforming") == ("areaStyle" in str(shaded))
         assert ("removed at contact" in numbers(computed, models)[0]) == (shown == "deforming")
@@ -255,9 +264,9 @@ def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
 
 
 def test_a_volume_has_its_amount_per_mass_below_it() -> None:
-    answers, case = Answers({"linearized": Linearized()}), Case.of(TABLE_1, ())
+    answers, case = Answers({"linearized": Linearized()}), PageCase.of(TABLE_1, ())
     computed = Computed(
-        State(case, ("linearized",), "linearized"), points={"linearized": answers.point("linearized", case)}
+        PageState(case, ("linearized",), "linearized"), points={"linearized": answers.point("linearized", case)}
     )
     # 1.81644e-4 in³ of 2.855e-7 slinch.
     assert "1.8164·10⁻⁴ in³<br><small>59,530 mm³/kg</small></td>" in numbers(computed, ["linearized"])[0]

@@ -10,8 +10,8 @@ import pytest
 from nicegui.events import GenericEventArguments
 
 from erosion.explorer.computed import Computed
-from erosion.explorer.controls import Range, _tell, at_position, position, range_of, text_of, unit_of, with_spin
-from erosion.explorer.state import Case, OwnNumber, State, sentence
+from erosion.explorer.controls import SliderRange, _tell, at_position, position, range_of, text_of, unit_of, with_spin
+from erosion.explorer.state import OwnNumber, PageCase, PageState, sentence
 from erosion.explorer.views import numbers
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
@@ -19,26 +19,26 @@ from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity
 
 KNOWN = ("linearized", "finnie", "rotating")
-CASE = Case.of(TABLE_1)
-STATE = State(CASE, ("linearized", "rotating"), "rotating")
+CASE = PageCase.of(TABLE_1)
+STATE = PageState(CASE, ("linearized", "rotating"), "rotating")
 
 
 FRICTION = OwnNumber("tip", "friction", 0.2, Quantity("μ", "coefficient of friction", "1"))
 REACH = OwnNumber("lip", "reach", 0.02, Quantity("L", "depth", "length"))
 SHIFT = OwnNumber("lip", "shift", -0.5, Quantity("shift", "own parameter of the model", "1"))
-PLUGGED = State(Case.of(TABLE_1, (FRICTION, REACH, SHIFT)), ("rotating", "tip", "lip"), "tip")
+PLUGGED = PageState(PageCase.of(TABLE_1, (FRICTION, REACH, SHIFT)), ("rotating", "tip", "lip"), "tip")
 
 
-def read(query: str, state: State = STATE) -> State:
+def read(query: str, state: PageState = STATE) -> PageState:
     return state.reading(dict(parse_qsl(query)), KNOWN)
 
 
 @pytest.mark.parametrize("units", ["inch-pound", "si"])
 def test_a_link_is_exact(units: str) -> None:
     case = CASE.to(units).replace(alpha=1 / 3, v0=np.pi)
-    state = State(case, ("finnie",), "finnie", instant=1 / 3, dark=True)
+    state = PageState(case, ("finnie",), "finnie", instant=1 / 3, dark=True)
     assert read(state.query()) == state
-    assert read(State(case, ("finnie",), "finnie", dark=False).query(), state).dark is False
+    assert read(PageState(case, ("finnie",), "finnie", dark=False).query(), state).dark is False
 
 
 def test_a_link_holds_what_erosion_per_mass_needs() -> None:
@@ -89,7 +89,7 @@ def test_a_bad_link_is_one_sentence(query: str, why: str) -> None:
 @pytest.mark.parametrize("units", ["inch-pound", "si"])
 def test_a_link_has_the_own_parameters_of_checked_models(units: str) -> None:
     case = PLUGGED.case.to(units).replace(**{"tip.friction": 1 / 3, "lip.reach": 1 / 7})
-    state = State(case, ("rotating", "tip", "lip"), "lip")
+    state = PageState(case, ("rotating", "tip", "lip"), "lip")
     known = ("rotating", "tip", "lip")
     assert PLUGGED.reading(dict(parse_qsl(state.query())), known) == state
     # On a page without the plug-in, its parameters would be unknown.
@@ -125,7 +125,7 @@ def test_sliders_of_own_parameters_reach_a_factor_or_a_size_about_the_first() ->
             assert position(name, at_position(name, at, first, first), first) == pytest.approx(at, abs=1e-3)
     # A value of 0 moves by the case's parameter of its dimension, and not below its least value.
     limit = OwnNumber("lip", "limit", 0.0, Quantity("v_th", "speed", "speed"), least=0.0)
-    case = Case.of(TABLE_1, (limit,))
+    case = PageCase.of(TABLE_1, (limit,))
     assert [at_position("lip.limit", at, case, case).numbers()["lip.limit"] for at in (-1.0, 0.0, 0.5)] == [0, 0, 2200]
     assert position("lip.limit", case.replace(**{"lip.limit": 2200.0}), case) == 0.5
     with pytest.raises(ValueError, match=r"Field `lip\.limit` must be at least 0, but is -1\."):
@@ -216,14 +216,14 @@ def test_texts_are_short_and_angles_in_degrees() -> None:
 )
 def test_a_plug_in_may_have_any_name(name: str) -> None:
     own = OwnNumber(name, "friction", 0.2, Quantity("μ", "coefficient of friction", "1"))
-    state = State(Case.of(TABLE_1, (own,)).replace(**{own.key: 0.7}), ("rotating", name), name)
-    first = State(Case.of(TABLE_1, (own,)), ("rotating",), "rotating")
+    state = PageState(PageCase.of(TABLE_1, (own,)).replace(**{own.key: 0.7}), ("rotating", name), name)
+    first = PageState(PageCase.of(TABLE_1, (own,)), ("rotating",), "rotating")
     assert first.reading(dict(parse_qsl(state.query())), ("rotating", name, "a")) == state
 
 
 def test_own_angles_are_in_degrees_too() -> None:
     rake = OwnNumber("tip", "rake", np.deg2rad(10), Quantity("γ", "rake angle", "angle"))
-    case = Case.of(TABLE_1, (rake,))
+    case = PageCase.of(TABLE_1, (rake,))
     assert (text_of("tip.rake", case), unit_of("tip.rake", case)) == ("10", "°")
     assert case.read("tip.rake", "-30").numbers()["tip.rake"] == np.deg2rad(-30)
     assert case.read("tip.rake", "0.1 rad").numbers()["tip.rake"] == 0.1
@@ -257,12 +257,12 @@ def test_a_position_is_a_number_in_its_range(sent: object, told: list[float]) ->
     positions: list[float] = []
     nobody: Any = None
     event = GenericEventArguments(sender=nobody, client=nobody, args=sent)
-    _tell(positions.append, Range(0.0, 1.0, 0.005), event)
+    _tell(positions.append, SliderRange(0.0, 1.0, 0.005), event)
     assert positions == told
 
 
 def test_words_of_a_plug_in_are_no_html() -> None:
-    computed = Computed(State(CASE, ("rotating",), "rotating"))
+    computed = Computed(PageState(CASE, ("rotating",), "rotating"))
     point: Any = SimpleNamespace(t_c=1.0, ended_by="<img src=x onerror=alert(1)>", volume=1.0, dvolume=1.0)
     computed.points["rotating"] = point
     (table,) = numbers(computed, ("rotating",))

@@ -15,7 +15,7 @@ from jax.extend.core import Var
 
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.lanewise import Lanewise, number
-from erosion.lanes.machine import Target
+from erosion.lanes.machine import Processor
 
 _RANDOM = np.random.default_rng(754)
 _COUNT = 10_000
@@ -78,7 +78,7 @@ def _by_lanes(name, *points, target=None):
 
 _ENGINES = {"numpy": _by_numpy, "xla": _by_xla, "lanes": _by_lanes}
 _OLDER = {
-    f"lanes for {cpu}": functools.partial(_by_lanes, target=Target(cpu, ""))
+    f"lanes for {cpu}": functools.partial(_by_lanes, target=Processor(cpu, ""))
     for cpu in ("x86-64", "x86-64-v3")
     if "x86" in platform.machine()
 }

@@ -13,7 +13,7 @@ from erosion.lanes import machine
 from erosion.lanes.flatten import NotForLanesError, flatten
 from erosion.lanes.graph import Loop, Region, Value
 from erosion.lanes.lanewise import Lanewise, number
-from erosion.lanes.machine import Target, this_machine
+from erosion.lanes.machine import Processor, this_machine
 from erosion.lanes.vector_ir import vector_ir
 
 _RANDOM = np.random.default_rng(1958)
@@ -136,7 +136,7 @@ def test_a_compiled_function_is_jaxs(function):
 def test_a_lanes_bits_depend_on_nothing_else(function, longest, monkeypatch):
     """Neither on its neighbours, its place, the width of vectors, nor the processor's instructions."""
     monkeypatch.setattr(machine, "_LONG", longest)  # compiled with care, or quickly
-    plain = Target("x86-64", ""), Target("x86-64-v3", "")
+    plain = Processor("x86-64", ""), Processor("x86-64-v3", "")
     order = _RANDOM.permutation(X.size)
     results = Lanewise(function, (number, number))(X, Y)
     others = [

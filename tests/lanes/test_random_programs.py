@@ -13,7 +13,7 @@ import pytest
 
 from erosion.lanes import graph, passes
 from erosion.lanes.lanewise import Lanewise, number
-from erosion.lanes.machine import Target
+from erosion.lanes.machine import Processor
 from tests.lanes.interpreter import evaluate
 from tests.lanes.random_programs import RandomFunction
 from tests.lanes.test_lanewise import _machine
@@ -24,7 +24,7 @@ _SPECIAL = np.array([
 ])  # fmt: skip
 _SIZE = 8
 _BLOCKS = int(os.environ.get("EROSION_RANDOM_FUNCTIONS", "250")) // 25  # of 25 functions
-_TARGETS = [None, Target("x86-64-v3", ""), Target("x86-64", "")] if "x86" in _machine() else [None]
+_TARGETS = [None, Processor("x86-64-v3", ""), Processor("x86-64", "")] if "x86" in _machine() else [None]
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import erosion
 from erosion.cli import _status
 from erosion.distributions import Normal
 from erosion.explorer.computed import Answers
-from erosion.explorer.state import Case
+from erosion.explorer.state import PageCase
 from erosion.fits import Measurements, rank_models
 from erosion.models import load_model, model_source
 from erosion.models.equations import model_digest
@@ -137,7 +137,7 @@ MEASURED = Measurements(ANGLES, np.array([1.4, 1.8, 2.1, 1.4]) * 1e-4, "volume",
 def answers(path: Path) -> list[Any]:
     """What the explorer computes of a model that it offers."""
     of = Answers({"mine": erosion.load_model(path)})
-    case = Case.of(P)
+    case = PageCase.of(P)
     over_angles = case.at_any_angle()
     return [of.point("mine", case).volume, of.curve("mine", over_angles).volume, of.best("mine", over_angles).volume]
 

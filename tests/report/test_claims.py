@@ -10,7 +10,7 @@ from erosion.impacts.simulate import path
 from erosion.models import load_model
 from erosion.models.closed_forms import LinearizedCut, StraightCut
 from erosion.parameters.parameters import TABLE_1, Parameters
-from erosion.report.case import Case
+from erosion.report.case import ReportCase
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.questions.q3 import midpoint_rule
 
@@ -244,7 +244,7 @@ def test_a_force_against_the_motion_is_one_along_the_line_of_impact(end: str) ->
 def test_the_midpoint_rule_errs_by_the_square_of_its_panels() -> None:
     p = cases()
     for i in range(0, N, 10):
-        case = Case(TABLE_1.replace(k=K[i], alpha=ALPHA[i]), "random")
+        case = ReportCase(TABLE_1.replace(k=K[i], alpha=ALPHA[i]), "random")
         few, many = (midpoint_rule(case, panels) / case.volume - 1 for panels in (50, 100))
         assert few / many == pytest.approx(4, rel=0.05)
     assert p.k.size == N

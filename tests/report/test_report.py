@@ -17,7 +17,7 @@ from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.plotting.style import legend_below, new_axes
 from erosion.report import write_report
-from erosion.report.case import Answer, Case, question
+from erosion.report.case import Answer, ReportCase, question
 from erosion.report.page import PARTS, write_text
 from erosion.report.questions import QUESTIONS, a1, text_file
 from erosion.report.studies import fit_on_sheet, sensitivities
@@ -179,8 +179,8 @@ def test_rotation_answers_with_the_settled_figures(whole: Path) -> None:
 
 
 def test_the_spin_has_a_sensitivity_where_the_body_spins() -> None:
-    assert "phidot0" not in sensitivities(Case(TABLE_1, "Table 1"))
-    rates = sensitivities(Case(TABLE_1.replace(phidot0=0.1 * TABLE_1.v0 / TABLE_1.r), "spinning"))
+    assert "phidot0" not in sensitivities(ReportCase(TABLE_1, "Table 1"))
+    rates = sensitivities(ReportCase(TABLE_1.replace(phidot0=0.1 * TABLE_1.v0 / TABLE_1.r), "spinning"))
     without, rate = rates["phidot0"]
     assert without == 0
     # 0.1 more spin takes α from 22.27° to about 20.4° at 0.25, see above.
@@ -339,20 +339,20 @@ def test_where_the_tip_moves_backward_nothing_is_cut_and_that_is_said(tmp_path: 
 
 
 @pytest.fixture(scope="module")
-def backward() -> tuple[Case, Answer]:
-    case = Case(BACKWARD, "backward")
+def backward() -> tuple[ReportCase, Answer]:
+    case = ReportCase(BACKWARD, "backward")
     return case, a1.answer(case)
 
 
-def test_rotation_that_cuts_nothing_has_no_best_angle_and_no_jump(backward: tuple[Case, Answer]) -> None:
+def test_rotation_that_cuts_nothing_has_no_best_angle_and_no_jump(backward: tuple[ReportCase, Answer]) -> None:
     text = write_text(text_file("a1"), *backward)
     assert "<strong>nothing is cut</strong>" in text.sentence
     assert "has no jump" in text.derivation
     assert "The body turns by" not in text.derivation
 
 
-def test_a_body_that_hardly_turns_is_told_as_one(backward: tuple[Case, Answer]) -> None:
-    heavy = Case(TABLE_1.replace(inertia=50.0), "heavy")
+def test_a_body_that_hardly_turns_is_told_as_one(backward: tuple[ReportCase, Answer]) -> None:
+    heavy = ReportCase(TABLE_1.replace(inertia=50.0), "heavy")
     turn, alpha = a1.turns(heavy)["at_best"], float(heavy.optimum("rotating").alpha)
     assert abs(turn) < np.deg2rad(5)
     _, answer = backward

@@ -7,11 +7,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from erosion.parameters.parameters import TABLE_1
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 from erosion.report.page import Text, TextError, write_text
 from erosion.report.text import to_html
 
-CASE = Case(TABLE_1, "Table 1")
+CASE = ReportCase(TABLE_1, "Table 1")
 
 
 def text_of(folder: Path, derivation: str, *, figures: str = "", **fields: Any) -> Text:

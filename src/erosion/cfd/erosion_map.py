@@ -22,7 +22,7 @@ from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Near
 from erosion.cfd.map_result import MapOptions, MapSource, to_dataset
 from erosion.cfd.rows import Impacts, ImpactsError
 from erosion.cfd.surface import Surface
-from erosion.cfd.tally import Portion, Tally, portion_of
+from erosion.cfd.tally import FaceTally, Portion, portion_of
 from erosion.distributions import Distribution
 from erosion.impacts.impact import end_names, impact
 from erosion.impacts.simulate import SimulationError
@@ -44,7 +44,7 @@ _NAMED = 3  # rows that are too far are named, the others counted
 
 
 @dataclasses.dataclass(frozen=True)
-class Task:
+class MapTask:
     """What is the same for all portions of a map; workers get a copy.
 
     Args:
@@ -90,7 +90,7 @@ def _loaded(reference: str | Path) -> CuttingModel:
     return load_model(reference)
 
 
-def compute_portion(task: Task, hits: Hits, number: int, code: str) -> tuple[int, Portion]:
+def compute_portion(task: MapTask, hits: Hits, number: int, code: str) -> tuple[int, Portion]:
     """Compute a portion on a worker; returns its number too.
 
     Raises:
@@ -104,7 +104,7 @@ def compute_portion(task: Task, hits: Hits, number: int, code: str) -> tuple[int
 class MapJob:
     """A map whose arguments are checked."""
 
-    task: Task
+    task: MapTask
     impacts: Impacts
     surface: Surface | None
 
@@ -138,7 +138,7 @@ class MapJob:
         """Read and compute the table; progress and errors as of `erosion_map`."""
         task, faces = self.task, 1 if self.surface is None else self.surface.faces
         ends = end_names(task.model)
-        tally = Tally(faces, task.patches, len(ends), task.options.bodies.realisations)
+        tally = FaceTally(faces, task.patches, len(ends), task.options.bodies.realisations)
         nearness = None if self.surface is None else Nearness(self.surface, self._limit)
         far: list[str] = []
 
@@ -250,7 +250,7 @@ class MapJob:
             "point into the fluid, but must point out of it: Argument `reverse` turns them."
         )
 
-    def _require_hits(self, tally: Tally) -> None:
+    def _require_hits(self, tally: FaceTally) -> None:
         """Refuse a table of which no row hits."""
         title = self.impacts.title
         if not tally.rows:
@@ -371,4 +371,4 @@ def prepare_map(
     options.bodies.check_laws(loaded)
     if isinstance(loaded, Correlated) and options.density is None:
         options = dataclasses.replace(options, density=float(loaded.density))
-    return MapJob(Task(model, own or {}, options, 1 if surface is None else len(surface.patches)), impacts, surface)
+    return MapJob(MapTask(model, own or {}, options, 1 if surface is None else len(surface.patches)), impacts, surface)

@@ -14,9 +14,9 @@ from erosion.cfd.exports import (
     ANGLES,
     FAR,
     NEAR,
+    ExportedParticle,
     ExportError,
     Losses,
-    Particle,
     Reach,
     commented,
     losses,
@@ -86,7 +86,7 @@ class AngleTable:
         )
 
 
-def angle_table(particle: Particle, reach: Reach, comment: str, points: int) -> AngleTable:
+def angle_table(particle: ExportedParticle, reach: Reach, comment: str, points: int) -> AngleTable:
     """The model's curve at the case's speed as a table, with the exponent and the diameter function that fit best.
 
     Args:
@@ -142,7 +142,7 @@ def _sizes(erosion: np.ndarray, shape: np.ndarray) -> np.ndarray:
     return erosion @ shape / (shape @ shape)
 
 
-def _exponent(particle: Particle, speeds: np.ndarray, shape: np.ndarray) -> float:
+def _exponent(particle: ExportedParticle, speeds: np.ndarray, shape: np.ndarray) -> float:
     """B of a height that grows as v^b, by least squares of logarithms through the case's speed."""
     ratio = np.log(speeds / particle.speed)
     erosion = particle.erosion(ANGLES, np.append(particle.speed, speeds)[:, None], particle.diameter)
@@ -208,7 +208,7 @@ class ParticleErosion:
         )
 
 
-def coefficients(particle: Particle, reach: Reach, comment: str) -> ParticleErosion:
+def coefficients(particle: ExportedParticle, reach: Reach, comment: str) -> ParticleErosion:
     """The coefficients with which Finnie's curve comes nearest to the model's at the case's speed.
 
     Args:

@@ -39,7 +39,7 @@ class ExportError(ValueError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Particle:
+class ExportedParticle:
     """The particle of a case and its scaled copies; all numbers are in SI units.
 
     A copy of another diameter is a similar body: r and b grow with the diameter, m with its third power, as in
@@ -110,7 +110,7 @@ def particle_of(
     p: Parameters,
     particle_density: float | None = None,
     cutting_fraction: float = 1.0,
-) -> Particle:
+) -> ExportedParticle:
     """The particle of a case.
 
     Args:
@@ -129,12 +129,12 @@ def particle_of(
     model, in_si = model.to("si", p)
     share = per_mass_of(model, PerMass(cutting_fraction=cutting_fraction)).cutting_fraction
     if particle_density is None:
-        return Particle(model, in_si, 2 * float(in_si.r), share)
+        return ExportedParticle(model, in_si, 2 * float(in_si.r), share)
     density = positive("particle_density", particle_density)
     if density.size != 1:
         raise ValueError(f"Argument `particle_density` must be a scalar, but has shape {density.shape}.")
     volume = float(in_si.m) / float(density[0])
-    return Particle(model, in_si, float(np.cbrt(6 * volume / np.pi)), share)
+    return ExportedParticle(model, in_si, float(np.cbrt(6 * volume / np.pi)), share)
 
 
 def positive(name: str, values: Any) -> np.ndarray:
@@ -247,7 +247,7 @@ def require_rows(rows: int) -> None:
 
 
 def labelled(
-    particle: Particle, p: Parameters, content: str, axes: dict[str, np.ndarray], arrays: dict[str, np.ndarray]
+    particle: ExportedParticle, p: Parameters, content: str, axes: dict[str, np.ndarray], arrays: dict[str, np.ndarray]
 ) -> xr.Dataset:
     """Arrays over axes in SI units as a Dataset in the units of a case, with units and provenance.
 
@@ -314,7 +314,7 @@ class Reach:
     asked: bool
 
     @classmethod
-    def of(cls, particle: Particle, p: Parameters, v0: Any = None, d: Any = None) -> "Reach":
+    def of(cls, particle: ExportedParticle, p: Parameters, v0: Any = None, d: Any = None) -> "Reach":
         """What is asked for in the units of `p`; without both, from half to twice the particle's own.
 
         Raises:
@@ -366,7 +366,7 @@ class Losses:
         )
 
 
-def own_curve(particle: Particle) -> np.ndarray:
+def own_curve(particle: ExportedParticle) -> np.ndarray:
     """The volume removed per mass of particles at `ANGLES`, the case's speed and diameter [m³/kg].
 
     Raises:
@@ -378,7 +378,7 @@ def own_curve(particle: Particle) -> np.ndarray:
     return erosion
 
 
-def losses(code: str, form: _Erosion, particle: Particle, reach: Reach) -> Losses:
+def losses(code: str, form: _Erosion, particle: ExportedParticle, reach: Reach) -> Losses:
     """What a form loses.
 
     Args:

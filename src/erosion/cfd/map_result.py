@@ -19,7 +19,7 @@ from erosion.cfd.bodies import Bodies
 from erosion.cfd.incidence import LEFT_OUT
 from erosion.cfd.rows import Impacts
 from erosion.cfd.surface import Surface
-from erosion.cfd.tally import Tally
+from erosion.cfd.tally import FaceTally
 from erosion.extras import library
 from erosion.impacts.dataset_files import write_netcdf
 from erosion.models.base import CuttingModel
@@ -132,7 +132,7 @@ class MapSource:
     far: str
 
 
-def to_dataset(tally: Tally, source: MapSource, ends: Sequence[str], density: float | None) -> xr.Dataset:
+def to_dataset(tally: FaceTally, source: MapSource, ends: Sequence[str], density: float | None) -> xr.Dataset:
     """The wear of a surface with its units and its geometry.
 
     Args:
@@ -243,7 +243,7 @@ def _add_geometry(variables: Variables, surface: Surface, units: System) -> None
         variables["mesh_face"] = ("face", surface.mesh_face, {"long_name": "number of the face in the mesh"})
 
 
-def _add_rows(variables: Variables, tally: Tally, source: MapSource, units: System) -> None:
+def _add_rows(variables: Variables, tally: FaceTally, source: MapSource, units: System) -> None:
     """What became of the rows of the table."""
     of_mass, length = QUANTITIES["m"].unit(units), conversion_factor("length", "si", units)
     reasons = np.array(list(LEFT_OUT), dtype=object)

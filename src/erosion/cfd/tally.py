@@ -116,7 +116,7 @@ def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return face[begins], np.diff(begins, append=struck.rows), sums, of_draws
 
 
-class Tally:
+class FaceTally:
     """The sums of all rows so far.
 
     Attributes:

@@ -38,7 +38,7 @@ class ReferenceSolution(NamedTuple):
     ended_by: str
 
 
-class _Motion(NamedTuple):
+class _ReferenceMotion(NamedTuple):
     """Names of a model's parts: the position of the tip, the force ratio K, the moment that turns the body.
 
     Normal motion removes its energy over `energy_ratio` σψ as well.
@@ -51,26 +51,26 @@ class _Motion(NamedTuple):
 
 
 # K = ẏ/ẋ is 0/0 at the end of the cut, but d(ẏ/ẋ)/dt = 0: it is tan α throughout.
-EQUATIONS_OF: Mapping[str, _Motion] = {
-    "linearized": _Motion("centre", "k", "none"),
-    "tan-alpha": _Motion("centre", "tan α", "none"),
-    "velocity-aligned": _Motion("centre", "tan α", "none"),
-    "finnie": _Motion("first order", "k", "horizontal"),
-    "rotating": _Motion("circle", "k", "horizontal"),
-    "rotating-full-torque": _Motion("circle", "k", "full"),
-    "rotating-tan-alpha": _Motion("circle", "tan α", "horizontal"),
-    "rotating-velocity-aligned": _Motion("circle", "tan α", "horizontal"),
-    "rotating-tan-alpha-full-torque": _Motion("circle", "tan α", "full"),
-    "rotating-velocity-aligned-full-torque": _Motion("circle", "tan α", "full"),
-    "as-printed": _Motion("printed", "k", "printed"),
-    "linearized-deformation": _Motion("centre", "k", "none", energy_ratio=1.6),
-    "finnie-deformation": _Motion("first order", "k", "horizontal", energy_ratio=4.8),
-    "rotating-deformation": _Motion("circle", "k", "horizontal", energy_ratio=4.8),
+EQUATIONS_OF: Mapping[str, _ReferenceMotion] = {
+    "linearized": _ReferenceMotion("centre", "k", "none"),
+    "tan-alpha": _ReferenceMotion("centre", "tan α", "none"),
+    "velocity-aligned": _ReferenceMotion("centre", "tan α", "none"),
+    "finnie": _ReferenceMotion("first order", "k", "horizontal"),
+    "rotating": _ReferenceMotion("circle", "k", "horizontal"),
+    "rotating-full-torque": _ReferenceMotion("circle", "k", "full"),
+    "rotating-tan-alpha": _ReferenceMotion("circle", "tan α", "horizontal"),
+    "rotating-velocity-aligned": _ReferenceMotion("circle", "tan α", "horizontal"),
+    "rotating-tan-alpha-full-torque": _ReferenceMotion("circle", "tan α", "full"),
+    "rotating-velocity-aligned-full-torque": _ReferenceMotion("circle", "tan α", "full"),
+    "as-printed": _ReferenceMotion("printed", "k", "printed"),
+    "linearized-deformation": _ReferenceMotion("centre", "k", "none", energy_ratio=1.6),
+    "finnie-deformation": _ReferenceMotion("first order", "k", "horizontal", energy_ratio=4.8),
+    "rotating-deformation": _ReferenceMotion("circle", "k", "horizontal", energy_ratio=4.8),
 }
 
 
 @dataclasses.dataclass(frozen=True)
-class Equations:
+class ReferenceEquations:
     """A registered model's equations in numbers, or in any algebra that has sine and cosine.
 
     The state is (y, q, ẋ, ẏ, q̇, V).
@@ -81,7 +81,7 @@ class Equations:
         sin, cos: of the algebra.
     """
 
-    motion: _Motion
+    motion: _ReferenceMotion
     ratio: Term
     size: Term
     turning: Term
@@ -114,7 +114,7 @@ class Equations:
 
 def scipy_solution(name: str, p: Parameters) -> ReferenceSolution:
     """A registered model's cut by scipy."""
-    equations = Equations(EQUATIONS_OF[name], *_numbers(name, p))
+    equations = ReferenceEquations(EQUATIONS_OF[name], *_numbers(name, p))
     time, state, event = _by_scipy(equations.rates, equations.events, np.array(_start(p)))
     return _in_units(name, p, time, state[-1], event)
 
@@ -176,7 +176,7 @@ def heyoka_solutions(name: str, cases: Sequence[Parameters]) -> list[ReferenceSo
     import heyoka as hy
 
     state = hy.make_vars("y", "q", "vx", "vy", "spin", "volume")
-    equations = Equations(EQUATIONS_OF[name], hy.par[0], hy.par[1], hy.par[2], hy.sin, hy.cos)
+    equations = ReferenceEquations(EQUATIONS_OF[name], hy.par[0], hy.par[1], hy.par[2], hy.sin, hy.cos)
     falling = hy.event_direction.negative
     integrator: Any = hy.taylor_adaptive(
         list(zip(state, equations.rates(state), strict=True)),

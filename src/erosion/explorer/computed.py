@@ -24,7 +24,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.explorer.state import Case, State, sentence
+from erosion.explorer.state import PageCase, PageState, sentence
 from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
 from erosion.impacts.simulate import Trajectory, path
@@ -169,7 +169,7 @@ SPINS = np.linspace(-0.9, 0.9, 61)  # s = r φ̇₀/v₀
 _KEPT = 128
 
 
-class Spins(NamedTuple):
+class SpinCurves(NamedTuple):
     """Angles of greatest removal over `SPINS`; arrays of shape (spins,)."""
 
     alpha: np.ndarray
@@ -177,19 +177,19 @@ class Spins(NamedTuple):
     kind: np.ndarray
 
 
-class Answer:
+class ModelProgram:
     """One kind of answer, for any model and case; the latest answers are remembered.
 
     Args:
         compute: computes the answer from a model's name and a case.
     """
 
-    def __init__(self, compute: Callable[[str, Case], Any]) -> None:
+    def __init__(self, compute: Callable[[str, PageCase], Any]) -> None:
         self._compute = compute
-        self._kept: dict[tuple[str, Case], Any] = {}
+        self._kept: dict[tuple[str, PageCase], Any] = {}
         self._lock = threading.Lock()
 
-    def __call__(self, model: str, case: Case) -> Any:
+    def __call__(self, model: str, case: PageCase) -> Any:
         """The answer; it is computed if it is not remembered."""
         case = case.of_model(model)
         answer = self.remembered(model, case)
@@ -201,7 +201,7 @@ class Answer:
                     del self._kept[next(iter(self._kept))]
         return answer
 
-    def remembered(self, model: str, case: Case) -> Any:
+    def remembered(self, model: str, case: PageCase) -> Any:
         """The answer if it is remembered, else None."""
         return self._kept.get((model, case.of_model(model)))
 
@@ -215,48 +215,48 @@ class Answers:
 
     def __init__(self, models: Mapping[str, CuttingModel]) -> None:
         self.models = models
-        self.cut = Answer(self._cut)
-        self.point = Answer(self._point)
-        self.curve = Answer(self._curve)
-        self.best = Answer(self._best)
-        self.ends = Answer(self._ends)
-        self.sensitivities = Answer(self._sensitivities)
-        self.spins = Answer(self._spins)
+        self.cut = ModelProgram(self._cut)
+        self.point = ModelProgram(self._point)
+        self.curve = ModelProgram(self._curve)
+        self.best = ModelProgram(self._best)
+        self.ends = ModelProgram(self._ends)
+        self.sensitivities = ModelProgram(self._sensitivities)
+        self.spins = ModelProgram(self._spins)
 
-    def model(self, name: str, case: Case) -> CuttingModel:
+    def model(self, name: str, case: PageCase) -> CuttingModel:
         """The model with the own parameters of the case."""
         return self.models[name].replace(**case.own_values(name))
 
-    def _cut(self, model: str, case: Case) -> Trajectory:
+    def _cut(self, model: str, case: PageCase) -> Trajectory:
         """The motion of one impact, at many times."""
         return path(self.model(model, case), case.parameters())
 
-    def _point(self, model: str, case: Case) -> Impact:
+    def _point(self, model: str, case: PageCase) -> Impact:
         """End, volume and derivatives of the same impact."""
         return impact(self.model(model, case), case.parameters(), derivatives=2)
 
-    def _curve(self, model: str, case: Case) -> Impact:
+    def _curve(self, model: str, case: PageCase) -> Impact:
         """Impacts at all `ANGLES`."""
         # With second derivatives, as `alpha_max` computes V: so the best angle lies on the curve to the last bit.
         return impact(self.model(model, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
 
-    def _best(self, model: str, case: Case) -> Optimum:
+    def _best(self, model: str, case: PageCase) -> Optimum:
         """The angle of greatest removal."""
         return alpha_max(self.model(model, case), case.parameters())
 
-    def _ends(self, model: str, case: Case) -> dict[str, np.ndarray]:
+    def _ends(self, model: str, case: PageCase) -> dict[str, np.ndarray]:
         """The times at which each event alone would end the cut, at all `ANGLES`."""
         return end_times(self.model(model, case), case.parameters().replace(alpha=ANGLES))
 
-    def _sensitivities(self, model: str, case: Case) -> Mapping[str, Any]:
+    def _sensitivities(self, model: str, case: PageCase) -> Mapping[str, Any]:
         """dα_max/dq for every parameter q of the case and of the model."""
         return self.best(model, case).sensitivities
 
-    def _spins(self, model: str, case: Case) -> Spins:
+    def _spins(self, model: str, case: PageCase) -> SpinCurves:
         """The angle of greatest removal at all `SPINS`."""
         p = case.parameters()
         best = alpha_max(self.model(model, case), p.replace(phidot0=SPINS * float(p.v0 / p.r)))
-        return Spins(best.alpha, best.volume, best.kind)
+        return SpinCurves(best.alpha, best.volume, best.kind)
 
 
 _IN_PARALLEL = 2  # compilations: one of the engine, which does one at a time, and one of XLA for a closed form
@@ -278,15 +278,15 @@ class Preparation:
         case: any case; to compile a program, its answer is computed once for this case.
     """
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: PageCase) -> None:
         self._case = case
         self._turns = threading.Semaphore(_IN_PARALLEL)
         self._lock = threading.Lock()
-        self._begun: dict[tuple[Answer, str], Future] = {}
+        self._begun: dict[tuple[ModelProgram, str], Future] = {}
         self._late: dict[str, tuple[Future, str]] = {}
         self.listeners: set[Callable[[], None]] = set()
 
-    def ready(self, answer: Answer, model: str) -> bool:
+    def ready(self, answer: ModelProgram, model: str) -> bool:
         """Whether the program is compiled and the model answers; the first call starts the compilation."""
         with self._lock:
             if (answer, model) not in self._begun:
@@ -314,7 +314,7 @@ class Preparation:
         waiting = [model for (_, model), future in begun if not future.done()]
         return Progress(len(begun) - len(waiting), len(begun), tuple(dict.fromkeys(waiting)))
 
-    def _compile(self, answer: Answer, model: str) -> None:
+    def _compile(self, answer: ModelProgram, model: str) -> None:
         in_turn = self._turns.acquire(timeout=_TURN)
         try:
             answer(model, self._case)
@@ -351,13 +351,13 @@ class Computed:
         errors: one sentence for each answer that could not be computed.
     """
 
-    state: State
+    state: PageState
     cut: Trajectory | None = None
     points: dict[str, Impact] = dataclasses.field(default_factory=dict)
     curves: dict[str, Impact] = dataclasses.field(default_factory=dict)
     best: dict[str, Optimum] = dataclasses.field(default_factory=dict)
     ends: Mapping[str, np.ndarray] | None = None
-    spins: dict[str, Spins] = dataclasses.field(default_factory=dict)
+    spins: dict[str, SpinCurves] = dataclasses.field(default_factory=dict)
     sensitivities: Mapping[str, Any] | None = None
     errors: list[str] = dataclasses.field(default_factory=list)
 
@@ -376,11 +376,11 @@ class Step(NamedTuple):
         views: names of the views to draw again afterwards; empty if the whole stage waits for the step.
     """
 
-    answer: Answer
+    answer: ModelProgram
     model: str
-    case: Case
+    case: PageCase
     keep: Callable[[Any], None]
-    compiled: Answer
+    compiled: ModelProgram
     views: tuple[str, ...]
 
 
@@ -421,7 +421,7 @@ def later(answers: Answers, computed: Computed, preparation: Preparation) -> Ite
             yield step
 
 
-def all_ready(answers: Answers, state: State, preparation: Preparation) -> bool:
+def all_ready(answers: Answers, state: PageState, preparation: Preparation) -> bool:
     """Whether all programs are compiled whose answers follow a slider."""
     computed = Computed(state)
     steps = _cut(answers, computed), *_curves(answers, computed)

@@ -23,7 +23,7 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from erosion.explorer.computed import ANGLES
-from erosion.explorer.state import Case, State, sentence, with_point
+from erosion.explorer.state import PageCase, PageState, sentence, with_point
 from erosion.impacts.impact import Impact
 from erosion.parameters.materials import Particle, Target, known_particles, known_targets, particle, target
 from erosion.parameters.parameters import TABLE_1
@@ -37,7 +37,7 @@ _FACTOR = 20.0  # a slider reaches from 1/20 to 20 times the first value, if thi
 _DIGITS = 4  # of the numbers that a slider sets
 
 
-class Range(NamedTuple):
+class SliderRange(NamedTuple):
     """Ends and step of a slider, in units of its position."""
 
     low: float
@@ -45,21 +45,21 @@ class Range(NamedTuple):
     step: float
 
 
-ANGLE_SLIDER = Range(0.25, 90.0, 0.25)  # degrees
-SPINS = Range(-1.0, 1.0, 0.01)  # s = r φ̇₀/v₀
+ANGLE_SLIDER = SliderRange(0.25, 90.0, 0.25)  # degrees
+SPINS = SliderRange(-1.0, 1.0, 0.01)  # s = r φ̇₀/v₀
 # Exponents of `_FACTOR`, which multiplies the first value. If the first value of an own parameter is not positive:
 # distances from the first value, as shares of its size; of a value of 0, as shares of the case's parameter of the
 # same dimension: a speed reaches from -v₀ to v₀.
-FACTORS = Range(-1.0, 1.0, 0.005)
+FACTORS = SliderRange(-1.0, 1.0, 0.005)
 SPIN_PRESETS = (-0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5)
 
 
-def range_of(name: str) -> Range:
+def range_of(name: str) -> SliderRange:
     """The positions of a parameter's slider."""
     return {"alpha": ANGLE_SLIDER, "phidot0": SPINS}.get(name, FACTORS)
 
 
-def position(name: str, case: Case, first: Case) -> float:
+def position(name: str, case: PageCase, first: PageCase) -> float:
     """The position of a parameter's slider; a number out of range puts the slider at its end.
 
     Args:
@@ -80,7 +80,7 @@ def position(name: str, case: Case, first: Case) -> float:
     return float(np.clip(at, ends.low, ends.high))
 
 
-def at_position(name: str, at: float, case: Case, first: Case) -> Case:
+def at_position(name: str, at: float, case: PageCase, first: PageCase) -> PageCase:
     """Set a parameter to the number at its slider's position, rounded to few digits."""
     if name == "alpha":
         return case.replace(alpha=float(np.deg2rad(_rounded(at))))
@@ -92,29 +92,29 @@ def at_position(name: str, at: float, case: Case, first: Case) -> Case:
     return case.replace(**{name: middle if at == 0 else max(_rounded(moved), least)})
 
 
-def with_spin(s: float, case: Case) -> Case:
+def with_spin(s: float, case: PageCase) -> PageCase:
     """Set the spin to s = r φ̇₀/v₀."""
     numbers = case.numbers()
     return case.replace(phidot0=_rounded(s * numbers["v0"] / numbers["r"]))
 
 
-def text_of(name: str, case: Case) -> str:
+def text_of(name: str, case: PageCase) -> str:
     """The text of a parameter's entry; angles are in degrees."""
     number = case.numbers()[name]
     text = f"{np.rad2deg(number) if _is_angle(name, case) else number:.6g}"
     return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text)
 
 
-def unit_of(name: str, case: Case) -> str:
+def unit_of(name: str, case: PageCase) -> str:
     """The unit of the number that `text_of` shows."""
     return "°" if _is_angle(name, case) else unit_name(case.quantities()[name].dimension, case.units)
 
 
-def _is_angle(name: str, case: Case) -> bool:
+def _is_angle(name: str, case: PageCase) -> bool:
     return case.quantities()[name].dimension == "angle"
 
 
-def _size(name: str, first: Case) -> float:
+def _size(name: str, first: PageCase) -> float:
     numbers, dimension = first.numbers(), first.quantities()[name].dimension
     alike = (numbers[other] for other, quantity in QUANTITIES.items() if quantity.dimension == dimension != "1")
     return abs(numbers[name]) or next(alike, 1.0)
@@ -124,7 +124,7 @@ def _rounded(number: float) -> float:
     return float(f"{number:.{_DIGITS}g}")
 
 
-_SHARES = Range(0.0, 1.0, 0.005)  # of the cut's time
+_SHARES = SliderRange(0.0, 1.0, 0.005)  # of the cut's time
 
 
 def warn(sentence: str) -> None:
@@ -148,7 +148,7 @@ class Field(ui.element, component="web/field.js"):
         name: str,
         symbol: str,
         meaning: str,
-        range_: Range,
+        range_: SliderRange,
         on_slide: Callable[[float], None],
         on_entry: Callable[[str], None],
     ) -> None:
@@ -175,7 +175,7 @@ class Prose(ui.element, component="web/prose.js"):
         self.run_method("draw", content, key)
 
 
-class Cut(ui.element, component="web/cut.js"):
+class CutDrawing(ui.element, component="web/cut.js"):
     """The cut drawn to scale, as an animation.
 
     Args:
@@ -208,7 +208,7 @@ class Plot(ui.element, component="web/plot.js"):
         height: str,
         *,
         follows: bool = False,
-        range_: Range | None = None,
+        range_: SliderRange | None = None,
         on_pick: Callable[[float], None] | None = None,
     ) -> None:
         super().__init__()
@@ -219,11 +219,11 @@ class Plot(ui.element, component="web/plot.js"):
     def draw(
         self, option: Mapping[str, Any] | None, handles: Sequence[Mapping[str, Any]], label: str, key: str
     ) -> None:
-        """Draw an option of ECharts, or only move the handles if there is none; `key` is as of `Cut.draw`."""
+        """Draw an option of ECharts, or only move the handles if there is none; `key` is as of `CutDrawing.draw`."""
         self.run_method("draw", option, handles, label, key)
 
 
-def _tell(listener: Callable[[float], None], range_: Range, event: GenericEventArguments) -> None:
+def _tell(listener: Callable[[float], None], range_: SliderRange, event: GenericEventArguments) -> None:
     """Tell the position that an event carries, moved into its range; the page sends nothing but numbers."""
     position = event.args
     if isinstance(position, int | float) and math.isfinite(position):
@@ -337,7 +337,7 @@ def gaps(curve: Impact) -> np.ndarray:
     return at - np.arange(at.size)
 
 
-def angle_handle(state: State) -> Option:
+def angle_handle(state: PageState) -> Option:
     """The handle at the state's angle, which the reader can drag."""
     quantity, degrees = QUANTITIES["alpha"], float(np.rad2deg(state.case.numbers()["alpha"]))
     return {
@@ -365,7 +365,7 @@ class Controls:
     """
 
     def __init__(
-        self, start: State, summaries: Mapping[str, str], materials: Materials, go: Callable[[State], None]
+        self, start: PageState, summaries: Mapping[str, str], materials: Materials, go: Callable[[PageState], None]
     ) -> None:
         self._start, self._go, self._state = start, go, start
         self._showing = False
@@ -392,7 +392,7 @@ class Controls:
             self._shown.props("dense options-dense").on_value_change(self._draw_other)
             self._boxes = {name: self._box(name, summaries) for name in summaries}
 
-    def show(self, state: State) -> None:
+    def show(self, state: PageState) -> None:
         """Show a state. The changed elements send events, which are ignored meanwhile."""
         self._showing, self._state = True, state
         first = self._start.case.to(state.case.units)
@@ -412,7 +412,7 @@ class Controls:
         self._shown.set_value(state.shown)
         self._showing = False
 
-    def change(self, change: Callable[[Case], Case]) -> bool:
+    def change(self, change: Callable[[PageCase], PageCase]) -> bool:
         """Show what a function makes of the case; if this is no valid case, say why and show the case again.
 
         Returns:
@@ -449,7 +449,7 @@ class Controls:
 
         return Field(name, quantity.symbol, quantity.meaning, range_of(name), slide, entry)
 
-    def _ask(self, name: str, case: Callable[[], Case]) -> None:
+    def _ask(self, name: str, case: Callable[[], PageCase]) -> None:
         """Show a case; if it is not valid, say why at the parameter."""
         self._shown_fields.pop(name, None)
         try:
@@ -500,7 +500,7 @@ class Controls:
         """A material and a size, from which r, b, m and β follow."""
 
         def use() -> None:
-            def of(case: Case) -> Case:
+            def of(case: PageCase) -> PageCase:
                 grit = materials.sized(str(material.value), str(size.value), case.units)
                 return case.with_parameters(case.parameters().with_particle(grit))
 

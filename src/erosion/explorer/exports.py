@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from erosion.explorer.computed import ANGLES, SPINS, Answers
-from erosion.explorer.state import State
-from erosion.models.base import State as Body
+from erosion.explorer.state import PageState
+from erosion.models.base import PageState as Body
 from erosion.output.tables import to_csv, to_json
 from erosion.parameters.case_files import dump_case, dump_per_mass
 from erosion.parameters.parameters import QUANTITIES
@@ -24,7 +24,7 @@ FIGURES: Mapping[str, str] = {
 """The title of each figure, by the name of its file."""
 
 
-def figure(name: str, suffix: str, answers: Answers, state: State) -> bytes:
+def figure(name: str, suffix: str, answers: Answers, state: PageState) -> bytes:
     """One of `FIGURES` as the bytes of an "svg" or "png" file."""
     # Imported here: matplotlib, scipy and xarray would delay the first page.
     from erosion.explorer.figures import draw
@@ -32,7 +32,7 @@ def figure(name: str, suffix: str, answers: Answers, state: State) -> bytes:
     return draw(name, suffix, answers, state)
 
 
-def curves_csv(answers: Answers, state: State) -> bytes:
+def curves_csv(answers: Answers, state: PageState) -> bytes:
     """A table over all angles: α [°], and for each checked model V, dV/dα, t_c and how the cut ends."""
     columns: dict[str, Any] = {"alpha [deg]": np.rad2deg(ANGLES)}
     for name in state.models:
@@ -43,7 +43,7 @@ def curves_csv(answers: Answers, state: State) -> bytes:
     return _csv(columns)
 
 
-def motion_csv(answers: Answers, state: State) -> bytes:
+def motion_csv(answers: Answers, state: PageState) -> bytes:
     """The motion of the model shown over time."""
     cut = answers.cut(state.shown, state.case)
     dimensions: dict[str, Dimension] = {
@@ -55,7 +55,7 @@ def motion_csv(answers: Answers, state: State) -> bytes:
     return _csv({_heading(name, dimension, state): getattr(cut, name) for name, dimension in dimensions.items()})
 
 
-def results_json(answers: Answers, state: State) -> bytes:
+def results_json(answers: Answers, state: PageState) -> bytes:
     """The case, and all numbers that the page shows of each checked model."""
     over_angles = state.case.at_any_angle()
     models = {}
@@ -84,12 +84,12 @@ def results_json(answers: Answers, state: State) -> bytes:
     return to_json(content).encode()
 
 
-def case_toml(state: State) -> bytes:
+def case_toml(state: PageState) -> bytes:
     """The case as a file for `erosion run --case`."""
     return (dump_case(state.case.parameters(), "From the explorer") + dump_per_mass(state.per_mass)).encode()
 
 
-def python_lines(state: State, sources: Mapping[str, str]) -> str:
+def python_lines(state: PageState, sources: Mapping[str, str]) -> str:
     """Lines of Python that compute the numbers of the page.
 
     Args:
@@ -121,7 +121,7 @@ def _python_model(source: str, own: Mapping[str, float]) -> str:
     return f"erosion.load_model({source!r}).replace({arguments})"
 
 
-def _heading(name: str, dimension: Dimension, state: State) -> str:
+def _heading(name: str, dimension: Dimension, state: PageState) -> str:
     unit = unit_name(dimension, state.case.units)
     return f"{name} [{unit}]" if unit else name
 

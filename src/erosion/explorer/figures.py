@@ -6,33 +6,33 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from erosion.explorer.computed import ANGLES, SPINS, Answers
-from erosion.explorer.state import State
-from erosion.plotting.curves import BestAngles, plot_best_angles, plot_optimum
+from erosion.explorer.state import PageState
+from erosion.plotting.curves import AngleSeries, plot_best_angles, plot_optimum
 from erosion.plotting.motion import plot_end_times, plot_trajectory
 from erosion.plotting.style import new_axes, render
 from erosion.plotting.sweeps import plot_comparison
 from erosion.sweeps.sweep import compare
 
 
-def draw(name: str, suffix: str, answers: Answers, state: State) -> bytes:
+def draw(name: str, suffix: str, answers: Answers, state: PageState) -> bytes:
     """Draw the figure of this name; returns the bytes of an "svg" or "png" file."""
     return render(_DRAWN[name](answers, state), suffix)
 
 
-def _cut(answers: Answers, state: State) -> Figure:
+def _cut(answers: Answers, state: PageState) -> Figure:
     return plot_trajectory(answers.cut(state.shown, state.case))
 
 
-def _volumes(answers: Answers, state: State) -> Figure:
+def _volumes(answers: Answers, state: PageState) -> Figure:
     models = [answers.model(name, state.case) for name in state.models]
     return plot_comparison(compare(models, state.case.parameters()))
 
 
-def _optimum(answers: Answers, state: State) -> Figure:
+def _optimum(answers: Answers, state: PageState) -> Figure:
     return plot_optimum(answers.best(state.shown, state.case.at_any_angle()))
 
 
-def _end_times(answers: Answers, state: State) -> Figure:
+def _end_times(answers: Answers, state: PageState) -> Figure:
     over_angles = state.case.at_any_angle()
     fig, ax = new_axes(6.2, 4.4)
     case_point = state.case.numbers()["alpha"], float(answers.point(state.shown, state.case).t_c)
@@ -41,17 +41,17 @@ def _end_times(answers: Answers, state: State) -> Figure:
     return fig
 
 
-def _spins(answers: Answers, state: State) -> Figure:
+def _spins(answers: Answers, state: PageState) -> Figure:
     fig, ax = new_axes(6.2, 4.4)
     curves = []
     for name in state.models:
         spins = answers.spins(name, state.case.at_any_spin())
-        curves.append(BestAngles(name, SPINS, spins.alpha, spins.kind == "jump"))
+        curves.append(AngleSeries(name, SPINS, spins.alpha, spins.kind == "jump"))
     plot_best_angles(ax, curves, xlabel="$s = r\\,\\dot\\varphi_0/v_0$  initial spin")
     return fig
 
 
-_DRAWN: Mapping[str, Callable[[Answers, State], Figure]] = {
+_DRAWN: Mapping[str, Callable[[Answers, PageState], Figure]] = {
     "cut": _cut,
     "volumes": _volumes,
     "optimum": _optimum,

@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket
 
 from erosion.explorer.computed import Answers, Preparation, all_ready, share_memory
 from erosion.explorer.controls import read_materials
-from erosion.explorer.state import Address, Case, State, own_numbers, sentence, without_token
+from erosion.explorer.state import Address, PageCase, PageState, own_numbers, sentence, without_token
 from erosion.explorer.tab import Service, Tab
 from erosion.impacts.simulate import TurnWarning
 from erosion.models import available_models, load_model
@@ -269,9 +269,9 @@ def offer(
         offered[plugged[-1]] = (path, info.summary)
     models = {name: load_model(source) for name, (source, _) in offered.items()}
     answers = Answers(models)
-    case = Case.of(p, own_numbers(models))
+    case = PageCase.of(p, own_numbers(models))
     checked = tuple(name for name in offered if name in (*_CHECKED, *plugged))
-    start = State(case, checked, next(iter(plugged), _SHOWN), per_mass or PerMass())
+    start = PageState(case, checked, next(iter(plugged), _SHOWN), per_mass or PerMass())
     return Service(
         answers=answers,
         preparation=Preparation(case),

@@ -94,7 +94,7 @@ def own_numbers(models: Mapping[str, CuttingModel]) -> tuple[OwnNumber, ...]:
     )
 
 
-class Case(NamedTuple):
+class PageCase(NamedTuple):
     """The parameters of one impact as plain numbers, so that a dictionary can keep answers by case.
 
     Args:
@@ -108,7 +108,7 @@ class Case(NamedTuple):
     own: tuple[OwnNumber, ...] = ()
 
     @classmethod
-    def of(cls, p: Parameters, own: tuple[OwnNumber, ...] = ()) -> "Case":
+    def of(cls, p: Parameters, own: tuple[OwnNumber, ...] = ()) -> "PageCase":
         """Make a case of scalar parameters and of models' own parameters in the same units."""
         return cls(tuple(float(getattr(p, name)) for name in _NAMES), p.units, own)
 
@@ -116,11 +116,11 @@ class Case(NamedTuple):
         """The case as `Parameters`, which hold no own parameters of models."""
         return Parameters(**dict(zip(_NAMES, self.values, strict=True)), units=self.units)
 
-    def with_parameters(self, p: Parameters) -> "Case":
+    def with_parameters(self, p: Parameters) -> "PageCase":
         """Replace the parameters of the impact; `p` is in the units of the case, and models' own parameters stay."""
-        return Case.of(p, self.own)
+        return PageCase.of(p, self.own)
 
-    def of_model(self, name: str) -> "Case":
+    def of_model(self, name: str) -> "PageCase":
         """Leave out the own parameters of all other models, which do not matter to this one."""
         return self._replace(own=tuple(number for number in self.own if number.model == name))
 
@@ -136,7 +136,7 @@ class Case(NamedTuple):
         """Symbol, meaning and dimension of each of these numbers, by the same names."""
         return {**QUANTITIES, **{number.key: number.quantity for number in self.own}}
 
-    def replace(self, **changes: float) -> "Case":
+    def replace(self, **changes: float) -> "PageCase":
         """Change some numbers and validate the case.
 
         Raises:
@@ -145,9 +145,9 @@ class Case(NamedTuple):
         own = tuple(number.with_value(changes.pop(number.key, number.value)) for number in self.own)
         p = dataclasses.replace(self.parameters(), **changes)
         validate(p)
-        return Case.of(p, own)
+        return PageCase.of(p, own)
 
-    def reading(self, texts: Mapping[str, str]) -> "Case":
+    def reading(self, texts: Mapping[str, str]) -> "PageCase":
         """Change some parameters to the quantities that texts hold: "30 deg", "100 m/s".
 
         Raises:
@@ -156,9 +156,9 @@ class Case(NamedTuple):
         numbers: dict[str, Any] = dict(zip(_NAMES, self.values, strict=True))
         p = Parameters.from_quantities(self.units, {name: texts.get(name, number) for name, number in numbers.items()})
         own = [number.read(texts[number.key], self.units) if number.key in texts else number for number in self.own]
-        return Case.of(p, tuple(own))
+        return PageCase.of(p, tuple(own))
 
-    def read(self, name: str, text: str) -> "Case":
+    def read(self, name: str, text: str) -> "PageCase":
         """Change one parameter to a typed text: "30", "0,5", "100 m/s". An angle without a unit is in degrees.
 
         Raises:
@@ -168,7 +168,7 @@ class Case(NamedTuple):
         in_degrees = self.quantities()[name].dimension == "angle" and _is_number(text)
         return self.reading({name: f"{text} deg" if in_degrees else text})
 
-    def to(self, units: str) -> "Case":
+    def to(self, units: str) -> "PageCase":
         """The same impact in another unit system.
 
         Raises:
@@ -179,19 +179,19 @@ class Case(NamedTuple):
         validate(p)
         factors = [conversion_factor(number.quantity.dimension, self.units, p.units) for number in self.own]
         pairs = zip(self.own, factors, strict=True)
-        return Case.of(p, tuple(number.with_value(number.value * factor) for number, factor in pairs))
+        return PageCase.of(p, tuple(number.with_value(number.value * factor) for number, factor in pairs))
 
-    def at_any_angle(self) -> "Case":
+    def at_any_angle(self) -> "PageCase":
         """One case for all angles: answers over the angle are kept by this case."""
         return self.replace(alpha=1.0)
 
-    def at_any_spin(self) -> "Case":
+    def at_any_spin(self) -> "PageCase":
         """One case for all angles and spins: answers over the spin are kept by this case."""
         return self.replace(alpha=1.0, phidot0=0.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class State:
+class PageState:
     """Everything that a tab shows.
 
     Args:
@@ -203,18 +203,18 @@ class State:
         dark: whether the page is dark; None leaves this to the browser.
     """
 
-    case: Case
+    case: PageCase
     models: tuple[str, ...]
     shown: str
     per_mass: PerMass = dataclasses.field(default_factory=PerMass)
     instant: float = 1.0
     dark: bool | None = None
 
-    def checking(self, models: tuple[str, ...]) -> "State":
+    def checking(self, models: tuple[str, ...]) -> "PageState":
         """Check other models. The same model's cut stays drawn if this model is still checked."""
         return dataclasses.replace(self, models=models, shown=self.shown if self.shown in models else models[0])
 
-    def of_metal(self, metal: Target) -> "State":
+    def of_metal(self, metal: Target) -> "PageState":
         """Take the flow stress and the density of a target."""
         case = self.case.with_parameters(self.case.parameters().with_target(metal))
         per_mass = dataclasses.replace(self.per_mass, density=metal.density)
@@ -243,7 +243,7 @@ class State:
         fields = {} if density is None else {"density": f"{density!r} kg/m^3"}
         return fields if fraction == 1 else fields | {"cutting_fraction": repr(fraction)}
 
-    def reading(self, query: Mapping[str, str], known: Collection[str]) -> "State":
+    def reading(self, query: Mapping[str, str], known: Collection[str]) -> "PageState":
         """Change this state as a link asks. Quantities may have units ("alpha=30 deg").
 
         Args:
@@ -273,7 +273,7 @@ class State:
             raise ValueError(f"Field `dark` must be 'true' or 'false', but is {dark!r}.")
         models = tuple(name for name in known if name in checked)
         is_dark = self.dark if dark is None else dark == _TEXTS[True]
-        return State(case, models, shown, _read_per_mass(query, self.per_mass), float(instant), is_dark)
+        return PageState(case, models, shown, _read_per_mass(query, self.per_mass), float(instant), is_dark)
 
 
 def _read_per_mass(query: Mapping[str, str], usual: PerMass) -> PerMass:

@@ -22,7 +22,7 @@ from erosion.explorer.controls import (
     ANGLE_SLIDER,
     SPINS,
     Controls,
-    Cut,
+    CutDrawing,
     Materials,
     Plot,
     Prose,
@@ -30,7 +30,7 @@ from erosion.explorer.controls import (
     warn,
     with_spin,
 )
-from erosion.explorer.state import State, sentence
+from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
 
 _OUTLINE = "dense no-caps outline"
@@ -65,7 +65,11 @@ class Sharing:
     """
 
     def __init__(
-        self, answers: Answers, sources: Mapping[str, str], state: Callable[[], State], go: Callable[[State], None]
+        self,
+        answers: Answers,
+        sources: Mapping[str, str],
+        state: Callable[[], PageState],
+        go: Callable[[PageState], None],
     ) -> None:
         self._answers, self._sources, self._state, self._go = answers, sources, state, go
         ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
@@ -150,7 +154,7 @@ class Service:
 
     answers: Answers
     preparation: Preparation
-    start: State
+    start: PageState
     summaries: Mapping[str, str]
     sources: Mapping[str, str]
     materials: Materials
@@ -172,7 +176,7 @@ class Tab:
         invitation: the link that lets other devices in; None where they cannot reach the explorer.
     """
 
-    def __init__(self, service: Service, state: State, invitation: str | None = None) -> None:
+    def __init__(self, service: Service, state: PageState, invitation: str | None = None) -> None:
         self.service, self.state = service, state
         self._models = list(service.summaries)
         self._drawn: dict[str, Any] = {}
@@ -216,7 +220,7 @@ class Tab:
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
             ui.html(_TITLES[name], tag="h2", sanitize=False)
             if name == "cut":
-                return Cut(self.state.instant, self._stay_at)
+                return CutDrawing(self.state.instant, self._stay_at)
             if name == "numbers":
                 return Prose()
             if name == "histories":
@@ -236,7 +240,7 @@ class Tab:
     def _pick_spin(self, s: float) -> None:
         self._controls.change(lambda case: with_spin(s, case))
 
-    def _go(self, state: State) -> None:
+    def _go(self, state: PageState) -> None:
         """Change to another state and show it."""
         self.state = state
         self._controls.show(state)
@@ -268,7 +272,7 @@ class Tab:
             self._at_once.offer(self.state)
             self._later.offer(self.state)
 
-    async def _show_at_once(self, state: State) -> None:
+    async def _show_at_once(self, state: PageState) -> None:
         computed = Computed(state)
         patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
         for stage in computing.stages(self.service.answers, computed):
@@ -281,7 +285,7 @@ class Tab:
         patience.cancel()
         self._tell_progress(computed)
 
-    async def _show_later(self, state: State) -> None:
+    async def _show_later(self, state: PageState) -> None:
         await asyncio.sleep(_REST)
         if self._later.waiting:
             return

@@ -19,9 +19,9 @@ from erosion.fits.forward import FACTORS, FRACTION, Forward, check_free
 from erosion.fits.least_squares import (
     LOSSES,
     CalibrationError,
+    FitProblem,
+    FitSolution,
     Identifiability,
-    Problem,
-    Solution,
     fit,
     identify,
     make_problem,
@@ -50,8 +50,8 @@ class Calibration(Result):
         solution: the minimum.
     """
 
-    problem: Problem
-    solution: Solution
+    problem: FitProblem
+    solution: FitSolution
 
     @property
     def model(self) -> CuttingModel:

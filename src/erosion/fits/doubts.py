@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from erosion.fits.least_squares import Problem, Solution, settle
+from erosion.fits.least_squares import FitProblem, FitSolution, settle
 from erosion.fits.measurements import Condition, Measurements, conditions, describe
 from erosion.output.tables import Result, format_number
 from erosion.parameters.per_mass import far_from_tests, two_digits
@@ -102,8 +102,8 @@ class Ridge:
         path: change of θ per unit of offset where residuals are linear, shape (names,).
     """
 
-    problem: Problem
-    solution: Solution
+    problem: FitProblem
+    solution: FitSolution
     at: int
     path: np.ndarray
 
@@ -164,7 +164,7 @@ class Ridge:
                 trial = (inside + outside) / 2
         return sign * (outside if outside < np.inf else trial)
 
-    def refit(self, offset: float, near: np.ndarray, height: float) -> Solution | None:
+    def refit(self, offset: float, near: np.ndarray, height: float) -> FitSolution | None:
         """The best fit at an offset, from the better of two points: on the straight path, or near the last fit."""
         problem, at = self.problem, self.at
         place = self.solution.theta[at] + offset
@@ -180,7 +180,7 @@ _SAME_ANGLE, _SAME_SPEED = np.deg2rad(1.0), 0.02  # of a row that is measured al
 _SEEN = 2.0  # standard deviations of a row, by which the two fits must differ there
 
 
-def advise(problem: Problem, names: Sequence[str], allowed: np.ndarray, noise: float) -> str:
+def advise(problem: FitProblem, names: Sequence[str], allowed: np.ndarray, noise: float) -> str:
     """What to do about parameters that are left open, as "Fix one of them, or measure at 10°." says it.
 
     Args:
@@ -203,7 +203,7 @@ def advise(problem: Problem, names: Sequence[str], allowed: np.ndarray, noise: f
     return f"{fixed}."
 
 
-def _measured(problem: Problem, speed: float | None) -> np.ndarray:
+def _measured(problem: FitProblem, speed: float | None) -> np.ndarray:
     """Whether the data has a row at each of `_ANGLES` and this speed, of the shape of `_ANGLES`."""
     rows = problem.data.conditions
     there = np.full(len(problem.data), True)
@@ -213,7 +213,7 @@ def _measured(problem: Problem, speed: float | None) -> np.ndarray:
     return (near & there).any(axis=1)
 
 
-def _speeds(problem: Problem) -> list[float | None]:
+def _speeds(problem: FitProblem) -> list[float | None]:
     """The speeds to think of: first those of the data, or of the case (None); then a lower and a greater one."""
     if "v0" in problem.forward.free:
         return [None]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, coefficients
-from erosion.cfd.exports import ANGLES, Particle, Reach, commented, particle_of, share_in_words
+from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, particle_of, share_in_words
 from erosion.fits.calibration import Calibration
 from erosion.fits.doubts import LEVEL
 from erosion.fits.forward import SCALE
@@ -105,7 +105,7 @@ def to_fluent(
 
 def _particle(
     model: _Exported, p: Parameters | None, particle_density: float | None, cutting_fraction: float
-) -> tuple[Particle, str, Parameters]:
+) -> tuple[ExportedParticle, str, Parameters]:
     """The particle that is exported, the comment on where it comes from, and its case."""
     if isinstance(model, Calibration):
         if p is not None:

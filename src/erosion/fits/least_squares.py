@@ -213,7 +213,7 @@ class CalibrationError(RuntimeError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
+class FitProblem:
     """Weighted residuals of a model against data, as a function of θ.
 
     Args:
@@ -257,14 +257,14 @@ class Problem:
         predicted = self.forward.predict_many(thetas, self.data.conditions)
         return self.cost((predicted - self.data.erosion) / self.deviation)
 
-    def thinned(self) -> "Problem":
+    def thinned(self) -> "FitProblem":
         """The same problem with at most as many rows as are needed to choose among valleys."""
         data = self.data.thinned(_THINNED)
         return self if data is self.data else dataclasses.replace(self, data=data)
 
 
 @dataclasses.dataclass(frozen=True)
-class Solution:
+class FitSolution:
     """A minimum.
 
     Args:
@@ -279,7 +279,7 @@ class Solution:
     jacobian: np.ndarray
 
 
-def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequence[float]]) -> Problem:
+def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequence[float]]) -> FitProblem:
     """The first guess and the bounds, as θ.
 
     Raises:
@@ -298,7 +298,7 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
     for i, name in enumerate(forward.names):
         if name in bounds:
             lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
-    unbounded = Problem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
+    unbounded = FitProblem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
     start = _first_guess(unbounded.thinned())
     width = default_width(forward)
     width[len(forward.free) :] = np.inf  # the scale has no bounds
@@ -315,7 +315,7 @@ def default_width(forward: Forward) -> np.ndarray:
     return np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
 
 
-def _first_guess(problem: Problem) -> np.ndarray:
+def _first_guess(problem: FitProblem) -> np.ndarray:
     """θ of the case, of the data's size; or with the model's stresses at σψ, where the data are nearer to that."""
     of_case, stresses = _of_data_size(problem, problem.start[None])[0], problem.forward.own_stresses
     if not stresses.any():
@@ -328,7 +328,7 @@ def _first_guess(problem: Problem) -> np.ndarray:
     return similar if costs[1] < costs[0] else of_case
 
 
-def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
+def fit(problem: FitProblem, loss: Loss, starts: int) -> tuple[FitProblem, FitSolution]:
     """The best minimum found; the problem returned has the robust loss and its noise.
 
     Raises:
@@ -360,20 +360,20 @@ def fit(problem: Problem, loss: Loss, starts: int) -> tuple[Problem, Solution]:
     return problem, whole
 
 
-def with_noise(problem: Problem, theta: np.ndarray, noise: float) -> tuple[Problem, Solution]:
+def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[FitProblem, FitSolution]:
     """The problem with another noise of its robust loss, and the minimum near θ."""
     problem = dataclasses.replace(problem, noise=noise)
     return problem, _settled(problem, theta)
 
 
-def _noise(problem: Problem, theta: np.ndarray) -> float:
+def _noise(problem: FitProblem, theta: np.ndarray) -> float:
     """The standard deviation of most residuals; the least of them may be zero, as many as there are parameters."""
     residuals = np.sort(np.abs(problem.residuals(theta)[0]))
     free = min(len(theta), len(residuals) - 1)
     return max(_MAD * float(np.median(residuals[free:])), 1e-12)
 
 
-def _settled(problem: Problem, theta: np.ndarray) -> Solution:
+def _settled(problem: FitProblem, theta: np.ndarray) -> FitSolution:
     """The deepest of the valleys about θ, where impacts must not fail."""
     solution = settle(problem, theta)
     if solution is None:
@@ -381,7 +381,7 @@ def _settled(problem: Problem, theta: np.ndarray) -> Solution:
     return solution
 
 
-def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
+def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> FitSolution | None:
     """The deepest of the valleys about θ; arguments as for `descend`.
 
     When a parameter moves, a jump of V(α) passes rows one after the other, and the misfit steps
@@ -413,13 +413,15 @@ def settle(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: f
     return best if rough == ftol else descend(problem, best.theta, held, ftol)
 
 
-def _modes(problem: Problem, solution: Solution) -> np.ndarray:
+def _modes(problem: FitProblem, solution: FitSolution) -> np.ndarray:
     """The determined directions of θ, each one standard error long, shape (names, rank)."""
     names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.deviation))
     return identify(names, solution.jacobian, np.ones(len(names)), size).modes
 
 
-def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> Solution | None:
+def descend(
+    problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT
+) -> FitSolution | None:
     """The minimum down from θ.
 
     Args:
@@ -448,7 +450,7 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
     if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(jacobian))):
         return None
     if not moving.any():
-        return Solution(theta, float(problem.cost(residuals)), np.zeros_like(jacobian))
+        return FitSolution(theta, float(problem.cost(residuals)), np.zeros_like(jacobian))
     # At a jump of the misfit the steps shrink; they end at a length that would change the cost too little on a slope.
     steepness = float(np.linalg.norm(jacobian[:, moving])) or np.inf
     length = 0.1 * np.sqrt(ftol * float(problem.cost(residuals))) / steepness
@@ -469,10 +471,10 @@ def descend(problem: Problem, theta: np.ndarray, held: int | None = None, ftol: 
     # scipy's steps never reach a bound: no threshold is 0, and not 1e-33.
     at_least = result.x - problem.lower[moving] < _EXACT
     theta[moving], jacobian[:, moving] = np.where(at_least, problem.lower[moving], result.x), result.jac
-    return Solution(theta, float(result.cost), jacobian)
+    return FitSolution(theta, float(result.cost), jacobian)
 
 
-def _starts(problem: Problem, count: int) -> np.ndarray:
+def _starts(problem: FitProblem, count: int) -> np.ndarray:
     """The first guess, and the best of `count` points about it, shape (points, names)."""
     forward, start = problem.forward, problem.start
     free = len(forward.free)
@@ -490,7 +492,7 @@ def _starts(problem: Problem, count: int) -> np.ndarray:
     return begins[[0, *ranked[: _FOLLOWED - 1]]]
 
 
-def _at_least_values(problem: Problem, ftol: float) -> list[np.ndarray]:
+def _at_least_values(problem: FitProblem, ftol: float) -> list[np.ndarray]:
     """θ of the fits that hold one parameter at its least value: no threshold.
 
     There the misfit often has a valley of its own, whose floor is the bound. Points inside of the range miss it.
@@ -504,7 +506,7 @@ def _at_least_values(problem: Problem, ftol: float) -> list[np.ndarray]:
     return thetas
 
 
-def _of_data_size(problem: Problem, thetas: np.ndarray, together: np.ndarray | None = None) -> np.ndarray:
+def _of_data_size(problem: FitProblem, thetas: np.ndarray, together: np.ndarray | None = None) -> np.ndarray:
     """Several θ, shape (points, names), each with erosion of the data's size if a parameter that sets it is free.
 
     Args:

@@ -100,7 +100,7 @@ _INCH_POUND = {
 }  # fmt: skip
 
 
-class Column(NamedTuple):
+class DataColumn(NamedTuple):
     """A column: number in the file × factor = number in the unit system."""
 
     name: str
@@ -123,7 +123,7 @@ class Header(NamedTuple):
         unused: the heads of those, without those that were to be ignored.
     """
 
-    columns: Sequence[Column | None]
+    columns: Sequence[DataColumn | None]
     unused: tuple[str, ...]
 
 
@@ -149,7 +149,7 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
     at = next(i for i, head in enumerate(heads) if head is not None and head.name == removals[0])
     removal = _column(at, heads[at], REMOVALS[removals[0]], units)
-    columns: list[Column | None] = []
+    columns: list[DataColumn | None] = []
     for i, head in enumerate(heads):
         if head is None or i == at:
             columns.append(None if head is None else removal)
@@ -165,7 +165,7 @@ def units_of_header(cells: Sequence[str], names: Sequence[str], ignore: Sequence
     return [head.unit for name in names for head in heads if head.name == name]
 
 
-def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> Column:
+def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:
     assert head is not None
     name, unit = head.name, head.unit
     if name in REMOVALS and unit in ("%", "percent"):
@@ -175,16 +175,16 @@ def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], unit
             message = "must carry its unit in brackets, as [mg/g]; `erosion [-]` is known up to a factor"
             raise HeaderError(index, message)
         if name == "erosion" or tuple(dimensions) == ("1",):
-            return Column(name, "1", 1.0)
+            return DataColumn(name, "1", 1.0)
         if "mass per mass" in dimensions and unit:
-            return Column(name, "mass per mass", 1.0)
+            return DataColumn(name, "mass per mass", 1.0)
         example = _EXAMPLES.get(name, f"{name} [mm^3]")
         raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
     errors = []
     for dimension in dimensions:
         try:
             # "volume [1e-4 in^3]" has a number of its own.
-            return Column(name, dimension, factor(unit, dimension, units))
+            return DataColumn(name, dimension, factor(unit, dimension, units))
         except UnitError as error:
             errors.append(str(error))
     if len(dimensions) == 1:

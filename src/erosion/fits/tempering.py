@@ -468,7 +468,7 @@ _GROWTH = 5  # of the conditions from part to part
 
 
 @dataclasses.dataclass(frozen=True)
-class _Part:
+class _RowPart:
     """Rows that come in together. Those of the same conditions are one impact, and their mean says all of a model.
 
     Args:
@@ -514,7 +514,7 @@ class Likelihood(Misfit):
         return -float(np.sum(np.log(self.deviation) + 0.5 * np.log(2 * np.pi)))
 
     @functools.cached_property
-    def parts(self) -> list["_Part"]:
+    def parts(self) -> list["_RowPart"]:
         """The rows of each part, by conditions, in an order of chance that is always the same."""
         data = self.forward.data
         values, places = np.unique(np.stack(list(data.conditions.values())), axis=1, return_inverse=True)
@@ -529,7 +529,7 @@ class Likelihood(Misfit):
             ends.append(end)
             end *= _GROWTH
         return [
-            _Part(
+            _RowPart(
                 dict(zip(data.conditions, values[:, chosen], strict=True)),
                 mean[chosen],
                 weight[chosen] ** -0.5,

@@ -172,7 +172,7 @@ def begin(model: CuttingModel, p: Parameters) -> tuple[Flag, Array, Array, Scala
     return cuts_at_all(model, p), start, sizes, time
 
 
-class Problem(NamedTuple):
+class DiffraxProblem(NamedTuple):
     """An impact and how to integrate it: diffrax sees y divided by `sizes`, so that one absolute tolerance fits all."""
 
     model: CuttingModel
@@ -183,7 +183,9 @@ class Problem(NamedTuple):
 
 
 @seldom_run
-def solve(problem: Problem, start: Array | np.ndarray, t0: Scalar, t1: Scalar) -> tuple[Array, Array, Array, Dense]:
+def solve(
+    problem: DiffraxProblem, start: Array | np.ndarray, t0: Scalar, t1: Scalar
+) -> tuple[Array, Array, Array, Dense]:
     """Integrate y from `t0` until `t1`, or the first step that ends past an event.
 
     Returns:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from erosion.lanes.flatten import flatten
-from erosion.lanes.machine import MachineCode, Target, without_garbage_collection
+from erosion.lanes.machine import MachineCode, Processor, without_garbage_collection
 from erosion.lanes.vector_ir import vector_ir
 
 WIDTH = 8
@@ -47,7 +47,7 @@ class Lanewise:
         examples: Sequence[PyTree],
         *,
         width: int = WIDTH,
-        target: Target | None = None,
+        target: Processor | None = None,
     ) -> None:
         with without_garbage_collection():
             closed, shapes = jax.make_jaxpr(function, return_shape=True)(*examples)

@@ -161,7 +161,7 @@ _MANY = 2**18
 _LONG = 5_000_000
 
 
-class Target(NamedTuple):
+class Processor(NamedTuple):
     """A processor: LLVM's name for it, and its features."""
 
     cpu: str
@@ -178,7 +178,7 @@ class MachineCode:
         target: the processor; without it, this machine's.
     """
 
-    def __init__(self, text: str, target: Target | None = None) -> None:
+    def __init__(self, text: str, target: Processor | None = None) -> None:
         self._text, self._target = text, target
         self._lanes = 0
         self._replacing = threading.Lock()
@@ -201,7 +201,7 @@ class MachineCode:
 class _Compiled:
     """A module's function, in memory."""
 
-    def __init__(self, text: str, target: Target | None, level: int) -> None:
+    def __init__(self, text: str, target: Processor | None, level: int) -> None:
         self.level = level
         cpu, features = this_machine() if target is None else target
         machine = _triple().create_target_machine(cpu=cpu, features=features, opt=level, jit=True)
@@ -223,12 +223,12 @@ class _Compiled:
 
 
 @functools.cache
-def this_machine() -> Target:
+def this_machine() -> Processor:
     """The processor that this runs on."""
     features = llvm.get_host_cpu_features()
     # LLVM avoids the widest vectors, because they slowed the clock of older processors. Here all work is in vectors.
     features["prefer-256-bit"] = False
-    return Target(llvm.get_host_cpu_name(), features.flatten())
+    return Processor(llvm.get_host_cpu_name(), features.flatten())
 
 
 @functools.cache

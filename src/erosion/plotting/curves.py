@@ -260,7 +260,7 @@ _WIDE = 30  # times the least maximum; with a larger maximum the axis is logarit
 _ROUNDING = 2.0**-52
 
 
-class Curve(NamedTuple):
+class ShapeCurve(NamedTuple):
     """V(α) of one model and set of parameters.
 
     Args:
@@ -278,7 +278,7 @@ class Curve(NamedTuple):
     attained: bool = True
 
 
-class BestAngles(NamedTuple):
+class AngleSeries(NamedTuple):
     """Angles of greatest removal over a parameter, ascending; arrays of shape (n,).
 
     Args:
@@ -298,7 +298,9 @@ class BestAngles(NamedTuple):
 
 
 @house_style()
-def plot_family(ax: Axes, curves: Sequence[Curve], *, units: System, joined: bool = False, columns: int = 3) -> Axes:
+def plot_family(
+    ax: Axes, curves: Sequence[ShapeCurve], *, units: System, joined: bool = False, columns: int = 3
+) -> Axes:
     """Removed volume over the angle of attack, several curves on one figure.
 
     If the maxima differ much, the axis is logarithmic: curves of one shape are then shifted copies.
@@ -341,7 +343,7 @@ def plot_family(ax: Axes, curves: Sequence[Curve], *, units: System, joined: boo
 @house_style()
 def plot_best_angles(
     ax: Axes,
-    best: Sequence[BestAngles],
+    best: Sequence[AngleSeries],
     *,
     xlabel: str,
     log: bool = False,
@@ -438,7 +440,7 @@ _DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6
 
 
 @house_style()
-def plot_shapes(ax: Axes, curves: Sequence[Curve], correlations: Sequence[str]) -> Axes:
+def plot_shapes(ax: Axes, curves: Sequence[ShapeCurve], correlations: Sequence[str]) -> Axes:
     """Models' V/V_max in colour and correlations' F/F_max in grey, over the angle of attack.
 
     Args:
@@ -478,7 +480,7 @@ def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str
         results = comparison.sel(model=name)
         angles, volume = broken(results.alpha.values, results.volume.values, results.dvolume.values)
         best = (float(results.alpha_max), float(results.volume_max))
-        curves.append(Curve(str(name), angles, volume, best if np.isfinite(best).all() and best[1] > 0 else None))
+        curves.append(ShapeCurve(str(name), angles, volume, best if np.isfinite(best).all() and best[1] > 0 else None))
     fig, ax = new_axes(6.6, 4.4 + 0.11 * (len(curves) + len(correlations)))
     plot_shapes(ax, curves, correlations)
     return fig

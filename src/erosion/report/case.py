@@ -28,7 +28,7 @@ from erosion.parameters.materials import MATERIALS
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import System, conversion_factor, unit_name
-from erosion.plotting.curves import BestAngles, Curve, broken_at, leaps
+from erosion.plotting.curves import AngleSeries, ShapeCurve, broken_at, leaps
 from erosion.report.text import number
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.sweep import regimes
@@ -104,10 +104,10 @@ class Family:
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
-    def curves(self) -> list[Curve]:
+    def curves(self) -> list[ShapeCurve]:
         """V(α) of the values shown."""
         return [
-            Curve(
+            ShapeCurve(
                 self.labels[i],
                 *broken_at(self.jumps[i], self.angles, self.volumes[i]),
                 (float(self.alpha[i]), float(self.volume[i])),
@@ -238,9 +238,9 @@ class Spins:
         """At how many spins another maximum becomes the greatest."""
         return leaps(np.rad2deg(self.alpha)).size
 
-    def best_angles(self, label: str) -> BestAngles:
+    def best_angles(self, label: str) -> AngleSeries:
         """For a figure."""
-        return BestAngles(label, self.s, self.alpha, self.kind == "jump")
+        return AngleSeries(label, self.s, self.alpha, self.kind == "jump")
 
     def numbers(self) -> Record:
         """For numbers.json."""
@@ -295,7 +295,7 @@ def question(key: str) -> str:
 
 
 @dataclass(frozen=True)
-class Case:
+class ReportCase:
     """One set of parameters. Results that several questions need are computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
@@ -397,12 +397,12 @@ class Case:
             "kind": str(optimum.kind),
         }
 
-    def curve(self, model: str, label: str | None = None) -> Curve:
+    def curve(self, model: str, label: str | None = None) -> ShapeCurve:
         """A model's V(α) with its maximum, and with gaps at its jumps."""
         optimum = self.optimum(model)
         angles, volume = broken_at(optimum.jumps, self.looks, self.hits(model).volume[:-1])
         best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
-        return Curve(label or model, angles, volume, best, bool(optimum.attained))
+        return ShapeCurve(label or model, angles, volume, best, bool(optimum.attained))
 
     def spins(self, model: str) -> Spins:
         """A model's angles of greatest removal over the spin."""
@@ -441,13 +441,13 @@ class Case:
         return self.p.replace(alpha=self.angles)
 
 
-def _hits(case: Case, model: str) -> Impact:
+def _hits(case: ReportCase, model: str) -> Impact:
     # To second order, as `alpha_max` computes V: the page's numbers are the same to the bit.
     p = case.p.replace(alpha=np.append(case.looks, case.alpha))
     return impact(model, p, derivatives=2, rtol=_RTOL)
 
 
-_COMPUTE: Mapping[str, Callable[[Case, str], Any]] = {
+_COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
     "optimum": lambda case, model: alpha_max(model, case.p),
     "sensitivities": lambda case, model: case.optimum(model).sensitivities,
     "hits": _hits,

@@ -29,7 +29,7 @@ from erosion.parameters.per_mass import PerMass
 from erosion.parameters.scales import Scale, readable_scale, table_scale
 from erosion.parameters.units import Dimension, System, shown, unit_name
 from erosion.plotting.style import save_figure
-from erosion.report.case import Answer, Case, question
+from erosion.report.case import Answer, ReportCase, question
 from erosion.report.frame import render_page
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.studies import fit_on_sheet, is_wide, translate_figure
@@ -87,7 +87,7 @@ class Text(NamedTuple):
     derivation: Markup
 
 
-def write_text(path: Path, case: Case, answer: Answer, language: Language = ENGLISH) -> Text:
+def write_text(path: Path, case: ReportCase, answer: Answer, language: Language = ENGLISH) -> Text:
     """Fill in a question's text and divide it into its parts.
 
     Args:
@@ -241,7 +241,7 @@ def write_report(
     require_scalars(p)
     out = Path(out)
     with _naming(out), _folders(out):
-        return _write(Case(p, case_name, per_mass or PerMass()), keys, out, look, progress)
+        return _write(ReportCase(p, case_name, per_mass or PerMass()), keys, out, look, progress)
 
 
 _WHOLE, _BRIEF = "page.html", "handout.html"
@@ -294,7 +294,7 @@ def _naming(out: Path) -> Iterator[None]:
         raise type(error)(f"{out}: the report cannot be written there ({reason}).") from error
 
 
-def _write(case: Case, keys: Sequence[str], out: Path, look: Look, progress: Progress) -> Path:
+def _write(case: ReportCase, keys: Sequence[str], out: Path, look: Look, progress: Progress) -> Path:
     numbers: Record = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
@@ -338,7 +338,7 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
 
 
 def _page(
-    look: Look, case: Case, texts: Mapping[str, Text], drawings: Mapping[str, Markup], wide: Collection[str]
+    look: Look, case: ReportCase, texts: Mapping[str, Text], drawings: Mapping[str, Markup], wide: Collection[str]
 ) -> str:
     return render_page(
         look.template,
@@ -366,7 +366,7 @@ def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, s
     return rows
 
 
-def _record(case: Case, numbers: Mapping[str, Any]) -> Record:
+def _record(case: ReportCase, numbers: Mapping[str, Any]) -> Record:
     return {
         "erosion": __version__,
         "case": case.name,

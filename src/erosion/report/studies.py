@@ -25,19 +25,19 @@ from erosion.models.base import CuttingModel
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import Record
 from erosion.parameters.parameters import QUANTITIES, Parameters
-from erosion.plotting.curves import BestAngles, plot_best_angles, plot_family
+from erosion.plotting.curves import AngleSeries, plot_best_angles, plot_family
 from erosion.plotting.style import house_style, new_axes
-from erosion.report.case import Case, Family
+from erosion.report.case import Family, ReportCase
 
 
-def family_figure(case: Case, family: Family) -> Figure:
+def family_figure(case: ReportCase, family: Family) -> Figure:
     """V(α) for every value, with a line that joins the maxima."""
     fig, ax = new_axes(5.4, 4.2)
     plot_family(ax, family.curves(), units=case.units, joined=True)
     return fig
 
 
-def family_numbers(case: Case, family: Family, model: str) -> Record:
+def family_numbers(case: ReportCase, family: Family, model: str) -> Record:
     """For numbers.json."""
     return {
         "values": [float(value) for value in family.values],
@@ -56,7 +56,7 @@ _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k asi
 _ON_LINE = 41
 
 
-def numbers_again(case: Case) -> Record:
+def numbers_again(case: ReportCase) -> Record:
     """For numbers.json."""
     reach, alpha, kind = _over_reach(case)
     return {
@@ -65,7 +65,7 @@ def numbers_again(case: Case) -> Record:
     }
 
 
-def _over_reach(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _over_reach(case: ReportCase) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ω over all that the families cover, α_max [rad] and its kind, by changing r at the case's s and k."""
     reaches = np.concatenate([case.families(MODEL)[name].reach for name in _IN_REACH])
     reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
@@ -74,7 +74,7 @@ def _over_reach(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return reach, optimum.alpha, optimum.kind
 
 
-def figures_again(case: Case, numbers: Record) -> dict[str, Figure]:
+def figures_again(case: ReportCase, numbers: Record) -> dict[str, Figure]:
     """V(α) at several speeds; α_max over Ω; α_max over k."""
     families = case.families(MODEL)
     return {
@@ -84,14 +84,14 @@ def figures_again(case: Case, numbers: Record) -> dict[str, Figure]:
     }
 
 
-def _over_reach_figure(case: Case, numbers: Record) -> Figure:
+def _over_reach_figure(case: ReportCase, numbers: Record) -> Figure:
     fig, ax = new_axes(5.4, 4.2)
     reach, alpha = (np.array(numbers["over_reach"][key]) for key in ("reach", "alpha_max"))
     families = [case.families(MODEL)[name] for name in _IN_REACH]
     plot_best_angles(
         ax,
         [
-            BestAngles(f"{QUANTITIES[family.name].symbol} changed", family.reach, family.alpha,
+            AngleSeries(f"{QUANTITIES[family.name].symbol} changed", family.reach, family.alpha,
                        family.kind == "jump", line=False)
             for family in families
         ],
@@ -103,16 +103,16 @@ def _over_reach_figure(case: Case, numbers: Record) -> Figure:
     return fig
 
 
-def _over_k_figure(case: Case, ratios: Family) -> Figure:
+def _over_k_figure(case: ReportCase, ratios: Family) -> Figure:
     fig, ax = new_axes(5.4, 3.9)
     law = np.geomspace(ratios.values[0], ratios.values[-1], 200)
-    computed = BestAngles("with rotation", ratios.values, ratios.alpha, ratios.kind == "jump", line=False)
+    computed = AngleSeries("with rotation", ratios.values, ratios.alpha, ratios.kind == "jump", line=False)
     plot_best_angles(ax, [computed], xlabel=QUANTITIES["k"].label(case.units), log=True,
                      exact=("without: ½ arctan k", law, np.arctan(law) / 2))  # fmt: skip
     return fig
 
 
-def ranges(case: Case) -> dict[str, Record]:
+def ranges(case: ReportCase) -> dict[str, Record]:
     """By parameter: the best angles where something is cut, how many are at a jump, and how many values there are."""
     return {
         name: {
@@ -124,7 +124,7 @@ def ranges(case: Case) -> dict[str, Record]:
     }
 
 
-def sensitivities(case: Case) -> dict[str, list[float | None]]:
+def sensitivities(case: ReportCase) -> dict[str, list[float | None]]:
     """Moves of the best angle [rad] by parameter, without rotation and with rotation; None without a derivative."""
     rates = {
         name: [case.sensitivity(model, name) for model in ("linearized", MODEL)]

@@ -69,7 +69,7 @@ class NozzleAngle:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Jet:
+class _NozzleJet:
     """The same particles at any angle of the nozzle; `sample` has the shape (replicates, particles)."""
 
     particles: Particles
@@ -124,7 +124,7 @@ def best_nozzle_angle(
         progress: called with "angles", the number of angles of the curve that are done, and of all.
     """
     sample = particles.draw(Points(points, particles.dimension, seed, replicates).take(_DRAWN))
-    jet = _Jet(particles, sample, rtol)
+    jet = _NozzleJet(particles, sample, rtol)
     curves = jet.curves(_ANGLES, max(1, _LANES // (replicates * _DRAWN)), progress)
     tops = np.array([jet.best(curve, slice(i, i + 1))[0] for i, curve in enumerate(curves)])
     alpha, at_edge = jet.best(curves.mean(axis=0))

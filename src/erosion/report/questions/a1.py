@@ -10,7 +10,7 @@ from erosion.output.tables import Record
 from erosion.plotting.curves import plot_best_angles, plot_family, plot_turn
 from erosion.plotting.style import new_axes
 from erosion.plotting.sweeps import plot_regimes
-from erosion.report.case import TORQUES, Answer, Case
+from erosion.report.case import TORQUES, Answer, ReportCase
 from erosion.report.studies import MODEL, figures_again, numbers_again, ranges, sensitivities
 
 NEEDS = (
@@ -25,7 +25,7 @@ _LEAST_SEEN = 0.01  # of the greatest volume
 _TURN_ANGLES = np.deg2rad(np.arange(3.0, 90.0, 4.0))
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """α_max for both torques, over the spin; the turn; questions 5 to 8 again."""
     numbers = {model: _numbers(case, model) for model in TORQUES} | {
         "turn": turns(case),
@@ -41,7 +41,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, figures, _fields(case, numbers))
 
 
-def _fields(case: Case, numbers: Record) -> Record:
+def _fields(case: ReportCase, numbers: Record) -> Record:
     at_best = (numbers["turn"]["at_best"], numbers[MODEL]["alpha_max"])
     at_case = (numbers["turn"]["at_case"], case.alpha)
     turned = [(turn, alpha) for turn, alpha in (at_case, at_best) if turn is not None]
@@ -73,7 +73,7 @@ def _is_seen_to_jump(best: Optimum) -> bool:
     return any(abs(jump.above - jump.below) > _LEAST_SEEN * float(best.volume) for jump in best.jumps)
 
 
-def _numbers(case: Case, model: str) -> Record:
+def _numbers(case: ReportCase, model: str) -> Record:
     optimum = case.optimum(model)
     return {
         "alpha_max": float(optimum.alpha),
@@ -86,7 +86,7 @@ def _numbers(case: Case, model: str) -> Record:
     }
 
 
-def turns(case: Case) -> Record:
+def turns(case: ReportCase) -> Record:
     """How far the body turns, over the angle of attack and at the case's own [rad]."""
     best = float(case.optimum(MODEL).alpha)
     turned: list[tuple[float, float, str]] = []
@@ -108,14 +108,14 @@ def turns(case: Case) -> Record:
     }
 
 
-def _curves_figure(case: Case) -> Figure:
+def _curves_figure(case: ReportCase) -> Figure:
     fig, ax = new_axes(5.4, 4.1)
     curves = [case.curve("linearized", "no rotation"), *(case.curve(model, label) for model, label in TORQUES.items())]
     plot_family(ax, curves, units=case.units, columns=2)
     return fig
 
 
-def _spins_figure(case: Case) -> Figure:
+def _spins_figure(case: ReportCase) -> Figure:
     fig, ax = new_axes(5.4, 4.2)
     lines = [case.spins(model).best_angles(label) for model, label in TORQUES.items()]
     plot_best_angles(ax, lines, xlabel="s = r φ̇₀/v₀  initial spin", columns=2)

@@ -7,18 +7,18 @@ from erosion.models.closed_forms import StraightCut
 from erosion.output.tables import Record
 from erosion.plotting.curves import plot_family
 from erosion.plotting.style import new_axes
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 
 _MODEL, _TURNING = "tan-alpha", "rotating-tan-alpha"
 NEEDS = tuple((kind, model) for model in (_MODEL, _TURNING, "linearized") for kind in ("optimum", "hits"))
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """V = (V*/2) cos²α only falls: no interior maximum, a supremum that is not reached."""
     return Answer(_numbers(case), {"tan-alpha": _figure(case)})
 
 
-def _numbers(case: Case) -> Record:
+def _numbers(case: ReportCase) -> Record:
     optimum, turning, hits = case.optimum(_MODEL), case.optimum(_TURNING), case.hits(_MODEL)
     exact = np.asarray(StraightCut().volume(hits.p))
     return {
@@ -39,7 +39,7 @@ def _numbers(case: Case) -> Record:
     }
 
 
-def _figure(case: Case) -> Figure:
+def _figure(case: ReportCase) -> Figure:
     labels = {"linearized": "k constant", _MODEL: "k = tan α", _TURNING: "k = tan α, the body turns"}
     fig, ax = new_axes(5.4, 4.1)
     plot_family(ax, [case.curve(model, label) for model, label in labels.items()], units=case.units, columns=2)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from erosion.output.tables import Record
 from erosion.plotting.curves import plot_differences, plot_family
 from erosion.plotting.style import new_axes
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 
 _PAIRS = {
     "without rotation": ("tan-alpha", "velocity-aligned"),
@@ -18,7 +18,7 @@ _PAIRS = {
 NEEDS = tuple((kind, model) for pair in _PAIRS.values() for model in pair for kind in ("optimum", "hits"))
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """The direction never changes, so this is additional question 2 again."""
     pairs = _pairs(case)
     fields = {
@@ -28,12 +28,12 @@ def answer(case: Case) -> Answer:
     return Answer({"pairs": pairs}, _figures(case), fields)
 
 
-def _differences(case: Case, pair: tuple[str, str]) -> np.ndarray:
+def _differences(case: ReportCase, pair: tuple[str, str]) -> np.ndarray:
     fixed, aligned = (case.hits(model).volume[:-1] for model in pair)
     return np.abs(fixed - aligned) / float(case.p.volume_scale)
 
 
-def _pairs(case: Case) -> dict[str, Record]:
+def _pairs(case: ReportCase) -> dict[str, Record]:
     pairs = {}
     for label, pair in _PAIRS.items():
         fixed, aligned = (case.optimum(model) for model in pair)
@@ -49,7 +49,7 @@ def _pairs(case: Case) -> dict[str, Record]:
     return pairs
 
 
-def _figures(case: Case) -> dict[str, Figure]:
+def _figures(case: ReportCase) -> dict[str, Figure]:
     curves, ax = new_axes(5.4, 4.1)
     plot_family(ax, [case.curve(pair[1], label) for label, pair in _PAIRS.items()], units=case.units, columns=2)
     rounding, below = new_axes(5.4, 4.0)

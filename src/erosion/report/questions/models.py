@@ -8,13 +8,13 @@ from erosion.models.registry import BUILT_IN
 from erosion.output.tables import Record
 from erosion.plotting.curves import plot_family, plot_shapes
 from erosion.plotting.style import new_axes
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 
 _BESIDE = ("linearized", "finnie", "rotating", "linearized-deformation")
 NEEDS = tuple((kind, model) for model in BUILT_IN for kind in ("optimum", "hits"))
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """For every model: V at the case's angle, α_max, V_max, the kind of the maximum, and how its cut ends."""
     numbers = {model: _numbers(case, model) for model in BUILT_IN}
     fields = {
@@ -27,7 +27,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, {"models": _figure(case), "correlations": _beside_correlations(case)}, fields)
 
 
-def _numbers(case: Case, model: str) -> Record:
+def _numbers(case: ReportCase, model: str) -> Record:
     optimum = case.optimum(model)
     return {
         **case.impact_and_optimum(model),
@@ -44,18 +44,18 @@ def deforms(model: str) -> bool:
     return isinstance(built_in, RigidErodent) and not isinstance(built_in.deformation, NoDeformation)
 
 
-def _left_at_90_degrees(case: Case, model: str) -> float:
+def _left_at_90_degrees(case: ReportCase, model: str) -> float:
     """V at 90° over the greatest V."""
     return float(case.hits(model).volume[-2] / case.optimum(model).volume)
 
 
-def _figure(case: Case) -> Figure:
+def _figure(case: ReportCase) -> Figure:
     fig, ax = new_axes(5.8, 5.2)
     plot_family(ax, [case.curve(model) for model in BUILT_IN], units=case.units, columns=2)
     return fig
 
 
-def _beside_correlations(case: Case) -> Figure:
+def _beside_correlations(case: ReportCase) -> Figure:
     fig, ax = new_axes(5.8, 5.0)
     plot_shapes(ax, [case.curve(model) for model in _BESIDE], tuple(CORRELATIONS))
     return fig

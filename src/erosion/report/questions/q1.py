@@ -9,7 +9,7 @@ from erosion.output.tables import Record
 from erosion.parameters.units import Dimension
 from erosion.plotting.motion import plot_histories, plot_path
 from erosion.plotting.style import new_axes, new_figure
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 
 _STATE: tuple[tuple[str, str, Dimension], ...] = (
     ("x", "x", "length"),
@@ -19,7 +19,7 @@ _STATE: tuple[tuple[str, str, Dimension], ...] = (
 )
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """x(t) and y(t) as formulas and with numbers; Figures 7 and 8."""
     numbers = _numbers(case)
     checks = [
@@ -30,7 +30,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, figures, {"warnings": case.trajectory.warnings, "checks": checks})
 
 
-def _numbers(case: Case) -> Record:
+def _numbers(case: ReportCase) -> Record:
     p, motion = case.p, case.trajectory
     along, down = float(p.v0 * np.cos(p.alpha)), float(p.v0 * np.sin(p.alpha))
     exact = case.closed.state(motion.t, p)
@@ -56,7 +56,7 @@ def _numbers(case: Case) -> Record:
     }
 
 
-def _turn_if_free(case: Case) -> float | None:
+def _turn_if_free(case: ReportCase) -> float | None:
     """How far the body would turn [rad] if the force could turn it."""
     try:
         return path(load_model("rotating"), case.p).turn
@@ -64,7 +64,7 @@ def _turn_if_free(case: Case) -> float | None:
         return None
 
 
-def _figures(case: Case) -> dict[str, Figure]:
+def _figures(case: ReportCase) -> dict[str, Figure]:
     histories = new_figure(5.6, 4.5)
     plot_histories(histories, case.trajectory, case.closed)
     tip_path, ax = new_axes(5.6, 3.4)

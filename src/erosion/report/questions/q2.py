@@ -5,10 +5,10 @@ from matplotlib.figure import Figure
 
 from erosion.plotting.motion import plot_end_times
 from erosion.plotting.style import new_axes
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """t_c as the smaller of two candidates; Figure 9."""
     times = {name: float(time) for name, time in case.closed.end_times(case.p).items()}
     numbers = {
@@ -24,7 +24,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, {"figure-9-end-of-cut": _figure(case)}, fields)
 
 
-def _figure(case: Case) -> Figure:
+def _figure(case: ReportCase) -> Figure:
     angles, p = case.angles, case.over_angles()
     candidates = {name: np.asarray(times) for name, times in case.closed.end_times(p).items()}
     # The real part of the complex root of cos ωt = 1 - k cot α is π/ω wherever 1 - k cot α < -1.

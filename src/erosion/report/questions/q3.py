@@ -8,12 +8,12 @@ from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import conversion_factor
 from erosion.plotting.motion import plot_removal_rate
 from erosion.plotting.style import new_axes
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 
 _PANELS = (10, 100, 1000)
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """V by closed form, by the integrator, by the midpoint rule and from the speeds at both ends."""
     to_si = conversion_factor("volume", case.units, "si")
     scale = readable_scale("volume", "si", case.volume * to_si)
@@ -24,14 +24,14 @@ def answer(case: Case) -> Answer:
     )
 
 
-def midpoint_rule(case: Case, panels: int) -> float:
+def midpoint_rule(case: ReportCase, panels: int) -> float:
     """B ∫ y ẋ dt by the midpoint rule on the closed forms of question 1."""
     width = case.t_c / panels
     state = case.closed.state((np.arange(panels) + 0.5) * width, case.p)
     return float(case.p.b) * float(np.sum(np.asarray(state.y * state.vx))) * width
 
 
-def _numbers(case: Case) -> Record:
+def _numbers(case: ReportCase) -> Record:
     p, motion = case.p, case.trajectory
     lost = float(motion.vx[0] ** 2 - motion.vx[-1] ** 2)
     return {
@@ -44,7 +44,7 @@ def _numbers(case: Case) -> Record:
     }
 
 
-def _figure(case: Case) -> Figure:
+def _figure(case: ReportCase) -> Figure:
     fig, ax = new_axes(5.4, 3.5)
     plot_removal_rate(ax, case.trajectory, bars=_PANELS[0])
     return fig

@@ -6,11 +6,11 @@ from matplotlib.figure import Figure
 from erosion.output.tables import Record
 from erosion.plotting.motion import plot_volume
 from erosion.plotting.style import new_axes
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 from erosion.report.studies import greatest, volume_jet
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """α_max by Newton's method on the derivative of the solver, checked against ½ arctan k."""
     steps = greatest(volume_jet(case.model, case.p))
     exact = float(case.closed.alpha_max(case.p))
@@ -28,7 +28,7 @@ def answer(case: Case) -> Answer:
     return Answer(numbers, {"volume-over-angle": _figure(case, numbers)}, {"far": far})
 
 
-def _figure(case: Case, numbers: Record) -> Figure:
+def _figure(case: ReportCase, numbers: Record) -> Figure:
     p = case.over_angles()
     at_cusp = float(case.closed.volume(p.replace(alpha=case.cusp)))
     fig, ax = new_axes(5.4, 4.0)

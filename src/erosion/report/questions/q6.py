@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from erosion.report.case import Answer, Case
+from erosion.report.case import Answer, ReportCase
 from erosion.report.studies import family_figure, family_numbers
 
 _MODEL = "linearized"
 NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))
 
 
-def answer(case: Case) -> Answer:
+def answer(case: ReportCase) -> Answer:
     """R is absent from the equations; V ∝ m."""
     masses, sizes = (case.families(_MODEL)[name] for name in ("m", "r"))
     numbers = {

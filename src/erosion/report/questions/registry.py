@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from erosion.report.case import Answer, Case, Need
+from erosion.report.case import Answer, Need, ReportCase
 from erosion.report.questions import a1, a2, a3, models, q1, q2, q3, q4, q5, q6, q7, q8, slips
 
 
 class Question(NamedTuple):
     """The function that answers a question, and the results that it needs, which can be computed before."""
 
-    answer: Callable[[Case], Answer]
+    answer: Callable[[ReportCase], Answer]
     needs: tuple[Need, ...] = ()
 
 
