@@ -1,5 +1,6 @@
 """What `ode.solve` gives: each number against a closed form, or scipy's DOP853 at 1e-12."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -505,3 +506,18 @@ def test_a_start_at_rounding_below_the_event_is_at_it() -> None:
         {"ground": ode.Event(lambda t, y, args: y["y"])},
     )
     assert ode.solve(ball, t1=10.0).t == pytest.approx(20 / 9.81, rel=1e-12)
+
+
+CLOCK = ode.Problem({"x": 0.0}, lambda t, y, args: {"x": 1.0})  # an event function of x is one of time
+
+
+@pytest.mark.parametrize("apart", [1e-2, 1e-3, 1e-5])
+@pytest.mark.parametrize("direction", [-1, 0])
+def test_two_near_zeros_in_a_very_long_step(apart: float, direction: int) -> None:
+    """A trial that lands between them is past the event, but its slope there says nothing."""
+    pair = ode.Event(lambda t, y, args: (y["x"] - args["middle"]) ** 2 - args["apart"] ** 2, direction)
+    middle = np.random.default_rng(3).uniform(1, 99, 300)
+    found = ode.solve(replace(CLOCK, events={"pair": pair}), {"middle": middle, "apart": apart}, t1=100.0)
+    assert set(found.ended_by) == {"pair"}
+    np.testing.assert_allclose(found.t, middle - apart, rtol=1e-12)
+    assert found.trials.max() <= 20

@@ -216,8 +216,9 @@ def expected_fall(start: Ends, end: Ends, length: Scalar, low: Scalar, high: Sca
         value, slope = cubic(theta)
         left, right = jnp.where(value > 0, theta, left), jnp.where(value > 0, right, theta)
         newton = theta - value / jnp.where(slope == 0, 1.0, slope)
-        # A converged step may leave the bracket by rounding: that is no reason to bisect.
-        inside = (newton > left - 1e-9) & (newton < right + 1e-9)
+        # A converged step may leave the bracket by rounding: that is no reason to bisect. Where the cubic does not
+        # fall, as at a dip, a small value says nothing about how near its zero is.
+        inside = (slope < 0) & (newton > left - 1e-9) & (newton < right + 1e-9)
         theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
     value, slope = cubic(theta)
     error = jnp.minimum(jnp.abs(value / jnp.where(slope == 0, _NONE, slope)), right - left)
