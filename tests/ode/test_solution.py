@@ -1,6 +1,7 @@
 """What a solution prints, tells and gives to others."""
 
 import json
+import pickle
 from typing import Any
 
 import jax.numpy as jnp
@@ -128,3 +129,19 @@ def test_events_are_read_once():
     assert list(MANY.events.name[:, 0, 0]) == ["", "low", "at the wall"]
     assert MANY.events.y["place"].shape == (3, 2, 1, 3)
     np.testing.assert_array_equal(MANY.events.t[1:, :, 0], MANY.t[1:])
+
+
+def _falling(t, y, args):
+    return {"y": y["v"], "v": -args["g"]}
+
+
+def _height(t, y, args):
+    return y["y"]
+
+
+def test_a_solution_is_pickled_with_all_that_it_can_tell() -> None:
+    problem = ode.Problem({"y": 1.0, "v": 0.0}, _falling, {"ground": ode.Event(_height, -1)})
+    kept = ode.solve(problem, {"g": np.array([9.81, 1.62])}, t1=9.0, wrt="g", ts=[0.0, 0.1])
+    read = pickle.loads(pickle.dumps(kept))
+    assert read.to_dataset().identical(kept.to_dataset())
+    np.testing.assert_array_equal(read.events.t, kept.events.t)

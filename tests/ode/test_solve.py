@@ -1,5 +1,6 @@
 """What `ode.solve` gives: each number against a closed form, or scipy's DOP853 at 1e-12."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -505,3 +506,46 @@ def test_a_start_at_rounding_below_the_event_is_at_it() -> None:
         {"ground": ode.Event(lambda t, y, args: y["y"])},
     )
     assert ode.solve(ball, t1=10.0).t == pytest.approx(20 / 9.81, rel=1e-12)
+
+
+CLOCK = ode.Problem({"x": 0.0}, lambda t, y, args: {"x": 1.0})  # an event function of x is one of time
+
+
+@pytest.mark.parametrize("apart", [1e-2, 1e-3, 1e-5])
+@pytest.mark.parametrize("direction", [-1, 0])
+def test_two_near_zeros_in_a_very_long_step(apart: float, direction: int) -> None:
+    """A trial that lands between them is past the event, but its slope there says nothing."""
+    pair = ode.Event(lambda t, y, args: (y["x"] - args["middle"]) ** 2 - args["apart"] ** 2, direction)
+    middle = np.random.default_rng(3).uniform(1, 99, 300)
+    found = ode.solve(replace(CLOCK, events={"pair": pair}), {"middle": middle, "apart": apart}, t1=100.0)
+    assert set(found.ended_by) == {"pair"}
+    np.testing.assert_allclose(found.t, middle - apart, rtol=1e-12)
+    assert found.trials.max() <= 20
+
+
+@pytest.mark.parametrize(("direction", "which"), [(-1, 0), (0, -1), (1, -1)])
+@pytest.mark.parametrize("apart", [0.1, 1e-2, 1e-3])
+def test_the_first_of_three_zeros_in_a_very_long_step(apart: float, direction: int, which: int) -> None:
+    """It rises, falls and rises again: what has fallen at a trial's end, or risen, may have done so before."""
+
+    def product(t: Any, y: Any, args: Any) -> Any:
+        x = y["x"] - args["middle"]
+        return (x - args["apart"]) * x * (x + args["apart"])
+
+    middle = np.random.default_rng(3).uniform(1, 99, 300)
+    problem = replace(CLOCK, events={"zero": ode.Event(product, direction)})
+    found = ode.solve(problem, {"middle": middle, "apart": apart}, t1=100.0)
+    assert set(found.ended_by) == {"zero"}
+    np.testing.assert_allclose(found.t, middle + which * apart, rtol=1e-12)
+    assert found.trials.max() <= 20
+
+
+@pytest.mark.parametrize("apart", [0.1, 1e-3])
+def test_a_visit_above_zero_near_the_end_of_a_step_is_seen(apart: float) -> None:
+    """The function begins below zero and counts from its crest on, wherever the step ends."""
+    visit = ode.Event(lambda t, y, args: (y["x"] - args["middle"]) ** 2 - args["apart"] ** 2, 1)
+    # Steps end at 3.06, 15.81 and 79.56.
+    middle = np.concatenate([end + np.linspace(-1.1, -0.9, 51) * apart for end in (3.06, 15.81, 79.56)])
+    found = ode.solve(replace(CLOCK, events={"visit": visit}), {"middle": middle, "apart": apart}, t1=100.0)
+    assert set(found.ended_by) == {"visit"}
+    np.testing.assert_allclose(found.t, middle + apart, rtol=1e-12)

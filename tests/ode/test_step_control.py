@@ -1,5 +1,9 @@
 """The length of the next step, and when a lane is given up, while no event is near."""
 
+import importlib
+import re
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -103,3 +107,19 @@ def test_a_time_scale_that_is_no_limit_gives_no_lane_up(time: float) -> None:
 
 def test_the_eighth_root() -> None:
     assert step_control.eighth_root(jnp.asarray(256.0)) == 2
+
+
+def test_the_readme_has_every_constant_of_step_control_as_it_is() -> None:
+    folder = Path(step_control.__file__).parent
+    text, told = (folder / "README.md").read_text(encoding="utf-8"), set()
+    for names, module, values in re.findall(r"^\| (`_?[A-Z].*?) \| `(\w+)` \| (.*?) \|", text, re.MULTILINE):
+        code = importlib.import_module(f"erosion.ode.{module}")
+        constants = [getattr(code, name) for name in re.findall(r"`(\w+)`", names)]
+        assert [float(value) for value in values.split(",")] == np.hstack(constants).tolist(), names
+        told |= {(module, name) for name in re.findall(r"`(\w+)`", names)}
+    assert told
+    others = {"_KEYS", "_BINS", "_CROWDED", "_TINY", "_NONE"}
+    for module in ("crossings", "step_control", "integrator", "extended"):
+        source = (folder / f"{module}.py").read_text(encoding="utf-8")
+        own = re.findall(r"^(_?[A-Z][A-Z_]+) = [\d(]", source, re.MULTILINE)
+        assert {(module, name) for name in set(own) - others} <= told | {("crossings", "_LOOKS")}

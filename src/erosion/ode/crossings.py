@@ -150,14 +150,14 @@ def dip_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[
 
     The cubic through both ends has its minimum at θ. It errs by less than a small multiple
     of θ²(1-θ)², so that a minimum above this error is harmless. The least value is that of the
-    cubic, infinity where it only rises or falls. For `error` see `cubic_error`.
+    cubic, infinity where it only rises or falls, or has fallen at the end. For `error` see `cubic_error`.
     """
     from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
     a, b = 3 * (from_ + to - 2 * rise), 2 * (3 * rise - 2 * from_ - to)
     root = jnp.sqrt(jnp.maximum(b * b - 4 * a * from_, 0.0))
     # Of the two roots of the cubic's derivative, the one with positive curvature √….
     upper = jnp.where(b >= 0, -2 * from_ / (b + root), (root - b) / (2 * a))
-    turns = (b * b > 4 * a * from_) & (end.value > 0)
+    turns = b * b > 4 * a * from_
     inside = turns & (upper > 0) & (upper < 1)
     # A step that ends at a lowest point has it at its end, the next step at its start.
     within = turns & (upper > -_ENDS) & (upper < 1 + _ENDS)
@@ -165,28 +165,42 @@ def dip_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[
     lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
     width = theta * (1 - theta)
     harmless = lowest > jnp.maximum(_LOW * (jnp.abs(from_) + jnp.abs(to)), 2 * error) * width**2
-    place = jnp.where(inside & ~harmless & (width > _LANDED), theta, 2.0)
-    return place, jnp.where(within, lowest, jnp.inf)
+    # A function that is zero or below at the end has returned from a dip only if it has a crest above zero after it.
+    crest, crests = _crest(start, end, length)
+    crests = crests & (crest > theta) & (crest < 1)
+    returns = (end.value > 0) | (crests & (_cubic(start, end, length, jnp.where(crests, crest, 0.5)) > 0))
+    place = jnp.where(inside & returns & ~harmless & (width > _LANDED), theta, 2.0)
+    return place, jnp.where(within & (end.value > 0), lowest, jnp.inf)
 
 
 @jax.jit
 def crest_in_step(start: Ends, end: Ends, length: Scalar) -> Scalar:
     """Where in the step (0 to 1) the cubic through both ends has its highest point, or 2."""
-    mean = (end.value - start.value) / length
-    a, b = 3 * (start.rate + end.rate - 2 * mean), 2 * (3 * mean - 2 * start.rate - end.rate)
-    # The rate start.rate + b θ + a θ² has one zero between a positive and a negative end.
-    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * start.rate, 0.0))
-    theta = jnp.where(b <= 0, 2 * start.rate / (root - b), -(root + b) / (2 * a))
+    theta, _ = _crest(start, end, length)
     crests = (start.rate > 0) & (end.rate < 0) & (theta > _CREST) & (theta < 1 - _CREST)
     return jnp.where(crests, theta, 2.0)
 
 
+def _crest(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, Flag]:
+    """Where the cubic through both ends turns from rising to falling, as a share of the step, and whether it does."""
+    mean = (end.value - start.value) / length
+    a, b = 3 * (start.rate + end.rate - 2 * mean), 2 * (3 * mean - 2 * start.rate - end.rate)
+    # Of the two zeros of the rate start.rate + b θ + a θ² the one where it falls.
+    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * start.rate, 0.0))
+    theta = jnp.where(b <= 0, 2 * start.rate / (root - b), -(root + b) / (2 * a))
+    return theta, b * b > 4 * a * start.rate
+
+
 @jax.jit
 def crest_above_zero(start: Ends, end: Ends, length: Scalar) -> Scalar:
-    """Where in the step (0 to 1) a function that is not positive at its ends has a crest above zero, or 2."""
-    place = crest_in_step(start, end, length)
-    height = _cubic(start, end, length, jnp.where(place < 1, place, 0.5))
-    return jnp.where((end.value <= 0) & (height > 0), place, 2.0)
+    """Where in the step (0 to 1) a function that begins below zero is highest before it falls to zero, or 2."""
+    theta, turns = _crest(start, end, length)
+    inside = turns & (theta > 0) & (theta < 1) & (theta * (1 - theta) > _LANDED)
+    place = jnp.where(inside, theta, 0.5)
+    dip, _ = dip_in_step(start, end, length, 0.0)
+    height = _cubic(start, end, length, place)
+    falls = (end.value <= _LANDED * height) | ((dip > place) & (dip < 1))
+    return jnp.where(inside & falls & (height > 0), place, 2.0)
 
 
 @jax.jit
@@ -216,8 +230,9 @@ def expected_fall(start: Ends, end: Ends, length: Scalar, low: Scalar, high: Sca
         value, slope = cubic(theta)
         left, right = jnp.where(value > 0, theta, left), jnp.where(value > 0, right, theta)
         newton = theta - value / jnp.where(slope == 0, 1.0, slope)
-        # A converged step may leave the bracket by rounding: that is no reason to bisect.
-        inside = (newton > left - 1e-9) & (newton < right + 1e-9)
+        # A converged step may leave the bracket by rounding: that is no reason to bisect. Where the cubic does not
+        # fall, as at a dip, a small value says nothing about how near its zero is.
+        inside = (slope < 0) & (newton > left - 1e-9) & (newton < right + 1e-9)
         theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
     value, slope = cubic(theta)
     error = jnp.minimum(jnp.abs(value / jnp.where(slope == 0, _NONE, slope)), right - left)

@@ -100,6 +100,12 @@ class Layout:
     def __hash__(self) -> int:
         return hash(self._key)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Without the equations: a process that reads it traces them from its own code."""
+        count = len(self.equations.numbers)
+        own = self.shapes[:count], self.dtypes[:count]
+        return _traced_again, (self.problem, self.structure, self.leaves, *own, self.options)
+
     def renewed(self) -> "Layout":
         """The layout of the same problem as its code is now; a program of JAX may keep a layout for long."""
         if self.equations.surroundings.unchanged():
@@ -174,6 +180,20 @@ class Layout:
     def structs(self) -> list[jax.ShapeDtypeStruct]:
         """Shape and type of one lane's numbers."""
         return [jax.ShapeDtypeStruct(*struct) for struct in zip(self.shapes, self.dtypes, strict=True)]
+
+
+def _traced_again(
+    problem: Problem,
+    structure: Structure,
+    leaves: tuple[object, ...],
+    shapes: tuple[tuple[int, ...], ...],
+    dtypes: tuple[str, ...],
+    options: Options,
+) -> Layout:
+    structs = list(map(jax.ShapeDtypeStruct, shapes, dtypes))
+    zeros = iter([np.zeros(struct.shape, struct.dtype) for struct in structs])
+    args = jax.tree.unflatten(structure, [next(zeros) if leaf is None else leaf for leaf in leaves])
+    return Layout(problem, structure, leaves, shapes, dtypes, options, problem.equations(args, structs))
 
 
 # By layout, not in it: each call of a user makes a layout, and equal ones have the same events.
