@@ -133,10 +133,27 @@ class Target:
         sigma = float(f"{self.flow_stress / conversion_factor('stress', units, 'si'):.15g}")
         return {"sigma": sigma, "psi": self.psi}
 
+    def density_beside(self, given: float | None) -> float | None:
+        """The density [kg/m³] that counts: a given one, which must be of this metal, or the table's.
+
+        Raises:
+            ValueError: for the density of another metal.
+        """
+        if given is not None and self.density is not None:
+            low, high = self.density_range or (self.density, self.density)
+            if not low / ANOTHER_METAL <= given <= high * ANOTHER_METAL:
+                raise ValueError(
+                    f"Argument `density` must be that of the target {self.name}, {self.density:g} kg/m³, but is "
+                    f"{given:g} kg/m³: leave one of them out."
+                )
+        return self.density if given is None else given
+
     def __str__(self) -> str:
         return self.name
 
 
+ANOTHER_METAL = 1.1
+"""Ratio of densities. Those of one metal differ less between sources, those of a steel and aluminium more."""
 _SMALLEST, _LARGEST = 1e-10, 1e6  # m
 _LONGEST_NAME = 200  # characters with the size; the pattern's time grows with their square
 _MOST_NAMES = 50  # that a message lists
