@@ -233,10 +233,10 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
         density = np.ravel(np.asarray(mass) / largest)
     density = density[np.isfinite(density) & (density > 0)]
     heaviest, lightest = (density.max(), density.min()) if density.size else (_WATER, _WATER)
-    if heaviest > _HEAVIEST:
-        bound = f"heavier than osmium ({_HEAVIEST:g} kg/m³)"
-    elif lightest < _LIGHTEST:
-        bound = f"lighter than a hollow bead ({_LIGHTEST:g} kg/m³)"
+    if heaviest > HEAVIEST:
+        bound = f"heavier than osmium ({HEAVIEST:g} kg/m³)"
+    elif lightest < LIGHTEST:
+        bound = f"lighter than a hollow bead ({LIGHTEST:g} kg/m³)"
     else:
         return None
     return (
@@ -246,8 +246,8 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
 
 
 _WATER = 1e3  # kg/m³
-_HEAVIEST = 22590.0  # kg/m³, osmium, the heaviest solid
-_LIGHTEST = 100.0  # kg/m³; the lightest hollow glass beads have a little more
+HEAVIEST = 22590.0  # kg/m³, osmium, the heaviest solid
+LIGHTEST = 100.0  # kg/m³; the lightest hollow glass beads have a little more
 
 
 def _split_file(argument: str, text: Any) -> tuple[Path | None, str]:
