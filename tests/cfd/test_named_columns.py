@@ -162,6 +162,7 @@ def test_a_density_beside_that_of_the_table_is_refused(tmp_path, column):
         ("density [kg/m^3]", "1.2", "a density of 1.2 kg/m³, less than any grain"),
         ("density [kg/m^3],mass [ng]", "2650,500", "in 1 rows the density is not that of mass and diameter"),
         ("density [kg/m^3]", "4000", "a density of 4000 kg/m³, which counts, but the particle that is named has 2650"),
+        ("mass [ng]", "13875", "a density of 2.65e+04 kg/m³, more than any solid; if a mass is that of all particles"),
         ("density [kg/m^3],mass [ng]", "2650,1387.537", None),
     ],
 )

@@ -105,10 +105,21 @@ def test_the_density_of_another_metal_is_refused_beside_a_correlation(capsys: py
         capsys.readouterr()
 
 
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "export"])
+def test_the_density_of_another_metal_is_refused_beside_a_target(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [*VERBS[verb], "--model", "linearized", "--target", "aluminium 6061"]
+    assert _status([*words, "--density", "7.8 g/cm^3"]) == 2
+    error = capsys.readouterr().err
+    assert "Option `--density` must be that of the target aluminium 6061, 2700 kg/m³, but is 7800 kg/m³" in error
+    assert error.count("\n") == 1
+
+
 def test_the_density_of_another_metal_is_named_by_where_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
     body = "particle = 'quartz sand 0.2 mm'\ntarget = 'carbon steel 1018'\nk = 2\nalpha = '20 deg'\nphidot0 = 0\n"
     Path("own.toml").write_text(f"units = 'si'\n{body}v0 = '30 m/s'\ndensity = '2.7 g/cm^3'\n")
     assert _status(["run", "own.toml", "--model", "dnv"]) == 2
-    assert "own.toml: the density must be that of the target of dnv:carbon-steel, 7800 kg/m³" in capsys.readouterr().err
+    assert (
+        "own.toml: field `density` must be that of the target carbon steel 1018, 7870 kg/m³" in capsys.readouterr().err
+    )
     assert _status(["run", *SI, "--model", "dnv", "--target", "aluminium 6061", "--set", "density=5000"]) == 2
     assert "the density of `--target` is 2700 kg/m³: leave one of them out" in capsys.readouterr().err

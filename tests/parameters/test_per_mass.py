@@ -110,6 +110,10 @@ def test_case_files_give_density_and_cutting_fraction(tmp_path):
     for line, message in (
         ("density = 2700", r"field `density` must be a density with its unit"),
         ('density = "3 m"', "field `density` must be a density"),
+        (
+            'target = "aluminium 6061"\ndensity = "7.8 g/cm^3"',
+            "field `density` must be that of the target aluminium 6061",
+        ),
         ("cutting_fraction = 2", "field `cutting_fraction` must be above 0"),
         ('cutting_fraction = "1"', "field `cutting_fraction` must be a number"),
     ):

@@ -100,7 +100,7 @@ def advise(
     unknown = None if uncertain is None else Uncertain(uncertain)
     if cutting_fraction is None:
         cutting_fraction = CUTTING_FRACTION if unknown is None else FRACTION_OF_A_FIT
-    per_mass = PerMass(metal.density if density is None and metal is not None else density, cutting_fraction)
+    per_mass = PerMass(density if metal is None else metal.density_beside(density), cutting_fraction)
     if isinstance(models, str) or not models:
         raise ValueError(f"Argument `models` must be a list of models, but is {models!r}.")
     chosen = [made_for(load_model(model), metal, grit) for model in models]

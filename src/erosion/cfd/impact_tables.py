@@ -53,13 +53,13 @@ from erosion.parameters.headings import (
     read_heads,
     unused_note,
 )
+from erosion.parameters.materials import HEAVIEST, LIGHTEST
 from erosion.parameters.units import about
 
 TABLE_SUFFIXES = (".csv", ".parquet")
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
 _SAME = 1.1  # ratio of densities of one solid
-_LIGHTEST = 100.0  # kg/m³, below that of any grain
 _EXAMPLES: Mapping[str, str] = {
     "mass": "kg", "mass flow": "kg/s", "rate": "1/s", "density": "kg/m^3", "length": "m", "speed": "m/s",
     "angle": "deg", "angular speed": "rad/s", "time": "s",
@@ -227,8 +227,13 @@ class _Densities:
         if low > high:
             return said
         between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
-        if low < _LIGHTEST:
+        if low < LIGHTEST:
             said.append(f"{table}: its particles have a density of {between}, less than any grain; is it a fluid's?")
+        if high > HEAVIEST:
+            said.append(
+                f"{table}: its particles have a density of {between}, more than any solid; if a mass is that of all "
+                "particles of a row, its column must be named `parcel_mass`."
+            )
         if self._contradictions:
             said.append(
                 f"{table}: in {self._contradictions:,} rows the density is not that of mass and diameter, which count."

@@ -251,7 +251,7 @@ class PerMassOptions:
         Raises:
             InputError: one sentence naming the option or the file.
         """
-        from erosion.parameters.case_files import load_per_mass
+        from erosion.parameters.case_files import load_materials, load_per_mass
         from erosion.parameters.materials import target
         from erosion.parameters.per_mass import PerMass
 
@@ -259,12 +259,15 @@ class PerMassOptions:
             of_case = PerMass(cutting_fraction=usual_fraction)
             if options.case is not None:
                 of_case = load_per_mass(options.case, usual_fraction)
-            density = of_case.density if options.target is None else target(options.target).density
-        if self.density is not None:
-            density = density_option("density", self.density)
+            metal = None if options.target is None else target(options.target)
+            if metal is None and options.case is not None:
+                metal = load_materials(options.case)[1]
+        density = density_option("density", self.density)
         fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         with user_errors():
-            return PerMass(density, fraction)
+            if density is None and options.target is None:
+                density = of_case.density
+            return PerMass(density if metal is None else metal.density_beside(density), fraction)
 
 
 def density_option(name: str, text: str | None) -> float | None:

@@ -11,7 +11,7 @@ from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
 from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import own_parameter
-from erosion.parameters.materials import Particle, Target
+from erosion.parameters.materials import ANOTHER_METAL, Particle, Target
 from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
 from erosion.parameters.parameters import Parameters
@@ -116,9 +116,6 @@ class CorrelatedByFlowStress(Correlated):
         return steel.density * self.flow_stress / steel.flow_stress
 
 
-_ANOTHER_METAL = 1.1  # ratio of densities; those of one metal differ less between sources, those of a steel and another
-
-
 def per_mass_of(model: CuttingModel, per_mass: PerMass) -> PerMass:
     """How a model's volume becomes erosion per mass: a correlation has a density and all particles in it already.
 
@@ -128,7 +125,7 @@ def per_mass_of(model: CuttingModel, per_mass: PerMass) -> PerMass:
     if not isinstance(model, Correlated):
         return per_mass
     own = float(model.density)
-    if per_mass.density is not None and not 1 / _ANOTHER_METAL <= per_mass.density / own <= _ANOTHER_METAL:
+    if per_mass.density is not None and not 1 / ANOTHER_METAL <= per_mass.density / own <= ANOTHER_METAL:
         raise ValueError(
             f"Argument `density` must be that of the target of {model.label}, {own:g} kg/m³, but is "
             f"{per_mass.density:g} kg/m³: leave it out, or choose a correlation for that target."

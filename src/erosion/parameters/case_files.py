@@ -127,10 +127,12 @@ def load_per_mass(path: str | Path, usual_fraction: float = 1.0) -> PerMass:
     path = check_path("path", path)
     table = _read(path)
     with _in_file(path):
-        density = target(table["target"]).density if isinstance(table.get("target"), str) else None
+        density = None
         if "density" in table:
             with about("Field `density`"):
                 density = read_density(table["density"])
+        if isinstance(table.get("target"), str):
+            density = target(table["target"]).density_beside(density)
         fraction = table.get("cutting_fraction", usual_fraction)
         if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
             raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")

@@ -133,10 +133,27 @@ class Target:
         sigma = float(f"{self.flow_stress / conversion_factor('stress', units, 'si'):.15g}")
         return {"sigma": sigma, "psi": self.psi}
 
+    def density_beside(self, given: float | None) -> float | None:
+        """The density [kg/m³] that counts: a given one, which must be of this metal, or the table's.
+
+        Raises:
+            ValueError: for the density of another metal.
+        """
+        if given is not None and self.density is not None:
+            low, high = self.density_range or (self.density, self.density)
+            if not low / ANOTHER_METAL <= given <= high * ANOTHER_METAL:
+                raise ValueError(
+                    f"Argument `density` must be that of the target {self.name}, {self.density:g} kg/m³, but is "
+                    f"{given:g} kg/m³: leave one of them out."
+                )
+        return self.density if given is None else given
+
     def __str__(self) -> str:
         return self.name
 
 
+ANOTHER_METAL = 1.1
+"""Ratio of densities. Those of one metal differ less between sources, those of a steel and aluminium more."""
 _SMALLEST, _LARGEST = 1e-10, 1e6  # m
 _LONGEST_NAME = 200  # characters with the size; the pattern's time grows with their square
 _MOST_NAMES = 50  # that a message lists
@@ -216,10 +233,10 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
         density = np.ravel(np.asarray(mass) / largest)
     density = density[np.isfinite(density) & (density > 0)]
     heaviest, lightest = (density.max(), density.min()) if density.size else (_WATER, _WATER)
-    if heaviest > _HEAVIEST:
-        bound = f"heavier than osmium ({_HEAVIEST:g} kg/m³)"
-    elif lightest < _LIGHTEST:
-        bound = f"lighter than a hollow bead ({_LIGHTEST:g} kg/m³)"
+    if heaviest > HEAVIEST:
+        bound = f"heavier than osmium ({HEAVIEST:g} kg/m³)"
+    elif lightest < LIGHTEST:
+        bound = f"lighter than a hollow bead ({LIGHTEST:g} kg/m³)"
     else:
         return None
     return (
@@ -229,8 +246,8 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
 
 
 _WATER = 1e3  # kg/m³
-_HEAVIEST = 22590.0  # kg/m³, osmium, the heaviest solid
-_LIGHTEST = 100.0  # kg/m³; the lightest hollow glass beads have a little more
+HEAVIEST = 22590.0  # kg/m³, osmium, the heaviest solid
+LIGHTEST = 100.0  # kg/m³; the lightest hollow glass beads have a little more
 
 
 def _split_file(argument: str, text: Any) -> tuple[Path | None, str]:
