@@ -24,6 +24,7 @@ from erosion.cli.export import export
 from erosion.cli.lists import materials, models
 from erosion.cli.map import map_
 from erosion.cli.pages import exercise, explore, report
+from erosion.cli.posterior import posterior
 from erosion.cli.run import optimum, run
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
@@ -50,7 +51,7 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
     help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, export, advise, report, exercise, explore):
+for verb in (run, optimum, compare, sweep, stream, calibrate, posterior, export, advise, report, exercise, explore):
     app.command(verb)
 app.command(map_, name="map")
 for verb in (models, materials, verify, validate):  # which have no case

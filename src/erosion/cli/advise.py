@@ -44,9 +44,9 @@ def advise(
     the contact ratio ψ and the spread of the jet are compared. Without
     --cutting-fraction half of the particles cut, as Finnie found.
 
-    After tests of your own: --uncertain with the draws of `calibrate --posterior
-    -o`, or the case file of `calibrate --write-case`. They take the place of the
-    ranges of k and ψ, and the correlations do not count.
+    After tests of your own: --uncertain with the draws of `posterior -o`, or the
+    case file of `calibrate --write-case`. They take the place of the ranges of k
+    and ψ, and the correlations do not count.
     """
     options = with_file(case, file)
     options.refuse_angle("all angles of the nozzle are compared")

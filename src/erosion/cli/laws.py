@@ -25,7 +25,7 @@ LAW_FIELDS = ("rows", "uncertain", "correlation")
 _FRACTION = "cutting_fraction"
 
 _UNCERTAIN = (
-    "What is one number for all particles, but not known: the file of `calibrate --posterior -o` (.nc), draws in a "
+    "What is one number for all particles, but not known: the file of `posterior -o` (.nc), draws in a "
     '.csv file, or "sigma=normal(1.5 GPa, 0.1 GPa)"; repeat it for other parameters.'
 )
 
