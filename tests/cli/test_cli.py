@@ -199,7 +199,7 @@ def test_every_parameter_of_an_impact_is_an_option(capsys, monkeypatch):
 
 
 def test_particle_and_target_are_named_and_single_parameters_overrule_them(capsys):
-    named = ["run", "--units", "si", "--particle", "garnet 0.3 mm", "--material", "aluminium 6061"]
+    named = ["run", "--units", "si", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061"]
     assert _status([*named, "--psi", "1", "--json"]) == 0
     parameters = json.loads(capsys.readouterr().out)["case"]["parameters"]
     assert parameters["r"]["value"] == 1.5e-4

@@ -113,7 +113,7 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
         (["--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
         (["--prior", "psi=normal(0, 1)"], "Option `--prior` must give psi values above 0, but 50.0%"),
         (["--draws", "5"], "Option `--draws` must be a whole number of at least 125, but is 5."),
-        (["--write-draws", "d.csv"], "Option `--output` must end in .nc, but is d.csv."),
+        (["--output", "d.csv"], "Option `--output` must end in .nc, but is d.csv."),
         (["--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
     ],
 )

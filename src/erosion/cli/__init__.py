@@ -34,14 +34,6 @@ from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
 _NARROWEST, _WIDEST = 40, 1000  # characters of a line that help and tables are laid out for
-_PRESENT_NAMES = {
-    "--models": "--model",
-    "--out": "--output",
-    "--material": "--target",
-    "--write-draws": "--output",
-    "--target-density": "--density",
-    "--erodent-density": "--particle-density",
-}  # by the names of before, which stay accepted
 
 app = cyclopts.App(
     name="erosion",
@@ -91,7 +83,7 @@ def _status(arguments: Sequence[str]) -> int:
     os.environ.setdefault("EQX_ON_ERROR", "nan")
     usual, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
-        words = [_present_name(_text(argument)) for argument in arguments]
+        words = [_text(argument) for argument in arguments]
         with between_imports():
             app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
@@ -140,11 +132,6 @@ def _text(argument: str) -> str:
         way = "rename the file or the folder" if encoding == "UTF-8" else "set the environment variable PYTHONUTF8=1"
         raise InputError(f"The argument {name} is not text in {encoding}: {way}.") from error
     return argument
-
-
-def _present_name(argument: str) -> str:
-    name, equals, value = argument.partition("=")
-    return _PRESENT_NAMES.get(name, name) + equals + value
 
 
 def _let_go(stream: Any) -> None:

@@ -1,6 +1,7 @@
 """`erosion calibrate`: a model against measured erosion."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
@@ -8,17 +9,18 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.fitting import (
     DataFile,
-    FitFiles,
     FitOptions,
+    WriteCaseOption,
     dimension_of,
     given_fit,
     print_document,
     ranks_several,
+    write_case,
 )
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
 from erosion.cli.options import AllAngles, CaseFile, JsonOption, SetOption, with_file
-from erosion.cli.output import Output, print_table, progress_bar
+from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
 
 if TYPE_CHECKING:
     from erosion.fits import Ranking
@@ -44,7 +46,8 @@ def calibrate(
     ] = "linear",
     level: Annotated[float, Parameter(help="Of the confidence intervals.")] = 0.95,
     profile: Annotated[str | None, Parameter(help="Also the likelihood's profile along this parameter.")] = None,
-    files: FitFiles | None = None,
+    plot: Annotated[Path | None, Parameter(help="Draw data, fits and band into this file (.svg, .png, .pdf).")] = None,
+    case_file: WriteCaseOption = None,
     json: JsonOption = False,
 ) -> None:
     """Fit a model's parameters to measured erosion, or rank several models.
@@ -53,8 +56,8 @@ def calibrate(
     numbers and what is printed are in the unit system of the data. `erosion
     posterior` draws all values that data and priors leave.
     """
-    task, files = given_fit(data, with_file(case, file), fit, model, own, ignore), files or FitFiles()
-    files.require_writable(task.inputs)
+    task = given_fit(data, with_file(case, file), fit, model, own, ignore)
+    require_outputs(case_file, plot=plot, inputs=task.inputs)
     start_engine()
     from erosion.arguments import check_level
 
@@ -69,23 +72,23 @@ def calibrate(
             raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
         ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss)
         along = None if profile is None else ranking.best.profile(profile)
-    try:
-        written, warnings, refused = *files.write(ranking, level, task.options), None
-    except InputError as error:
-        # A fit takes longer than any file: it is shown first.
-        written, warnings, refused = [], [], error
-    output.warn_all([ranking.statements, warnings])
+    output.warn_all([ranking.statements])
+    # A fit takes longer than any file: it is shown first.
     if json:
         _print_document(output, ranking, level, along)
     else:
         _print_tables(ranking, level, along)
-        for line in (
-            *(f"written: {path}" for path in written),
-            *task.next_steps(ranking, None if refused else files.write_case),
-        ):
-            print(line)
-    if refused is not None:
-        raise refused
+    if case_file is not None:
+        write_case(case_file, ranking, task.options)
+    if plot is not None:
+        from erosion.plotting.fits import plot_calibration
+        from erosion.plotting.style import save_plot
+
+        with user_errors():
+            save_plot(plot_calibration(ranking.best_first, level), plot)
+    if not json:
+        print_paths(figure=plot, case=case_file)
+        print("\n".join(task.next_steps(ranking, case_file)))
 
 
 def _print_tables(ranking: "Ranking", level: float, profile: "Profile | None") -> None:

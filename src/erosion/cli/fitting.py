@@ -23,7 +23,7 @@ from erosion.cli.options import (
     settings,
     with_model_of_case,
 )
-from erosion.cli.output import Output, PerMassOptions, require_outputs, weighing
+from erosion.cli.output import Output, PerMassOptions, weighing
 from erosion.parameters.units import has_control_characters, shown
 
 if TYPE_CHECKING:
@@ -126,17 +126,19 @@ class Fit:
         )
 
     def next_steps(self, ranking: "Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
-        """The commands for the best angle and the advice, by the files that are written."""
-        from erosion.fits.export import advice_command, command
+        """The commands for the best angle, the advice and CFD codes, by the files that are written."""
+        from erosion.fits.export import advice_command, command, export_command
 
         if case_file is not None:
-            advice = advice_command([str(case_file)], draws)
-        elif draws is not None:
-            advice = advice_command(self.options.words(ranking.best.names), draws)
-        else:
-            advice = "--write-case fitted.toml, then erosion advise fitted.toml"
-        of_case = [] if case_file is None else [f"the best angle of this fit: {command(str(case_file))}"]
-        return [*of_case, f"a nozzle's angle by this fit: {advice}"]
+            return [
+                f"the best angle of this fit: {command(str(case_file))}",
+                f"a nozzle's angle by this fit: {advice_command([str(case_file)], draws)}",
+                f"for CFD codes: {export_command(str(case_file))}",
+            ]
+        if draws is not None:
+            words = self.options.words(ranking.best.names)
+            return [f"a nozzle's angle by this fit: {advice_command(words, draws)}"]
+        return ["a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml"]
 
 
 def given_fit(
@@ -193,52 +195,19 @@ def dimension_of(name: str, models: Sequence[Any], units: "System") -> "Dimensio
     return "1"
 
 
-@Parameter(name="*")
-@dataclasses.dataclass(frozen=True)
-class FitFiles:
-    """The files that are asked for."""
+WriteCaseOption = Annotated[
+    Path | None, Parameter(name="--write-case", help="Write the best fit as a case file, which every verb takes.")
+]
 
-    plot: Annotated[Path | None, Parameter(help="Draw data, fits and band into this file (.svg, .png, .pdf).")] = None
-    openfoam: Annotated[Path | None, Parameter(help="Write OpenFOAM ParticleErosion coefficients.")] = None
-    fluent: Annotated[Path | None, Parameter(help="Write the angle function as a piecewise-linear table.")] = None
-    write_case: Annotated[Path | None, Parameter(help="Write the best fit as a case file, for --case.")] = None
 
-    @property
-    def paths(self) -> tuple[Path | None, ...]:
-        """All of them."""
-        return self.plot, self.openfoam, self.fluent, self.write_case
+def write_case(path: Path, ranking: "Ranking", options: CaseOptions) -> None:
+    """Write the best fit as a case file."""
+    from erosion.fits import CalibrationError, to_case
+    from erosion.output.files import write_whole
 
-    def require_writable(self, inputs: Sequence[Any]) -> None:
-        """Know before the fit that all files can be written, and that none of them is read."""
-        require_outputs(self.openfoam, self.fluent, self.write_case, plot=self.plot, inputs=inputs)
-
-    def write(self, ranking: "Ranking", level: float, options: CaseOptions) -> tuple[list[Path], list[str]]:
-        """Write the files; gives their paths, and what they lack."""
-        from erosion.fits import CalibrationError, to_case, to_fluent, to_openfoam
-        from erosion.output.files import write_whole
-
-        best, warnings = ranking.best, []
-        texts: list[tuple[Path, str]] = []
-        # What cannot be represented is refused before anything is written.
-        with user_errors(CalibrationError):
-            for path, to_form in ((self.openfoam, to_openfoam), (self.fluent, to_fluent)):
-                if path is not None:
-                    form = to_form(best)
-                    texts.append((path, form.text()))
-                    warnings += [form.warning] if form.warning else []
-            if self.write_case is not None:
-                text = to_case(best, str(self.write_case), **options.names(), doubts=ranking.doubts)
-                texts.append((self.write_case, text))
-            written = []
-            if self.plot is not None:
-                from erosion.plotting.fits import plot_calibration
-                from erosion.plotting.style import save_plot
-
-                written.append(save_plot(plot_calibration(ranking.best_first, level), self.plot))
-            for path, text in texts:
-                write_whole(path, text.encode())
-                written.append(path)
-        return written, warnings
+    with user_errors(CalibrationError):
+        text = to_case(ranking.best, str(path), **options.names(), doubts=ranking.doubts)
+        write_whole(path, text.encode())
 
 
 def ranks_several(ranking: "Ranking") -> bool:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.errors import InputError, as_options, reading, user_errors
+from erosion.cli.errors import InputError, as_options, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, IgnoreOption, ModelOption
@@ -68,9 +68,6 @@ class _Rows:
         str | None,
         Parameter(help='Of the sphere that has r and b of the case; that of its mass without it: "0.2 mm".'),
     ] = None
-    spin: Annotated[
-        str | None, Parameter(help='"column" of the table, "case" (--phidot0), "none", or a law: "normal(0, 1e4)".')
-    ] = None
     seed: Annotated[WholeOption, Parameter(help="Of laws.")] = None
     draws: Annotated[WholeOption, Parameter(help="Of what is uncertain; 64 without it, for each the whole map.")] = None
     restitution: Annotated[
@@ -110,7 +107,14 @@ class _Rows:
         return table
 
     def options(
-        self, p: "Parameters", laws: dict[str, Any], uncertain: dict[str, Any], share: float, per_mass: "PerMass"
+        self,
+        p: "Parameters",
+        laws: dict[str, Any],
+        uncertain: dict[str, Any],
+        share: float,
+        per_mass: "PerMass",
+        *,
+        has_spin: bool,
     ) -> "MapOptions":
         """The same as numbers in the units of the case.
 
@@ -120,6 +124,8 @@ class _Rows:
             uncertain: laws of what is one number for all impacts.
             share: of the particles that cut, 1 where it is uncertain.
             per_mass: with the density of the target.
+            has_spin: whether --phidot0 or the case file's [map] gives the spin, which then takes the place of the
+                table's.
 
         Raises:
             InputError: one sentence naming the option.
@@ -128,7 +134,7 @@ class _Rows:
         from erosion.cfd.map_result import MapOptions
 
         with user_errors(TypeError):
-            spin = self._spin(p)
+            spin = "case" if has_spin and "phidot0" not in {**laws, **uncertain} else None
             return MapOptions(
                 bodies=Bodies(
                     p,
@@ -149,13 +155,6 @@ class _Rows:
     def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
         """The number of an option, in the units of the case."""
         return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
-
-    def _spin(self, p: "Parameters") -> Any:
-        from erosion.distributions import read_distribution
-
-        with reading("Option `--spin`"):
-            law = None if self.spin is None else read_distribution(self.spin, "phidot0", "angular speed", p.units)
-        return self.spin if law is None else law
 
     def _restitution(self) -> tuple[float, float] | None:
         if self.restitution is None:
@@ -279,7 +278,8 @@ def map_(
     per_mass = weighing(sand.model, abrasive, options)
     # A share that is uncertain has its law alone, if no option gives it too.
     share = 1.0 if "cutting_fraction" in uncertain and abrasive.cutting_fraction is None else per_mass.cutting_fraction
-    made = rows.options(sand.p, varied, uncertain, share, per_mass)
+    has_spin = "phidot0" in {**section, **options.given()}
+    made = rows.options(sand.p, varied, uncertain, share, per_mass, has_spin=has_spin)
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
         job = _job(impacts, target, rows, None if grit is None else grit.density, made, (sand.reference, sand.numbers))

@@ -9,11 +9,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.fitting import DataFile, Fit, FitFiles, FitOptions, as_json, dimension_of, given_fit, print_document
+from erosion.cli.fitting import (
+    DataFile,
+    Fit,
+    FitOptions,
+    WriteCaseOption,
+    as_json,
+    dimension_of,
+    given_fit,
+    print_document,
+    write_case,
+)
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
 from erosion.cli.options import AllAngles, CaseFile, JsonOption, SetOption, WholeOption, with_file
-from erosion.cli.output import Output, print_table, progress_bar, require_outputs
+from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
 
 if TYPE_CHECKING:
     from erosion.arguments import Progress
@@ -35,7 +45,7 @@ class _Files:
             help="Keep the draws in this file (.nc), for --uncertain of map, stream and advise.",
         ),
     ] = None
-    write_case: Annotated[Path | None, Parameter(help="Write the best fit as a case file, for --case.")] = None
+    case_file: WriteCaseOption = None
     plot_pairs: Annotated[Path | None, Parameter(help="Draw each pair of parameters.")] = None
     plot_traces: Annotated[Path | None, Parameter(help="Draw the populations, one draw after the other.")] = None
     plot_prediction: Annotated[Path | None, Parameter(help="Draw the bands of the curve, with its jumps.")] = None
@@ -59,31 +69,26 @@ class _Files:
         with user_errors():
             for path in self.figures.values():
                 require_plot_path(path)
-        require_outputs(self.output, self.write_case, *self.figures.values(), inputs=inputs)
+        require_outputs(self.output, self.case_file, *self.figures.values(), inputs=inputs)
 
     def write(
-        self,
-        task: Fit,
-        ranking: "Ranking",
-        posteriors: "PosteriorRanking",
-        experiment: "NextExperiment | None",
-        level: float,
-    ) -> list[Path]:
-        """Write the files; gives their paths."""
+        self, task: Fit, ranking: "Ranking", posteriors: "PosteriorRanking", experiment: "NextExperiment | None"
+    ) -> None:
+        """Write the files."""
         from erosion.plotting import fits as figures
         from erosion.plotting.style import save_plot
 
+        if self.case_file is not None:
+            write_case(self.case_file, ranking, task.options)
         posterior = posteriors.best
-        written, _ = FitFiles(write_case=self.write_case).write(ranking, level, task.options)
         with user_errors():
             for name, path in self.figures.items():
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
                 if name == "plot_next_experiment":
                     result = experiment
-                written.append(save_plot(getattr(figures, name)(result), path))
+                save_plot(getattr(figures, name)(result), path)
             if self.output is not None:
-                written.append(posterior.save(self.output))
-        return written
+                posterior.save(self.output)
 
 
 def posterior(
@@ -135,25 +140,20 @@ def posterior(
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = next_experiment or speeds or files.plot_next_experiment
         experiment = _experiment(posteriors, speeds, task.p) if is_asked else None
-    try:
-        written, refused = files.write(task, ranking, posteriors, experiment, level), None
-    except InputError as error:
-        # Draws take longer than any file: they are shown first.
-        written, refused = [], error
     output.warn_all([ranking.statements, [f"posterior: {sentence}" for sentence in posteriors.statements]])
+    # Draws take longer than any file: they are shown first.
     if json:
         parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
         more = {} if experiment is None else {"next_experiment": experiment.to_dict()}
         print_document(output, ranking, level, {"posterior": parts[0], "posteriors": parts, **more}, {})
     else:
         _print_tables(posteriors, experiment, level)
-        steps = task.next_steps(ranking, *((None, None) if refused else (files.write_case, files.output)))
-        for line in (*(f"written: {path}" for path in written), *steps):
-            print(line)
-        if experiment is not None:
-            print(experiment.sentence)
-    if refused is not None:
-        raise refused
+    files.write(task, ranking, posteriors, experiment)
+    if not json:
+        figures = {name.removeprefix("plot_"): path for name, path in files.figures.items()}
+        print_paths(**figures, draws=files.output, case=files.case_file)
+        sentences = [] if experiment is None else [experiment.sentence]
+        print("\n".join([*task.next_steps(ranking, files.case_file, files.output), *sentences]))
 
 
 def _print_tables(posteriors: "PosteriorRanking", experiment: "NextExperiment | None", level: float) -> None:
