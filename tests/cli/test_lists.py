@@ -76,6 +76,32 @@ def test_help_has_no_line_that_80_columns_would_fold(verb, capsys, monkeypatch):
     assert max(map(len, inspect.cleandoc(app[verb].default_command.__doc__ or "").splitlines())) <= 80
 
 
+GROUPS = {
+    "": ["Compute", "Fit", "CFD", "Teach", "Check", "Options"],
+    "calibrate": ["Arguments", "Case", "Model", "Fit", "Output"],
+    "map": ["Arguments", "Surface", "Impacts", "Case", "Model", "Laws", "Output"],
+}
+
+
+@pytest.mark.parametrize("verb", GROUPS)
+def test_the_help_of_a_big_verb_is_one_screen_in_groups(verb, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert _status([*verb.split(), "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 52
+    assert [line for line in lines if line in GROUPS[verb]] == GROUPS[verb]
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "map"])
+def test_each_parameter_of_the_case_is_named_and_taken(verb, capsys):
+    assert _status([verb, "--help"]) == 0
+    printed = capsys.readouterr().out
+    for name in ("k", "psi", "r", "b", "m", "sigma", "phidot0", "inertia"):
+        assert f"--{name}" in printed
+    assert _status([verb, "nowhere.csv", "--sigma", "1 m"]) == 2
+    assert "Option `--sigma` must be a stress" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("verb", ["compare", "calibrate tests.csv"])
 def test_two_names_of_one_model_are_refused(
     verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -23,6 +23,7 @@ from erosion.cli.errors import InputError, explain, sentence, spell_out
 from erosion.cli.export import export
 from erosion.cli.lists import materials, models
 from erosion.cli.map import map_
+from erosion.cli.options import OPTIONS, Help
 from erosion.cli.pages import exercise, explore, report
 from erosion.cli.posterior import posterior
 from erosion.cli.run import optimum, run
@@ -39,15 +40,26 @@ app = cyclopts.App(
     name="erosion",
     help="How a rigid particle cuts a ductile surface, and at which angle it removes most.",
     help_format="plaintext",
+    help_formatter=Help(),
+    group_parameters=OPTIONS,
+    group_commands=OPTIONS,
     version=__version__,
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
-    help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
+    help_epilogue="Without a case file: Table 1 of the scenario, quartz sand on aluminium.",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, posterior, export, advise, report, exercise, explore):
-    app.command(verb)
-app.command(map_, name="map")
-for verb in (models, materials, verify, validate):  # which have no case
-    app.command(verb, help_epilogue="")
+_VERBS = {
+    "Compute": (run, optimum, compare, sweep, stream),
+    "Fit": (calibrate, posterior, advise),
+    "CFD": (map_, export),
+    "Teach": (report, exercise, explore),
+    "Check": (verify, validate, models, materials),
+}
+_WITHOUT_EPILOGUE = (map_, verify, validate, models, materials)  # which say it themselves, or have no case
+for at, (title, verbs) in enumerate(_VERBS.items()):
+    group = cyclopts.Group(title, sort_key=at)
+    for place, verb in enumerate(verbs):
+        more = {"help_epilogue": ""} if verb in _WITHOUT_EPILOGUE else {}
+        app.command(verb, name=verb.__name__.rstrip("_"), group=group, sort_key=place, **more)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -19,7 +19,7 @@ from erosion.cli.fitting import (
 )
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, SetOption, with_file
+from erosion.cli.options import FIT, OUTPUT, AllAngles, CaseFile, JsonOption, SetOption, with_file
 from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from erosion.fits.doubts import Profile
     from erosion.parameters.units import System
 
-_BOUNDS = 'Least and greatest values, of own parameters too: "psi=0.01:0.3,threshold=0:40 m/s".'
+_BOUNDS = 'Least and greatest: "psi=0.01:0.3,threshold=0:40 m/s".'
 
 
 def calibrate(
@@ -38,23 +38,21 @@ def calibrate(
     case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
-    ignore: IgnoreOption = None,
+    ignore: Annotated[IgnoreOption, Parameter(group=FIT)] = None,
     fit: FitOptions | None = None,
-    bounds: Annotated[list[str] | None, LISTED, Parameter(help=_BOUNDS)] = None,
-    loss: Annotated[
-        str, Parameter(help='"linear"; "soft_l1", "huber", "cauchy" or "arctan" with outliers.')
-    ] = "linear",
-    level: Annotated[float, Parameter(help="Of the confidence intervals.")] = 0.95,
-    profile: Annotated[str | None, Parameter(help="Also the likelihood's profile along this parameter.")] = None,
-    plot: Annotated[Path | None, Parameter(help="Draw data, fits and band into this file (.svg, .png, .pdf).")] = None,
+    bounds: Annotated[list[str] | None, LISTED, Parameter(group=FIT, help=_BOUNDS)] = None,
+    loss: Annotated[str, Parameter(group=FIT, help="Or soft_l1, huber, cauchy, arctan, for outliers.")] = "linear",
+    level: Annotated[float, Parameter(group=FIT, help="Of the confidence intervals.")] = 0.95,
+    profile: Annotated[str | None, Parameter(group=FIT, help="Also the likelihood along this parameter.")] = None,
+    plot: Annotated[Path | None, Parameter(group=OUTPUT, help="Draw data, fits and band (.svg, .png, .pdf).")] = None,
     case_file: WriteCaseOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Fit a model's parameters to measured erosion, or rank several models.
+    """Fit a model to measured erosion, or rank several models.
 
-    Without --model, the model is linearized. Without a case file and --units, bare
-    numbers and what is printed are in the unit system of the data. `erosion
-    posterior` draws all values that data and priors leave.
+    Without --model, the model is linearized; without --free, k and ψ are fitted.
+    Without a case file and --units, bare numbers and what is printed are in the
+    units of the data. `erosion posterior` draws all values that data leave.
     """
     task = given_fit(data, with_file(case, file), fit, model, own, ignore)
     require_outputs(case_file, plot=plot, inputs=task.inputs)

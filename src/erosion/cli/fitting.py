@@ -14,6 +14,8 @@ from erosion.cli.errors import InputError, user_errors
 from erosion.cli.laws import LawOptions, require_same_model
 from erosion.cli.lists import LISTED, chosen_models, refuse_same
 from erosion.cli.options import (
+    FIT,
+    OUTPUT,
     CaseOptions,
     SetOption,
     Settings,
@@ -37,14 +39,14 @@ if TYPE_CHECKING:
 
 
 _DATA = (
-    'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or '
-    '"angle [deg], speed [m/s], mass_loss [mg/kg]" with --target or --density.'
+    'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
+    'mass_loss [mg/kg]" with --target or --density.'
 )
 DataFile = Annotated[Path, Parameter(help=_DATA)]
-_FREE = 'Parameters to fit, of the case or the model\'s own: "k,cutting_fraction,energy_ratio"; "k,psi" without it.'
+_FREE = 'Parameters of the case or the model\'s own: "k,energy_ratio".'
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=FIT)
 @dataclasses.dataclass(frozen=True)
 class FitOptions(PerMassOptions):
     """What is fitted."""
@@ -196,7 +198,8 @@ def dimension_of(name: str, models: Sequence[Any], units: "System") -> "Dimensio
 
 
 WriteCaseOption = Annotated[
-    Path | None, Parameter(name="--write-case", help="Write the best fit as a case file, which every verb takes.")
+    Path | None,
+    Parameter(name="--write-case", group=OUTPUT, help="Write the best fit as a case file, for all verbs."),
 ]
 
 

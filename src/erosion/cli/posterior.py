@@ -22,7 +22,7 @@ from erosion.cli.fitting import (
 )
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, SetOption, WholeOption, with_file
+from erosion.cli.options import DRAWS, FIT, OUTPUT, AllAngles, CaseFile, JsonOption, SetOption, WholeOption, with_file
 from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
 
 if TYPE_CHECKING:
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from erosion.fits import Measurements, NextExperiment, PosteriorRanking, Ranking
     from erosion.parameters.parameters import Parameters
 
-_PRIOR = 'Law of a parameter before the data: "psi=uniform(0.01, 0.2)"; repeat it for other parameters, or "noise".'
+_PRIOR = 'Law before the data, of a parameter or "noise": "psi=uniform(0.01, 0.2)"; repeatable.'
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=OUTPUT)
 @dataclasses.dataclass(frozen=True)
 class _Files:
     """The files that are asked for, all of the likeliest model."""
@@ -99,20 +99,25 @@ def posterior(
     case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
-    ignore: IgnoreOption = None,
+    ignore: Annotated[IgnoreOption, Parameter(group=FIT)] = None,
     fit: FitOptions | None = None,
-    prior: Annotated[list[str] | None, Parameter(negative="", help=_PRIOR)] = None,
-    draws: Annotated[WholeOption, Parameter(help="Of each of 4 populations; 500 without it.")] = None,
-    seed: Annotated[WholeOption, Parameter(help="The same seed gives the same draws.")] = None,
-    level: Annotated[float, Parameter(help="Of the intervals.")] = 0.95,
+    prior: Annotated[list[str] | None, Parameter(negative="", group=DRAWS, help=_PRIOR)] = None,
+    draws: Annotated[WholeOption, Parameter(group=DRAWS, help="Of each of 4 populations; 500 without it.")] = None,
+    seed: Annotated[WholeOption, Parameter(group=DRAWS, help="The same seed gives the same draws.")] = None,
+    level: Annotated[float, Parameter(group=DRAWS, help="Of the intervals.")] = 0.95,
     next_experiment: Annotated[
         bool,
-        Parameter(negative="", show_default=False, help="Say at which angle and speed one more row would tell most."),
+        Parameter(
+            negative="",
+            show_default=False,
+            group=DRAWS,
+            help="Say at which angle and speed one more row tells most.",
+        ),
     ] = False,
     next_speeds: Annotated[
         list[str] | None,
         LISTED,
-        Parameter(help='That can be tested next: "60 m/s,110 m/s"; those of the data without it.'),
+        Parameter(group=DRAWS, help='That can be tested next: "60 m/s,110 m/s"; or the data\'s.'),
     ] = None,
     files: _Files | None = None,
     json: JsonOption = False,
