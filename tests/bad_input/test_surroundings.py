@@ -133,8 +133,8 @@ def test_single_precision_is_refused():
 INTERRUPTED = {
     "sweep": ["--alpha", "1deg:90deg:10000", "--v0", "10 m/s:900 m/s:3000", "-o", "out.nc"],
     "stream": ["--v0", "normal(4400, 40)", "--n", "1e11", "-o", "out.nc"],
-    "calibrate": ["sand.csv", "--models", "all", "--starts", "1000000"],
-    "report": ["--out", "page"],
+    "calibrate": ["sand.csv", "--model", "all", "--starts", "1000000"],
+    "report": ["--output", "page"],
 }
 PRESS = """
 import os, signal, sys, threading

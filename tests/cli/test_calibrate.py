@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from erosion import impact, load_model
+from erosion import impact, load_model, to_fluent
 from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.case_files import dump_case, load_case
@@ -33,9 +33,9 @@ def table(tmp_path_factory):
     return path
 
 
-def test_a_fit_as_json_with_files(table, tmp_path, capsys):
-    files = [tmp_path / name for name in ("fit.svg", "particleErosion", "table.csv")]
-    options = ["--plot", str(files[0]), "--openfoam", str(files[1]), "--fluent", str(files[2]), "--profile", "k"]
+def test_a_fit_as_json_with_a_figure(table, tmp_path, capsys):
+    figure = tmp_path / "fit.svg"
+    options = ["--plot", str(figure), "--profile", "k"]
     assert _status(["calibrate", str(table), "--free", "k,psi", "--json", *options, *GUESS]) == 0
     captured = capsys.readouterr()
     printed = result_of(captured.out)
@@ -47,9 +47,7 @@ def test_a_fit_as_json_with_files(table, tmp_path, capsys):
     assert rise[printed["estimates"]["k"]] == 0
     assert all((one > 3.84) == (not low < value < high) for value, one in rise.items())
     assert printed["erosion_unit"] == "in^3"
-    assert files[0].read_text().startswith("<?xml")
-    assert "type        particleErosion;" in files[1].read_text()
-    assert "angle [deg],f [-]" in files[2].read_text()
+    assert figure.read_text().startswith("<?xml")
 
 
 def test_a_profile_as_text(table, capsys):
@@ -188,27 +186,22 @@ def aluminium(tmp_path_factory):
 DEFORMATION = ["--model", "linearized-deformation"]
 
 
-def test_openfoam_is_refused_a_curve_that_it_cannot_have(aluminium, tmp_path, capsys):
-    coefficients, case = tmp_path / "erosionDict", tmp_path / "fitted.toml"
-    options = ["--openfoam", str(coefficients), "--write-case", str(case)]
-    assert _status([*aluminium, *DEFORMATION, *options]) == 2
-    said = capsys.readouterr()
-    assert "energy_ratio" in said.out  # the fit is shown before
-    line = said.err.splitlines()[-1]
-    assert "is not of that shape: the best coefficients are off by up to 6" in line
-    assert "is without limit" in line
-    assert "--fluent" in line
-    assert not coefficients.exists()
-    assert not case.exists()
-
-
-def test_openfoam_warns_of_a_curve_that_is_near(table, tmp_path, capsys):
-    options = ["--model", "rotating", "--free", "k,psi", "--starts", "1", "--openfoam", str(tmp_path / "erosionDict")]
-    assert _status(["calibrate", str(table), *options]) == 0
-    assert "warning: OpenFOAM knows Finnie's curve only: it is off by up to 4" in capsys.readouterr().err
-    linearized = ["--free", "k,psi", "--openfoam", str(tmp_path / "again"), *GUESS]
-    assert _status(["calibrate", str(table), *linearized]) == 0
-    assert "OpenFOAM" not in capsys.readouterr().err
+def test_a_written_case_is_exported_for_cfd_codes(aluminium, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert _status([*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]) == 0
+    *_, next_step = capsys.readouterr().out.splitlines()
+    assert next_step == "for CFD codes: erosion export fitted.toml --fluent angles.csv"
+    assert _status([*shlex.split(next_step.partition(": erosion ")[2]), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    own = {name: parameter["value"] for name, parameter in printed["model"]["own_parameters"].items()}
+    share = tomllib.loads(Path("fitted.toml").read_text())["cutting_fraction"]
+    fitted = load_model("linearized-deformation").replace(**own)
+    form = to_fluent(fitted, load_case("fitted.toml"), cutting_fraction=share)
+    assert printed["result"]["fluent"]["factor"] == pytest.approx(form.factor, rel=1e-12)
+    assert Path("angles.csv").read_text().splitlines()[-10:] == form.text().splitlines()[-10:]
+    assert _status(["export", "fitted.toml", "--openfoam", "erosionDict"]) == 2
+    assert "use a table for Fluent (--fluent)" in capsys.readouterr().err
+    assert not Path("erosionDict").exists()
 
 
 def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkeypatch, capsys):

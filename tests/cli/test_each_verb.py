@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 CHANNEL = shlex.quote(str(ROOT / "tests" / "cfd" / "openfoam" / "serial"))
 JET = "--particle 'garnet 0.3 mm' --target 'aluminium 6061' --v0 '100 m/s'"
-FIT = "calibrate sand.csv --model linearized --density '2700 kg/m^3'"
+FIT = "sand.csv --model linearized --density '2700 kg/m^3'"
 
 COMMANDS = {
     "run --model rotating --plot run.png": "run.png",
@@ -26,8 +26,8 @@ COMMANDS = {
     "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.zarr": "sweep.zarr",
     "sweep --alpha 10deg:80deg:8 --workers 2 -o workers.zarr": "workers.zarr",
     "stream --n 512 --v0 'normal(4400, 40)' --alpha 'normal(20 deg, 2 deg)' -o jet.nc --plot jet.svg": "jet.nc jet.svg",
-    f"{FIT} --plot fit.svg --openfoam of.txt --fluent fl.txt --write-case fit.toml": "fit.svg of.txt fl.txt fit.toml",
-    f"{FIT} --posterior --draws 125 -o draws.nc --plot-pairs pairs.svg": "draws.nc pairs.svg",
+    f"calibrate {FIT} --plot fit.svg --write-case fit.toml": "fit.svg fit.toml",
+    f"posterior {FIT} --draws 125 -o draws.nc --plot-pairs pairs.svg": "draws.nc pairs.svg",
     "map impacts.csv --surface plate.stl -o map.vtp --plot map.png": "map.vtp map.png",
     "map impacts.parquet --surface plate.stl -o map.nc": "map.nc",
     f"map {CHANNEL} --surface {CHANNEL} -o channel.csv": "channel.csv",

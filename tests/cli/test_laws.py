@@ -53,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(made)
         prior = '--free psi --prior "psi=loguniform(0.5, 8)" --draws 250'
-        assert _status(shlex.split(f"calibrate tests.csv sand.toml --posterior {prior} -o post.nc")) == 0
+        assert _status(shlex.split(f"posterior tests.csv sand.toml {prior} -o post.nc")) == 0
     return made
 
 
@@ -218,7 +218,7 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
 
 def test_own_parameters_must_be_those_of_the_fit(capsys: pytest.CaptureFixture[str]) -> None:
     path = shlex.quote(str(Path(__file__).parents[2] / "models" / "coulomb_tip.py"))
-    fit = f"calibrate tests.csv sand.toml --posterior --draws 125 --free psi --model {path} --set friction=0.3"
+    fit = f"posterior tests.csv sand.toml --draws 125 --free psi --model {path} --set friction=0.3"
     assert _status(shlex.split(f"{fit} -o own.nc")) == 0
     capsys.readouterr()
     line = f"map impacts.csv --case sand.toml --uncertain own.nc --draws 2 --model {path} --json"
@@ -231,7 +231,7 @@ def test_own_parameters_must_be_those_of_the_fit(capsys: pytest.CaptureFixture[s
 
 def test_own_parameters_may_be_those_of_the_fit_in_other_units(capsys: pytest.CaptureFixture[str]) -> None:
     model = ["--model", "linearized-deformation", "--set", "threshold=12 m/s"]
-    fit = ["calibrate", "tests.csv", "sand.toml", "--posterior", "--draws", "125", "--free", "psi"]
+    fit = ["posterior", "tests.csv", "sand.toml", "--draws", "125", "--free", "psi"]
     assert _status([*fit, *model, "-o", "slow.nc"]) == 0
     capsys.readouterr()
     line = "map impacts.csv --case sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"

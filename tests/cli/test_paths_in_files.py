@@ -120,8 +120,8 @@ ROWS = "angle [deg], volume [mm^3], uncertainty [mm^3]\n10,2e-2,1e-3\n20,3e-2,1e
 def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
     Path("weighed.csv").write_text(ROWS)
     Path("out").mkdir()
-    fit = ["calibrate", "weighed.csv", "cases/case.toml", "--target", "mt.toml: mine", "--free", "k", "--starts", "1"]
-    files = ["--write-case", "out/fitted.toml", "--posterior", "--draws", "125", "-o", "out/post.nc"]
+    fit = ["posterior", "weighed.csv", "cases/case.toml", "--target", "mt.toml: mine", "--free", "k", "--starts", "1"]
+    files = ["--write-case", "out/fitted.toml", "--draws", "125", "-o", "out/post.nc"]
     assert _status([*fit, *files]) == 0
     written = tomllib.loads(Path("out/fitted.toml").read_text())
     assert written["model"] == "../cases/plug.py"

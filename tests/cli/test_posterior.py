@@ -1,4 +1,4 @@
-"""`erosion calibrate --posterior` as a user types it."""
+"""`erosion posterior` as a user types it."""
 
 import json
 import re
@@ -37,9 +37,7 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
     prior, speed = ["--prior", "psi=uniform(0.01, 0.2)"], ["--psi", "0.05", "--v0", "100 in/s"]
-    assert (
-        _status(["calibrate", str(table), *speed, "--posterior", "--draws", "125", "--seed", "3", *prior, *files]) == 0
-    )
+    assert _status(["posterior", str(table), *speed, "--draws", "125", "--seed", "3", *prior, *files]) == 0
     out = capsys.readouterr().out
     assert "linearized: the posterior from 10 rows of sand.csv" in out
     assert "prior: uniform(0.01, 0.2)" in out
@@ -61,15 +59,21 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
 
 def test_without_arviz_it_says_what_to_install(table, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "arviz_stats.base.array", None)
-    assert _status(["calibrate", str(table), "--posterior", "--free", "psi", "--draws", "125"]) == 2
+    assert _status(["posterior", str(table), "--free", "psi", "--draws", "125"]) == 2
     assert (
         capsys.readouterr().err
         == "erosion: The package arviz_stats is not installed: pip install 'erosion[posterior]'.\n"
     )
 
 
+def test_a_fit_alone_has_no_options_of_draws(table, capsys):
+    for option in ("--posterior", "--prior", "--draws", "--output", "--plot-pairs", "--next-experiment"):
+        assert _status(["calibrate", str(table), option]) == 2
+        assert f"Option `{option}` is unknown." in capsys.readouterr().err
+
+
 def test_several_models_as_json(table, capsys):
-    arguments = ["calibrate", str(table), "--posterior", "--free", "psi", "--model", "linearized,tan-alpha"]
+    arguments = ["posterior", str(table), "--free", "psi", "--model", "linearized,tan-alpha"]
     assert _status([*arguments, "--draws", "125", "--json"]) == 0
     printed = result_of(capsys.readouterr().out)
     assert printed["posterior"]["model"] == "linearized"
@@ -80,7 +84,7 @@ def test_several_models_as_json(table, capsys):
 
 
 def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path, capsys):
-    line = ["calibrate", str(table), "--posterior", "--free", "psi", "--draws", "125"]
+    line = ["posterior", str(table), "--free", "psi", "--draws", "125"]
     more = ["--next-speeds", "60 m/s,110 m/s", "--plot-next-experiment", str(tmp_path / "next.svg")]
     assert _status([*line, *more]) == 0
     out = capsys.readouterr().out
@@ -100,23 +104,21 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--prior", "psi=uniform(0, 1)"], "Option `--prior` needs `--posterior`."),
-        (["-o", "d.nc"], "Option `--output` needs `--posterior`."),
-        (["--seed", "0"], "Option `--seed` needs `--posterior`."),
-        (["--next-experiment"], "Option `--next-experiment` needs `--posterior`."),
-        (["--posterior", "--next-speeds", "60 kg"], "Option `--next-speeds` must be a speed such as"),
-        (["--posterior", "--next-speeds", "0 m/s"], "Option `--next-speeds` must list positive speeds, but is 0 m/s."),
-        (["--posterior", "--prior", "r=uniform(0, 1)"], "of k, psi, but is 'r=uniform(0, 1)'."),
-        (["--posterior", "--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
-        (["--posterior", "--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
-        (["--posterior", "--prior", "psi=normal(0, 1)"], "Option `--prior` must give psi values above 0, but 50.0%"),
-        (["--posterior", "--draws", "5"], "Option `--draws` must be a whole number of at least 125, but is 5."),
-        (["--posterior", "--write-draws", "d.csv"], "Option `--output` must end in .nc, but is d.csv."),
-        (["--posterior", "--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
+        (["--profile", "k"], "Option `--profile` is unknown."),
+        (["-o", "sand.csv"], "Option `--output` must end in .nc, but is sand.csv."),
+        (["--next-speeds", "60 kg"], "Option `--next-speeds` must be a speed such as"),
+        (["--next-speeds", "0 m/s"], "Option `--next-speeds` must list positive speeds, but is 0 m/s."),
+        (["--prior", "r=uniform(0, 1)"], "of k, psi, but is 'r=uniform(0, 1)'."),
+        (["--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
+        (["--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
+        (["--prior", "psi=normal(0, 1)"], "Option `--prior` must give psi values above 0, but 50.0%"),
+        (["--draws", "5"], "Option `--draws` must be a whole number of at least 125, but is 5."),
+        (["--output", "d.csv"], "Option `--output` must end in .nc, but is d.csv."),
+        (["--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
     ],
 )
 def test_mistakes_are_one_line(table, capsys, options, message):
-    assert _status(["calibrate", str(table), "--starts", "1", *options]) == 2
+    assert _status(["posterior", str(table), "--starts", "1", *options]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
@@ -126,7 +128,7 @@ def test_means_of_several_models_have_their_units(table, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     models = ["--model", "linearized,linearized-deformation", "--free", "psi,threshold"]
     prior = ["--prior", "threshold=uniform(0, 500)", "--starts", "1"]
-    assert _status(["calibrate", str(table), "--posterior", "--draws", "125", *models, *prior]) == 0
+    assert _status(["posterior", str(table), "--draws", "125", *models, *prior]) == 0
     # The draws of the threshold crowd at zero: it has its median, and no deviation.
     assert re.search(r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ in/s$", capsys.readouterr().out, re.MULTILINE)
 
@@ -137,8 +139,8 @@ def test_all_files_of_a_ranking_are_of_one_model(tmp_path, monkeypatch, capsys):
     # AICc prefers `rotating-deformation`, whose energy ratio is 10.9; this prior allows that of the other one alone.
     words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--starts", "8"]
     models = ["--model", "linearized-deformation,rotating-deformation,tan-alpha", "--free", "k,psi,energy_ratio"]
-    draws = ["--posterior", "--draws", "125", "--prior", "energy_ratio=uniform(2, 5)", "-o", "post.nc"]
-    assert _status(["calibrate", "rows.csv", *words, *models, *draws, "--write-case", "fitted.toml", "--json"]) == 0
+    draws = ["--draws", "125", "--prior", "energy_ratio=uniform(2, 5)", "-o", "post.nc"]
+    assert _status(["posterior", "rows.csv", *words, *models, *draws, "--write-case", "fitted.toml", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     ranked = [fit["model"] for fit in printed["result"]["ranking"] if fit["not_ranked"] is None]
     assert ranked == ["rotating-deformation", "linearized-deformation"]

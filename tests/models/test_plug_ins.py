@@ -152,7 +152,7 @@ BROKEN = {
 VERBS = {
     "run": ["--model", "{}"],
     "optimum": ["--model", "{}"],
-    "compare": ["--models", "linearized", "{}"],
+    "compare": ["--model", "linearized", "{}"],
     "sweep": ["--model", "{}", "--alpha", "1deg:80deg:5", "-o", "out.nc"],
     "stream": ["--model", "{}", "--n", "256", "--alpha", "normal(25deg,4deg)"],
     "calibrate": ["sand.csv", "--model", "{}", "--free", "k"],

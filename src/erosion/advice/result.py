@@ -417,7 +417,7 @@ class Advice(Result):
         """What would narrow the range of best angles most."""
         if self.uncertain is not None:
             return self.language.say(
-                "What would narrow it: more tests. “erosion calibrate” with --posterior and --next-experiment says at "
+                "What would narrow it: more tests. “erosion posterior” with --next-experiment says at "
                 "which angle and speed one more test tells most."
             )
         models, text = self.group("models"), self.language.text

@@ -23,7 +23,9 @@ from erosion.cli.errors import InputError, explain, sentence, spell_out
 from erosion.cli.export import export
 from erosion.cli.lists import materials, models
 from erosion.cli.map import map_
+from erosion.cli.options import OPTIONS, Help
 from erosion.cli.pages import exercise, explore, report
+from erosion.cli.posterior import posterior
 from erosion.cli.run import optimum, run
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
@@ -33,28 +35,31 @@ from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
 _NARROWEST, _WIDEST = 40, 1000  # characters of a line that help and tables are laid out for
-_PRESENT_NAMES = {
-    "--models": "--model",
-    "--out": "--output",
-    "--material": "--target",
-    "--write-draws": "--output",
-    "--target-density": "--density",
-    "--erodent-density": "--particle-density",
-}  # by the names of before, which stay accepted
 
 app = cyclopts.App(
     name="erosion",
     help="How a rigid particle cuts a ductile surface, and at which angle it removes most.",
     help_format="plaintext",
+    help_formatter=Help(),
+    group_parameters=OPTIONS,
+    group_commands=OPTIONS,
     version=__version__,
     suppress_keyboard_interrupt=False,  # what an interrupted verb says is to be read
-    help_epilogue="Without a case file, a verb works on Table 1 of the scenario (quartz sand on aluminium).",
+    help_epilogue="Without a case file: Table 1 of the scenario, quartz sand on aluminium.",
 )
-for verb in (run, optimum, compare, sweep, stream, calibrate, export, advise, report, exercise, explore):
-    app.command(verb)
-app.command(map_, name="map")
-for verb in (models, materials, verify, validate):  # which have no case
-    app.command(verb, help_epilogue="")
+_VERBS = {
+    "Compute": (run, optimum, compare, sweep, stream),
+    "Fit": (calibrate, posterior, advise),
+    "CFD": (map_, export),
+    "Teach": (report, exercise, explore),
+    "Check": (verify, validate, models, materials),
+}
+_WITHOUT_EPILOGUE = (map_, verify, validate, models, materials)  # which say it themselves, or have no case
+for at, (title, verbs) in enumerate(_VERBS.items()):
+    group = cyclopts.Group(title, sort_key=at)
+    for place, verb in enumerate(verbs):
+        more = {"help_epilogue": ""} if verb in _WITHOUT_EPILOGUE else {}
+        app.command(verb, name=verb.__name__.rstrip("_"), group=group, sort_key=place, **more)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -90,7 +95,7 @@ def _status(arguments: Sequence[str]) -> int:
     os.environ.setdefault("EQX_ON_ERROR", "nan")
     usual, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
-        words = [_present_name(_text(argument)) for argument in arguments]
+        words = [_text(argument) for argument in arguments]
         with between_imports():
             app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
@@ -139,11 +144,6 @@ def _text(argument: str) -> str:
         way = "rename the file or the folder" if encoding == "UTF-8" else "set the environment variable PYTHONUTF8=1"
         raise InputError(f"The argument {name} is not text in {encoding}: {way}.") from error
     return argument
-
-
-def _present_name(argument: str) -> str:
-    name, equals, value = argument.partition("=")
-    return _PRESENT_NAMES.get(name, name) + equals + value
 
 
 def _let_go(stream: Any) -> None:

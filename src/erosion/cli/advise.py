@@ -11,7 +11,7 @@ from erosion.cli.errors import user_errors
 from erosion.cli.fitting import GivenFit, TestedFitOptions, section_of
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import AllAngles, CaseFile, JsonOption, LangOption, read_option, with_file
+from erosion.cli.options import OUTPUT, AllAngles, CaseFile, JsonOption, LangOption, PlotOption, read_option, with_file
 from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, progress_bar, require_outputs, weighing
 
 if TYPE_CHECKING:
@@ -32,21 +32,22 @@ def advise(
     model: ModelsOption = None,
     fit_of_tests: TestedFitOptions | None = None,
     output: Annotated[
-        Path | None, Parameter(name=("--output", "-o"), help="Also write it as a page: advice.html or advice.pdf.")
+        Path | None,
+        Parameter(name=("--output", "-o"), group=OUTPUT, help="Also write it as a page: advice.html or advice.pdf."),
     ] = None,
-    plot: Annotated[Path | None, Parameter(help="Also draw the curves into this file (.svg, .png, .pdf).")] = None,
+    plot: PlotOption = None,
     lang: LangOption = "en",
     json: JsonOption = False,
 ) -> None:
-    """Advise a nozzle's angle, with the erosion to expect and how sure that is.
+    """Advise a nozzle's angle: the erosion to expect, and how sure.
 
     Give --particle, --target and --v0. Models, correlations, the force ratio k,
     the contact ratio ψ and the spread of the jet are compared. Without
     --cutting-fraction half of the particles cut, as Finnie found.
 
-    After tests of your own: --uncertain with the draws of `calibrate --posterior
-    -o`, or the case file of `calibrate --write-case`. They take the place of the
-    ranges of k and ψ, and the correlations do not count.
+    After tests of your own: --uncertain with the draws of `posterior -o`, or the
+    case file of `calibrate --write-case`. They take the place of the ranges of k
+    and ψ, and the correlations do not count.
     """
     options = with_file(case, file)
     options.refuse_angle("all angles of the nozzle are compared")

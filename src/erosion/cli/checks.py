@@ -3,7 +3,6 @@
 `erosion verify`: checks of the models on this machine.
 """
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -11,13 +10,13 @@ from cyclopts import Parameter
 from erosion.cli.errors import user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import JsonOption
+from erosion.cli.options import JsonOption, PlotOption
 from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs, working
 
 
 def validate(
     *,
-    plot: Annotated[Path | None, Parameter(help="Also draw computed over published (.svg, .png, .pdf).")] = None,
+    plot: PlotOption = None,
     json: JsonOption = False,
 ) -> None:
     """Compare models and correlations with published numbers.

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, refuse_same
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, with_file
+from erosion.cli.options import OUTPUT, CaseFile, CaseOptions, JsonOption, PlotOption, with_file
 from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, require_outputs, weighing, working
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def compare(
     case: CaseOptions | None = None,
     model: Annotated[ModelsOption, Parameter(consume_multiple=True)] = None,
     abrasive: PerMassOptions | None = None,
-    plot: Annotated[Path | None, Parameter(help="Also draw V(α) of all into this file (.svg, .png, .pdf).")] = None,
+    plot: PlotOption = None,
     correlations: Annotated[
         list[str] | None,
         LISTED,
@@ -43,7 +43,9 @@ def compare(
             "For their volumes name them in --model.",
         ),
     ] = None,
-    output: Annotated[Path | None, Parameter(name=("--output", "-o"), help="Also keep the curves (.nc, .csv).")] = None,
+    output: Annotated[
+        Path | None, Parameter(name=("--output", "-o"), group=OUTPUT, help="Also keep the curves (.nc, .csv).")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Compare models at the case's angle and at their best angles.

@@ -68,7 +68,7 @@ def export(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Write a model and a case for a CFD code: OpenFOAM, Fluent, or tables.
+    """Write a model and a case for OpenFOAM, Fluent, or as tables.
 
     Each file says how far its form is off the model. Forms are made at the
     case's speed; with --speeds they must hold over all of these.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.options import CaseOptions, read_settings, settings, with_model_of_case
+from erosion.cli.options import LAWS, CaseOptions, read_settings, settings, with_model_of_case
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import shown
 
@@ -24,27 +24,22 @@ LAW_FIELDS = ("rows", "uncertain", "correlation")
 
 _FRACTION = "cutting_fraction"
 
-_UNCERTAIN = (
-    "What is one number for all particles, but not known: the file of `calibrate --posterior -o` (.nc), draws in a "
-    '.csv file, or "sigma=normal(1.5 GPa, 0.1 GPa)"; repeat it for other parameters.'
-)
+_UNCERTAIN = 'Not known: `posterior -o` file, .csv, "k=normal(2, 0.2)".'
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=LAWS)
 @dataclasses.dataclass(frozen=True)
 class LawOptions:
     """Laws of several parameters together, and of what is uncertain; texts as they are typed."""
 
     rows: Annotated[
         Path | None,
-        Parameter(
-            help='Particles, one a row of this .csv file, whose columns go together: "v0 [m/s], phidot0 [rad/s]".'
-        ),
+        Parameter(help='Particles, one a row of this .csv file: "v0 [m/s], k".'),
     ] = None
     uncertain: Annotated[list[str] | None, Parameter(negative="", help=_UNCERTAIN)] = None
     correlation: Annotated[
         list[str] | None,
-        Parameter(negative="", help='Of the normal scores of two laws: "v0,r=-0.5"; repeat it for other pairs.'),
+        Parameter(negative="", help='Of the normal scores of two laws: "v0,r=-0.5"; repeatable.'),
     ] = None
 
     def with_section(self, section: Mapping[str, Any], where: str) -> "GivenLaws":

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, user_errors
-from erosion.cli.options import JsonOption
+from erosion.cli.options import MODEL, JsonOption
 from erosion.cli.output import Output, print_table
 from erosion.output.files import is_file
 
@@ -39,10 +39,10 @@ LISTED = Parameter(
     negative="", converter=lambda kind, tokens: [item for token in tokens for item in read_list(token.value)]
 )
 IgnoreOption = Annotated[
-    list[str] | None, LISTED, Parameter(help='Columns of the table to leave out: "frequency", or several.')
+    list[str] | None, LISTED, Parameter(help='Columns of the table to leave out, such as "frequency".')
 ]
 ModelOption = Annotated[
-    str, Parameter(name="--model", help="A model's name (see `erosion models`), or the path of a Python file.")
+    str, Parameter(name="--model", group=MODEL, help="A name, see `erosion models`, or the path of a Python file.")
 ]
 ModelsOption = Annotated[
     list[str] | None,
@@ -50,8 +50,8 @@ ModelsOption = Annotated[
         name="--model",
         negative="",
         converter=lambda kind, tokens: [item for token in tokens for item in read_models(token.value)],
-        help='Names or paths of Python files: "linearized,rotating", or the option repeated; "all" for every model. '
-        "A path with a comma needs an option of its own.",
+        group=MODEL,
+        help='Names or paths of files: "linearized,rotating", or "all".',
     ),
 ]
 
@@ -96,7 +96,7 @@ def materials(
     *,
     json: JsonOption = False,
 ) -> None:
-    """List the particles and targets that --particle and --target name, with sources."""
+    """List the particles and targets that have a name, with sources."""
     from erosion.parameters.materials import known_particles, known_targets, particle, target
 
     before = "" if file is None else f"{file}: "
@@ -158,7 +158,7 @@ def models(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """List every model with its equations and its own parameters (for --set).
+    """List every model with its equations and its own parameters.
 
     A model that cannot be used is listed with the reason; the exit status is
     then 1. Correlations, which stand below the table, may be named wherever a

@@ -6,11 +6,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from erosion.cli.errors import InputError, as_options, reading, user_errors
+from erosion.cli.errors import InputError, as_options, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, IgnoreOption, ModelOption
-from erosion.cli.options import EachRow, JsonOption, SetOption, WholeOption, read_option
+from erosion.cli.options import (
+    IMPACTS,
+    LAWS,
+    OUTPUT,
+    SURFACE,
+    EachRow,
+    JsonOption,
+    PlotOption,
+    SetOption,
+    WholeOption,
+    read_option,
+)
 from erosion.cli.output import (
     Output,
     PerMassOptions,
@@ -37,54 +48,45 @@ if TYPE_CHECKING:
     from erosion.parameters.units import Dimension
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=SURFACE)
 @dataclasses.dataclass(frozen=True)
 class _Surface:
     """What the particles hit."""
 
-    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtu or .stl; without it totals alone.")] = (
-        None
-    )
+    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtu, .stl; without it totals alone.")] = None
     patch: Annotated[
-        list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; all walls without it.')
+        list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; or all walls.')
     ] = None
-    surface_unit: Annotated[
-        str | None, Parameter(help="Of its coordinates, such as mm; metres without it, as the impacts confirm.")
-    ] = None
+    surface_unit: Annotated[str | None, Parameter(help="Of its coordinates, such as mm; or metres.")] = None
     reverse: Annotated[
         bool, Parameter(negative="", show_default=False, help="Turn round normals that point into the fluid.")
     ] = False
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=IMPACTS)
 @dataclasses.dataclass(frozen=True)
 class _Rows:
     """How rows of the table become impacts; texts as they are typed."""
 
-    scaling: Annotated[
-        str, Parameter(help='"similar": r and b follow the size of a particle; "none": they are the case\'s.')
-    ] = "similar"
+    scaling: Annotated[str, Parameter(help='r and b follow the size of a particle; or "none".')] = "similar"
     diameter: Annotated[
         str | None,
-        Parameter(help='Of the sphere that has r and b of the case; that of its mass without it: "0.2 mm".'),
+        Parameter(help='Of the sphere with r and b of the case: "0.2 mm".'),
     ] = None
-    spin: Annotated[
-        str | None, Parameter(help='"column" of the table, "case" (--phidot0), "none", or a law: "normal(0, 1e4)".')
-    ] = None
-    seed: Annotated[WholeOption, Parameter(help="Of laws.")] = None
-    draws: Annotated[WholeOption, Parameter(help="Of what is uncertain; 64 without it, for each the whole map.")] = None
-    restitution: Annotated[
-        str | None, Parameter(help="e,μ of the wall, if velocities are those after the rebound: 0.8,0.1.")
-    ] = None
+    seed: Annotated[WholeOption, Parameter(group=LAWS, help="Of laws.")] = None
+    draws: Annotated[WholeOption, Parameter(group=LAWS, help="Of what is uncertain, a map each; 64 without it.")] = None
+    restitution: Annotated[str | None, Parameter(help="e,μ of the wall, for velocities after the rebound: 0.8,0.1")] = (
+        None
+    )
     limit: Annotated[
         str | None,
-        Parameter(help='Leave out rows that lie farther from their face, "1 mm"; a default follows the faces.'),
+        Parameter(help='Leave out rows that are farther from their face: "1 mm".'),
     ] = None
-    duration: Annotated[str | None, Parameter(help='That the table covers, where it does not say it: "60 s".')] = None
+    duration: Annotated[str | None, Parameter(help='That the table covers, if it does not say it: "60 s".')] = None
     ignore: IgnoreOption = None
-    particle_density: Annotated[
-        str | None, Parameter(help='Where no column gives it, nor --particle: "2650 kg/m^3".')
-    ] = None
+    particle_density: Annotated[str | None, Parameter(help='If no column gives it, nor --particle: "2650 kg/m^3".')] = (
+        None
+    )
 
     def table(self, impacts: Path, of_mesh: Path | None, p: "Parameters", named: float | None) -> "Impacts":
         """The table of impacts.
@@ -110,7 +112,14 @@ class _Rows:
         return table
 
     def options(
-        self, p: "Parameters", laws: dict[str, Any], uncertain: dict[str, Any], share: float, per_mass: "PerMass"
+        self,
+        p: "Parameters",
+        laws: dict[str, Any],
+        uncertain: dict[str, Any],
+        share: float,
+        per_mass: "PerMass",
+        *,
+        has_spin: bool,
     ) -> "MapOptions":
         """The same as numbers in the units of the case.
 
@@ -120,6 +129,8 @@ class _Rows:
             uncertain: laws of what is one number for all impacts.
             share: of the particles that cut, 1 where it is uncertain.
             per_mass: with the density of the target.
+            has_spin: whether --phidot0 or the case file's [map] gives the spin, which then takes the place of the
+                table's.
 
         Raises:
             InputError: one sentence naming the option.
@@ -128,7 +139,7 @@ class _Rows:
         from erosion.cfd.map_result import MapOptions
 
         with user_errors(TypeError):
-            spin = self._spin(p)
+            spin = "case" if has_spin and "phidot0" not in {**laws, **uncertain} else None
             return MapOptions(
                 bodies=Bodies(
                     p,
@@ -150,13 +161,6 @@ class _Rows:
         """The number of an option, in the units of the case."""
         return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
 
-    def _spin(self, p: "Parameters") -> Any:
-        from erosion.distributions import read_distribution
-
-        with reading("Option `--spin`"):
-            law = None if self.spin is None else read_distribution(self.spin, "phidot0", "angular speed", p.units)
-        return self.spin if law is None else law
-
     def _restitution(self) -> tuple[float, float] | None:
         if self.restitution is None:
             return None
@@ -169,17 +173,15 @@ class _Rows:
         return normal, friction
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=OUTPUT)
 @dataclasses.dataclass(frozen=True)
 class _Picture:
     """What is drawn, and how."""
 
-    plot: Annotated[Path | None, Parameter(help="Also draw it into this file (.svg, .png, .pdf).")] = None
-    quantity: Annotated[str, Parameter(help="What to draw: depth, depth_per_year, alpha_mean, relative_error, ….")] = (
-        "depth"
-    )
+    plot: PlotOption = None
+    quantity: Annotated[str, Parameter(help="What to draw, such as depth_per_year or alpha_mean.")] = "depth"
     view: Annotated[
-        str, Parameter(help='"iso", +x, -x, … -z, or towards the eye: "1,-1,0.5".', allow_leading_hyphen=True)
+        str, Parameter(help='"iso", +x, -x, … -z, or "1,-1,0.5" towards the eye.', allow_leading_hyphen=True)
     ] = "iso"
     zoom: Annotated[float, Parameter(help="2 shows the middle half.")] = 1.0
     log: Annotated[bool, Parameter(negative="", show_default=False, help="Colours by the logarithm.")] = False
@@ -229,7 +231,7 @@ class _Picture:
 
 
 def map_(
-    impacts: Path,
+    impacts: Annotated[Path, Parameter(help="OpenFOAM case, .post, .dat, Fluent's .dpm, .csv, .parquet.")],
     /,
     *,
     target: _Surface | None = None,
@@ -240,24 +242,21 @@ def map_(
     rows: _Rows | None = None,
     abrasive: PerMassOptions | None = None,
     output: Annotated[
-        Path | None, Parameter(name=("--output", "-o"), help="map.vtp (for ParaView), map.csv, or map.nc (netCDF).")
+        Path | None,
+        Parameter(name=("--output", "-o"), group=OUTPUT, help="map.vtp (for ParaView), map.csv, or map.nc."),
     ] = None,
     picture: _Picture | None = None,
-    workers: Annotated[WholeOption, Parameter(help="Work in this many processes.")] = None,
-    scheduler: Annotated[str | None, Parameter(help="Work on this Dask cluster: tcp://host:8786.")] = None,
+    workers: Annotated[WholeOption, Parameter(group=OUTPUT, help="Work in this many processes.")] = None,
+    scheduler: Annotated[
+        str | None, Parameter(group=OUTPUT, help="Work on this Dask cluster: tcp://host:8786.")
+    ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Compute the wear of a surface by the impacts of a CFD run, face by face.
+    """Compute the wear of a surface by the impacts of a CFD run.
 
-    IMPACTS is an OpenFOAM case, a table of its cloud functions (.post, .dat),
-    a sample of Fluent (.dpm), or a table with named columns (.csv, .parquet).
-    Speed, angle and mass are those of its rows; the case gives the rest.
-
-    Without a case it is Table 1 in SI, and so are the results.
-
-    A parameter may vary from impact to impact: --k "normal(2, 0.2)". What is
-    one number for all impacts but not known is --uncertain: its error does not
-    average out. A case file gives the same in a table [map]; options win.
+    Speed, angle and mass are those of each row; the rest is the case's: Table 1 in
+    SI without one. A parameter may vary, --k "normal(2, 0.2)", or be --uncertain:
+    its error does not average out. Table [map] of a case file takes the same.
     """
     target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
     options = _in_si(case or EachRow())
@@ -279,7 +278,8 @@ def map_(
     per_mass = weighing(sand.model, abrasive, options)
     # A share that is uncertain has its law alone, if no option gives it too.
     share = 1.0 if "cutting_fraction" in uncertain and abrasive.cutting_fraction is None else per_mass.cutting_fraction
-    made = rows.options(sand.p, varied, uncertain, share, per_mass)
+    has_spin = "phidot0" in {**section, **options.given()}
+    made = rows.options(sand.p, varied, uncertain, share, per_mass, has_spin=has_spin)
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
         job = _job(impacts, target, rows, None if grit is None else grit.density, made, (sand.reference, sand.numbers))

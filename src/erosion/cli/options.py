@@ -1,4 +1,4 @@
-"""Options that verbs share: the case and its overrides, whole numbers, the model.
+"""Options that verbs share: the case and its overrides, whole numbers, the model; their groups in `--help`.
 
 `--set friction=0.3`: a model's own parameters at the command line and in case files.
 """
@@ -12,52 +12,108 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, overload
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import example
 
 if TYPE_CHECKING:
+    from cyclopts.help import HelpPanel
+    from rich.console import Console, ConsoleOptions
+
     from erosion.models.base import CuttingModel
     from erosion.parameters.materials import Particle, Target
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
 
 
+def _in_short(without: Collection[str]) -> str:
+    """The options of a case's parameters in one line, for verbs that have many others."""
+    names = ", ".join(f"--{name}" for name in QUANTITIES if name not in without)
+    return f"Also {names}: see `erosion run --help`."
+
+
+# In the order in which help shows them.
+SURFACE = Group("Surface", sort_key=1)
+IMPACTS = Group("Impacts", sort_key=2)
+CASE = Group("Case", sort_key=3)
+_CASE_AT_ALL_ANGLES = Group("Case", help=_in_short(["alpha"]), sort_key=3)
+_CASE_OF_ROWS = Group("Case", help=_in_short(["alpha", "v0"]), sort_key=3)
+MODEL = Group("Model", sort_key=4)
+LAWS = Group("Laws", sort_key=5)
+FIT = Group("Fit", sort_key=6)
+DRAWS = Group("Draws", sort_key=7)
+OPTIONS = Group("Options", sort_key=8)  # that are the verb's own
+OUTPUT = Group("Output", sort_key=9)
+_NAMES = 19  # characters that names have at least, so that the texts of all groups begin at one place
+
+
+class Help:
+    """How `--help` is printed: a line for each option or verb, so that all fit a screen."""
+
+    def __call__(self, console: "Console", options: "ConsoleOptions", panel: "HelpPanel") -> None:
+        """Print a group."""
+        from rich.table import Table
+        from rich.text import Text
+
+        if not panel.entries:
+            return
+        table = Table.grid(padding=(0, 2, 0, 0))
+        table.add_column(no_wrap=True, min_width=_NAMES if panel.format == "parameter" else 0)
+        table.add_column()
+        for entry in panel.entries:
+            text = Text(_plain(entry.description))
+            if entry.default is not None:
+                text.append(f" [{entry.default}]", "dim")
+            if entry.required and not entry.positional_label:
+                text.append(" (needed)", "red")
+            table.add_row(Text(f" {' '.join(entry.display_labels)}", "cyan"), text)
+        if words := _plain(panel.description):
+            table.add_row("", Text(words))
+        console.print(Text(str(panel.title), "bold"))
+        console.print(table)
+
+    def render_usage(self, console: "Console", options: "ConsoleOptions", usage: Any) -> None:
+        """Print the first line."""
+        console.print(f"Usage: {usage}".rstrip("\n"), markup=False, highlight=False)
+        console.print()
+
+
+def _plain(text: Any) -> str:
+    """A text as cyclopts wraps it."""
+    return str(getattr(text, "primary_renderable", text) or "")
+
+
 _Options = TypeVar("_Options")
 
 
-def _with_quantities(options: type[_Options], hidden: Collection[str] = ()) -> type[_Options]:
-    """The same dataclass with an option, text, for each parameter of an impact; help does not list the `hidden`."""
+def _with_quantities(options: type[_Options], *, show: bool = True) -> type[_Options]:
+    """The same dataclass with an option, text, for each parameter of an impact."""
     fields: list[tuple[str, Any, Any]] = []
     for name, quantity in QUANTITIES.items():
         such_as = "" if quantity.dimension == "1" else f": {example(quantity.dimension, 'inch-pound')}"
         bare = "; bare numbers are radians" if quantity.dimension == "angle" else ""
         help_text = f"{quantity.symbol}, {quantity.meaning}{such_as}{bare}."
-        kind = Annotated[str | None, Parameter(help=help_text, allow_leading_hyphen=True, show=name not in hidden)]
+        kind = Annotated[str | None, Parameter(help=help_text, allow_leading_hyphen=True, show=show)]
         fields.append((name, kind, dataclasses.field(default=None)))
     made = dataclasses.make_dataclass(options.__name__, fields, bases=(options,), frozen=True)
     made.__module__ = options.__module__
     return made
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=CASE)
 @_with_quantities
 @dataclasses.dataclass(frozen=True)
 class CaseOptions:
     """Which impact: a case file, and changes to it."""
 
     case: Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 without it.")] = None
-    units: Annotated[
-        str | None, Parameter(help='Convert the case to "inch-pound" or "si"; bare numbers are then in these units.')
-    ] = None
-    particle: Annotated[
-        str | None, Parameter(help='Instead of --r, --b and --m, material and diameter: "garnet 0.3 mm".')
-    ] = None
+    units: Annotated[str | None, Parameter(help='Convert the case, for bare numbers too: "inch-pound", "si".')] = None
+    particle: Annotated[str | None, Parameter(help='Material and diameter, for r, b and m: "garnet 0.3 mm".')] = None
     target: Annotated[
         str | None,
-        Parameter(help='Instead of --sigma, a metal: "aluminium 6061", copper, … (`erosion materials` lists them).'),
+        Parameter(help='A metal, for σ: "aluminium 6061", see `erosion materials`.'),
     ] = None
 
     def given(self) -> dict[str, str]:
@@ -229,15 +285,15 @@ class CaseOptions:
         return in_file | {name: (f"Option `--{name}`", text) for name, text in self.given().items()}
 
 
-@Parameter(name="*")
-@functools.partial(_with_quantities, hidden=("alpha",))
+@Parameter(name="*", group=_CASE_AT_ALL_ANGLES)
+@functools.partial(_with_quantities, show=False)
 @dataclasses.dataclass(frozen=True)
 class AllAngles(CaseOptions):
     """Which impact, at no angle of its own."""
 
 
-@Parameter(name="*")
-@functools.partial(_with_quantities, hidden=("alpha", "v0"))
+@Parameter(name="*", group=_CASE_OF_ROWS)
+@functools.partial(_with_quantities, show=False)
 @dataclasses.dataclass(frozen=True)
 class EachRow(CaseOptions):
     """Which impact, whose angle and speed a table has."""
@@ -255,11 +311,13 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
 
 
 JsonOption = Annotated[
-    bool, Parameter(name="--json", negative="", show_default=False, help="Print JSON and nothing else.")
+    bool,
+    Parameter(name="--json", negative="", show_default=False, group=OUTPUT, help="Print JSON and nothing else."),
 ]
 
 
-LangOption = Annotated[str, Parameter(help='Language of what is written: "en", or "de" for German.')]
+PlotOption = Annotated[Path | None, Parameter(group=OUTPUT, help="Also draw it into this file (.svg, .png, .pdf).")]
+LangOption = Annotated[str, Parameter(group=OUTPUT, help='Language of what is written: "en", or "de" for German.')]
 
 
 def read_whole(number: Any) -> int:
@@ -288,7 +346,7 @@ def read_option(name: str, text: str | None, dimension: "Dimension", units: "Sys
 SetOption = Annotated[
     list[str] | None,
     Parameter(
-        name="--set", negative="", help='An own parameter of the model: "friction=0.3"; repeat it for other parameters.'
+        name="--set", negative="", group=MODEL, help='An own parameter of the model: "friction=0.3"; repeatable.'
     ),
 ]
 Settings = Mapping[str, tuple[str, Any]]

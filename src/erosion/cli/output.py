@@ -19,7 +19,7 @@ from cyclopts import Parameter
 
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import silence_matplotlib
-from erosion.cli.options import CaseOptions
+from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters.quantities import QUANTITIES
 from erosion.version import __version__
 
@@ -231,18 +231,18 @@ def warn(message: str) -> None:
         print(f"warning: {message}", file=sys.stderr)
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=MODEL)
 @dataclasses.dataclass(frozen=True)
 class PerMassOptions:
     """What erosion per mass of abrasive needs beside the case."""
 
     density: Annotated[
         str | None,
-        Parameter(help='Of the target, for g/kg: "2.7 g/cm^3"; --target has one as well.'),
+        Parameter(help='Of the target, for g/kg: "2.7 g/cm^3"; --target has one.'),
     ] = None
     cutting_fraction: Annotated[
         float | None,
-        Parameter(help="Share of the particles that cut, for mm³/kg and g/kg; Finnie: about 0.5."),
+        Parameter(help="Share of the particles that cut, about 0.5 by Finnie."),
     ] = None
 
     def per_mass(self, options: CaseOptions, usual_fraction: float = 1.0) -> "PerMass":

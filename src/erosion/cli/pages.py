@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption
-from erosion.cli.options import CaseFile, CaseOptions, LangOption, with_file
+from erosion.cli.options import OUTPUT, CaseFile, CaseOptions, LangOption, with_file
 from erosion.cli.output import PerMassOptions, progress_bar, require_apart, require_outputs, working
 from erosion.extras import extra
 
@@ -23,7 +23,9 @@ def exercise(
     /,
     *,
     case: CaseOptions | None = None,
-    output: Annotated[Path, Parameter(name=("--output", "-o"), help="The notebook (.ipynb).")] = Path("exercise.ipynb"),
+    output: Annotated[Path, Parameter(name=("--output", "-o"), group=OUTPUT, help="The notebook (.ipynb).")] = Path(
+        "exercise.ipynb"
+    ),
     solved: Annotated[
         Path | None, Parameter(help="Also write it with the solutions into this file (.ipynb), for the teacher.")
     ] = None,
@@ -83,7 +85,7 @@ def explore(
     ] = "127.0.0.1",
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
-    """Explore cuts in the browser: sliders, live plots, exports. Stop it with Ctrl+C."""
+    """Explore cuts in the browser: sliders, live plots, exports."""
     options = with_file(case, file)
     p, weights = options.parameters(), (per_mass or PerMassOptions()).per_mass(options)
     for path in model or []:
@@ -104,7 +106,7 @@ def report(
     *,
     case: CaseOptions | None = None,
     output: Annotated[
-        Path, Parameter(name=("--output", "-o"), help="Folder for the page, its figures and numbers.")
+        Path, Parameter(name=("--output", "-o"), group=OUTPUT, help="Folder for the page, its figures and numbers.")
     ] = Path("report"),
     only: Annotated[
         list[str] | None,
@@ -121,7 +123,7 @@ def report(
     abrasive: PerMassOptions | None = None,
     lang: LangOption = "en",
 ) -> None:
-    """Answer the scenario's questions for a case, on one self-contained page."""
+    """Answer the scenario's questions for a case, on one page."""
     options = with_file(case, file)
     p = options.parameters()
     per_mass = (abrasive or PerMassOptions()).per_mass(options)

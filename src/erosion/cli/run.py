@@ -5,7 +5,6 @@
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -18,6 +17,7 @@ from erosion.cli.options import (
     CaseFile,
     CaseOptions,
     JsonOption,
+    PlotOption,
     SetOption,
     in_full,
     named_model,
@@ -42,10 +42,10 @@ def run(
     model: ModelOption | None = None,
     own: SetOption = None,
     abrasive: PerMassOptions | None = None,
-    plot: Annotated[Path | None, Parameter(help="Also draw the cut into this file (.svg, .png, .pdf).")] = None,
+    plot: PlotOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Follow one impact to the end of its cut: when, how, and how much is removed."""
+    """Follow one impact to its end: when, how, and how much is removed."""
     options = with_file(case, file)
     with working("computing"):
         p = options.parameters()
@@ -115,7 +115,7 @@ def optimum(
     sensitivities: Annotated[
         bool, Parameter(negative="", show_default=False, help="Also how the angle moves with each parameter.")
     ] = False,
-    plot: Annotated[Path | None, Parameter(help="Also draw the curve into this file (.svg, .png, .pdf).")] = None,
+    plot: PlotOption = None,
     json: JsonOption = False,
 ) -> None:
     """Find the angle at which most is removed, with certainty.

@@ -10,7 +10,18 @@ from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import CaseFile, CaseOptions, JsonOption, SetOption, WholeOption, read_whole, with_file
+from erosion.cli.options import (
+    LAWS,
+    OUTPUT,
+    CaseFile,
+    CaseOptions,
+    JsonOption,
+    PlotOption,
+    SetOption,
+    WholeOption,
+    read_whole,
+    with_file,
+)
 from erosion.cli.output import Output, PerMassOptions, print_table, progress_bar, require_outputs, weighing
 
 if TYPE_CHECKING:
@@ -33,17 +44,17 @@ def stream(
     own: SetOption = None,
     joint: LawOptions | None = None,
     abrasive: PerMassOptions | None = None,
-    n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None,
-    seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None,
-    points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None,
+    n: Annotated[WholeOption, Parameter(name="--n", group=LAWS, help="Particles: 1e6; a million without it.")] = None,
+    seed: Annotated[WholeOption, Parameter(group=LAWS, help="The same seed gives the same stream.")] = None,
+    points: Annotated[str | None, Parameter(group=LAWS, help='"sobol" (scrambled) or "random".')] = None,
     best_angle: Annotated[bool, Parameter(help="Look for the nozzle's angle that removes most.")] = True,
     output: Annotated[
-        Path | None, Parameter(name=("--output", "-o"), help="Keep it in this file (.nc), to go on from.")
+        Path | None, Parameter(name=("--output", "-o"), group=OUTPUT, help="Keep it in this file (.nc), to go on from.")
     ] = None,
-    plot: Annotated[Path | None, Parameter(help="Also draw it into this file (.svg, .png, .pdf).")] = None,
+    plot: PlotOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Compute the erosion by a stream of particles, and its best nozzle angle.
+    """Compute the erosion by a stream of particles, and its best angle.
 
     Any parameter of the case may vary: --alpha "normal(20deg, 3deg)",
     --v0 "lognormal(110 m/s, 0.1)", --phidot0 "uniform(-1e4, 1e4)",

@@ -15,9 +15,11 @@ from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import (
+    OUTPUT,
     CaseFile,
     CaseOptions,
     JsonOption,
+    PlotOption,
     SetOption,
     Settings,
     WholeOption,
@@ -70,7 +72,8 @@ def sweep(
     /,
     *,
     output: Annotated[
-        Path, Parameter(name=("--output", "-o"), help="out.nc (netCDF), out.csv, or out.zarr for any size.")
+        Path,
+        Parameter(name=("--output", "-o"), group=OUTPUT, help="out.nc (netCDF), out.csv, or out.zarr for any size."),
     ],
     case: CaseOptions | None = None,
     model: ModelsOption = None,
@@ -87,7 +90,7 @@ def sweep(
     scheduler: Annotated[
         str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")
     ] = None,
-    plot: Annotated[Path | None, Parameter(help="Also draw the volume into this file (.svg, .png, .pdf).")] = None,
+    plot: PlotOption = None,
     json: JsonOption = False,
 ) -> None:
     """Compute impacts over a grid into a labelled file.

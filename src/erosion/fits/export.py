@@ -236,6 +236,11 @@ def _with_unit(number: str, quantity: Quantity, units: System) -> str:
     return number if unit == "1" else f"{number} {unit}"
 
 
+def export_command(path: str) -> str:
+    """The command that writes the case file that `to_case` has written for CFD codes."""
+    return _typed(["erosion", "export", path, "--fluent", "angles.csv"])
+
+
 def advice_command(case: Sequence[str], draws: Path | None) -> str:
     """The command that advises a nozzle's angle by a fit.
 

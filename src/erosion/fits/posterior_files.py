@@ -79,7 +79,7 @@ def own_in_si(model: CuttingModel, p: Parameters, sampled: Collection[str]) -> s
 
 
 def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: System) -> Draws:
-    """Read what `Posterior.save` or `erosion calibrate --posterior -o` has written.
+    """Read what `Posterior.save` or `erosion posterior -o` has written.
 
     Args:
         path: of the file (.nc).

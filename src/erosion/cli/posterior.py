@@ -1,0 +1,243 @@
+"""`erosion posterior`: all values of a model's parameters that data and priors leave."""
+
+import dataclasses
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.fitting import (
+    DataFile,
+    Fit,
+    FitOptions,
+    WriteCaseOption,
+    as_json,
+    dimension_of,
+    given_fit,
+    print_document,
+    write_case,
+)
+from erosion.cli.kept_programs import start_engine
+from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
+from erosion.cli.options import DRAWS, FIT, OUTPUT, AllAngles, CaseFile, JsonOption, SetOption, WholeOption, with_file
+from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
+
+if TYPE_CHECKING:
+    from erosion.arguments import Progress
+    from erosion.fits import Measurements, NextExperiment, PosteriorRanking, Ranking
+    from erosion.parameters.parameters import Parameters
+
+_PRIOR = 'Law before the data, of a parameter or "noise": "psi=uniform(0.01, 0.2)"; repeatable.'
+
+
+@Parameter(name="*", group=OUTPUT)
+@dataclasses.dataclass(frozen=True)
+class _Files:
+    """The files that are asked for, all of the likeliest model."""
+
+    output: Annotated[
+        Path | None,
+        Parameter(
+            name=("--output", "-o"),
+            help="Keep the draws in this file (.nc), for --uncertain of map, stream and advise.",
+        ),
+    ] = None
+    case_file: WriteCaseOption = None
+    plot_pairs: Annotated[Path | None, Parameter(help="Draw each pair of parameters.")] = None
+    plot_traces: Annotated[Path | None, Parameter(help="Draw the populations, one draw after the other.")] = None
+    plot_prediction: Annotated[Path | None, Parameter(help="Draw the bands of the curve, with its jumps.")] = None
+    plot_best_angles: Annotated[Path | None, Parameter(help="Draw the angles of greatest removal.")] = None
+    plot_next_experiment: Annotated[
+        Path | None, Parameter(help="Draw how much a row would tell, over angle and speed.")
+    ] = None
+
+    @property
+    def figures(self) -> dict[str, Path]:
+        """The figures that are asked for, by the name of their function."""
+        paths = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: path for name, path in paths.items() if name.startswith("plot_") and path is not None}
+
+    def require_writable(self, inputs: Sequence[Any]) -> None:
+        """Know before computing that all files can be written, and that none of them is read."""
+        if self.output is not None and self.output.suffix != ".nc":
+            raise InputError(f"Option `--output` must end in .nc, but is {self.output}.")
+        from erosion.plotting.style import require_plot_path
+
+        with user_errors():
+            for path in self.figures.values():
+                require_plot_path(path)
+        require_outputs(self.output, self.case_file, *self.figures.values(), inputs=inputs)
+
+    def write(
+        self, task: Fit, ranking: "Ranking", posteriors: "PosteriorRanking", experiment: "NextExperiment | None"
+    ) -> None:
+        """Write the files."""
+        from erosion.plotting import fits as figures
+        from erosion.plotting.style import save_plot
+
+        if self.case_file is not None:
+            write_case(self.case_file, ranking, task.options)
+        posterior = posteriors.best
+        with user_errors():
+            for name, path in self.figures.items():
+                result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
+                if name == "plot_next_experiment":
+                    result = experiment
+                save_plot(getattr(figures, name)(result), path)
+            if self.output is not None:
+                posterior.save(self.output)
+
+
+def posterior(
+    data: DataFile,
+    file: CaseFile = None,
+    /,
+    *,
+    case: AllAngles | None = None,
+    model: ModelsOption = None,
+    own: SetOption = None,
+    ignore: Annotated[IgnoreOption, Parameter(group=FIT)] = None,
+    fit: FitOptions | None = None,
+    prior: Annotated[list[str] | None, Parameter(negative="", group=DRAWS, help=_PRIOR)] = None,
+    draws: Annotated[WholeOption, Parameter(group=DRAWS, help="Of each of 4 populations; 500 without it.")] = None,
+    seed: Annotated[WholeOption, Parameter(group=DRAWS, help="The same seed gives the same draws.")] = None,
+    level: Annotated[float, Parameter(group=DRAWS, help="Of the intervals.")] = 0.95,
+    next_experiment: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            show_default=False,
+            group=DRAWS,
+            help="Say at which angle and speed one more row tells most.",
+        ),
+    ] = False,
+    next_speeds: Annotated[
+        list[str] | None,
+        LISTED,
+        Parameter(group=DRAWS, help='That can be tested next: "60 m/s,110 m/s"; or the data\'s.'),
+    ] = None,
+    files: _Files | None = None,
+    json: JsonOption = False,
+) -> None:
+    """Draw all values of a model's parameters that data and priors leave.
+
+    Data, case and models are those of `erosion calibrate`, whose fit comes first:
+    a model that misses the data is not drawn. Several models are ordered by their
+    evidence; all files are of the likeliest one.
+    """
+    task, files = given_fit(data, with_file(case, file), fit, model, own, ignore), files or _Files()
+    files.require_writable(task.inputs)
+    speeds = _speeds(next_speeds or (), task.p)
+    start_engine()
+    from erosion.arguments import check_level
+
+    models = task.models()
+    output = Output("posterior", task.p, task.options.case, json=json, seed=seed or 0)
+    with user_errors(), progress_bar("reading") as progress:
+        check_level(level)
+        measured = task.measured(output)
+        laws = _read_priors(prior or (), task.fit.names(measured), models, measured)
+        ranking = task.ranking(measured, models, progress)
+        posteriors = _draw(task, ranking, laws, progress, draws=500 if draws is None else draws, seed=seed or 0)
+        ranking = ranking.preferring(posteriors.names[0])
+        is_asked = next_experiment or speeds or files.plot_next_experiment
+        experiment = _experiment(posteriors, speeds, task.p) if is_asked else None
+    output.warn_all([ranking.statements, [f"posterior: {sentence}" for sentence in posteriors.statements]])
+    # Draws take longer than any file: they are shown first.
+    if json:
+        parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
+        more = {} if experiment is None else {"next_experiment": experiment.to_dict()}
+        print_document(output, ranking, level, {"posterior": parts[0], "posteriors": parts, **more}, {})
+    else:
+        _print_tables(posteriors, experiment, level)
+    files.write(task, ranking, posteriors, experiment)
+    if not json:
+        figures = {name.removeprefix("plot_"): path for name, path in files.figures.items()}
+        print_paths(**figures, draws=files.output, case=files.case_file)
+        sentences = [] if experiment is None else [experiment.sentence]
+        print("\n".join([*task.next_steps(ranking, files.case_file, files.output), *sentences]))
+
+
+def _print_tables(posteriors: "PosteriorRanking", experiment: "NextExperiment | None", level: float) -> None:
+    if len(posteriors.posteriors) > 1:
+        print_table(posteriors.title, posteriors.rows(), posteriors.headings, (1, 2))
+    print_table(posteriors.best.title, posteriors.best.rows(level))
+    if experiment is not None:
+        print_table(experiment.title, experiment.rows(), experiment.headings, range(len(experiment.headings)))
+
+
+def _draw(
+    task: Fit, ranking: "Ranking", laws: Mapping[str, Any], progress: "Progress", *, draws: int, seed: int
+) -> "PosteriorRanking":
+    """The posteriors of the models that are ranked."""
+    from erosion.fits import ConvergenceWarning, rank_posteriors
+
+    free = [name for name in task.fit.free if any(name in ranked.names for ranked in ranking.ranked)]
+    with warnings.catch_warnings():
+        # The result says it in its own sentences.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return rank_posteriors(
+            task.p,
+            ranking.best.data,
+            free,
+            models=[ranked.problem.forward.model for ranked in ranking.ranked],
+            priors={name: law for name, law in laws.items() if name in free or name not in task.fit.free},
+            progress=progress,
+            **task.per_mass,
+            draws=draws,
+            seed=seed,
+        )
+
+
+def _speeds(texts: Sequence[str], p: "Parameters") -> list[float]:
+    """The speeds that can be tested next, if they are given."""
+    from erosion.parameters.units import read_quantity
+
+    with reading("Option `--next-speeds`"):
+        speeds = [read_quantity(text, "speed", p.units) for text in texts]
+    if not all(speed > 0 for speed in speeds):
+        raise InputError(f"Option `--next-speeds` must list positive speeds, but is {', '.join(texts)}.")
+    return speeds
+
+
+def _experiment(posteriors: "PosteriorRanking", speeds: list[float], p: "Parameters") -> "NextExperiment":
+    """Where one more row tells most, of all models together."""
+    import numpy as np
+
+    from erosion.fits.experiments import DEGREES, next_experiment
+
+    forward = posteriors.best.likelihood.forward
+    if not speeds and "v0" not in forward.of_impact:
+        speeds = np.unique(forward.data.conditions.get("v0", float(p.v0))).tolist()
+    others = {"v0": np.array(speeds)} if speeds else {}
+    return next_experiment(posteriors, {"alpha": np.deg2rad(DEGREES)[:, None], **others})
+
+
+def _read_priors(
+    texts: Sequence[str], free: Sequence[str], models: Sequence[Any], measured: "Measurements"
+) -> Mapping[str, Any]:
+    """Laws such as "psi=uniform(0.01, 0.2)", by parameter."""
+    from erosion.distributions import LAWS, read_distribution
+    from erosion.fits.tempering import NOISE
+
+    known = (*free, NOISE) if measured.uncertainty is None else free
+    laws: dict[str, Any] = {}
+    for text in texts:
+        name, _, law = (part.strip() for part in text.partition("="))
+        if name not in known:
+            raise InputError(
+                f'Option `--prior` must be such as "{known[0]}=uniform(1, 3)", of {", ".join(known)}, but is {text!r}.'
+            )
+        if name in laws:
+            raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
+        dimension = measured.dimension if name == NOISE else dimension_of(name, models, measured.units)
+        with reading(f"Option `--prior`, {name},"):
+            read = read_distribution(law, name, dimension, measured.units)
+        if read is None:
+            listed = ", ".join((*LAWS, "samples"))
+            raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {law!r}.")
+        laws[name] = read
+    return laws
