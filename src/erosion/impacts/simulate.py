@@ -311,7 +311,7 @@ def _follow(
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
     # Numpy from here: JAX would compile a program for every number of steps.
-    problem = flow.Problem(model, p, solver, controller, sizes)
+    problem = flow.DiffraxProblem(model, p, solver, controller, sizes)
     ends, states, _, interpolant = flow.solve(problem, start, 0.0 * time, LONGEST * time)
     ends = np.asarray(ends)
     ends = np.append(0.0, ends[np.isfinite(ends)])
