@@ -1,7 +1,4 @@
-"""Types of numbers, by how many there are; where JAX traces, its tracers are of these types as well.
-
-Arguments that many verbs take: tolerances, whole numbers, paths, single numbers, progress.
-"""
+"""Types and checks of arguments that many verbs take: arrays, tolerances, whole numbers, paths, progress."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,7 +1,4 @@
-"""The curves of an advice, and the sheet of A4 that has them with the sentences and the table.
-
-An advice as one page: HTML for the browser and the printer, or a PDF of one sheet.
-"""
+"""An advice as one page: HTML for the browser and the printer, or a PDF of one sheet."""
 
 import dataclasses
 import tempfile

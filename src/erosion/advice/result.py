@@ -1,7 +1,4 @@
-"""What is not known exactly in an advice: laws of k, ψ and others, of a fit or a posterior for example.
-
-What `advise` finds: curves of erosion over the nozzle's angle, the advised angle, and sentences on them.
-"""
+"""What `advise` finds: curves over the nozzle's angle, the advised angle, warnings, and what is not known exactly."""
 
 import dataclasses
 import functools

@@ -1,6 +1,4 @@
-"""The work of a map: portions of the table are read, computed here or by a cluster, and added in their order.
-
-From a table of impacts to the wear of each face: `erosion.erosion_map`.
+"""`erosion.erosion_map`: from a table of impacts to the wear of each face, portion by portion.
 
 The table is read and computed in portions of a fixed number of rows, so that memory does not grow with it. In this
 process portions follow one another, each on all cores; the workers of a Dask cluster compute one each.

@@ -1,7 +1,4 @@
-"""A curve as Fluent's wall takes it: an angle function, a velocity exponent, a diameter function.
-
-Coefficients for OpenFOAM's `ParticleErosion`, which knows one shape of curve, Finnie's.
-"""
+"""A model's curve in the forms of Fluent's wall and OpenFOAM's `ParticleErosion`."""
 
 import dataclasses
 from typing import Any

@@ -1,11 +1,4 @@
-"""The particle of a case as a CFD code knows it: a diameter, a mass, a velocity, and what an impact of it removes.
-
-Tables over angle, speed and diameter for codes that interpolate, as labelled arrays and as CSV.
-
-Over which speeds and diameters the form of a CFD code is to hold, and what it loses there.
-
-How a particle leaves the surface: its velocity and spin after an impact, from the model's state at the cut's end.
-"""
+"""A case's particle as a CFD code knows it: tables over angle, speed and diameter, and how it rebounds."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,9 +1,7 @@
-"""Tables whose columns have names and units, as CSV and Parquet files of post-processors do.
+"""Tables of impacts with named columns: CSV and Parquet of post-processors, and Ansys Fluent's files `.dpm`.
 
-Samples that Ansys Fluent writes of particles at a surface, files `.dpm`.
-
-Two lines of header come first, the surface and the columns; then one line for each parcel, the numbers in parentheses
-and the name of its injection. All numbers are in SI units whatever the session shows; t is the temperature, and `time`
+A file `.dpm` begins with two lines, the surface and the columns; then one line for each parcel, the numbers in
+parentheses and the name of its injection. All numbers are in SI units whatever the session shows; t is the temperature, and `time`
 the age of the particle.
 """
 

@@ -1,8 +1,6 @@
-"""From rows of a table to hits: on which face, how steeply, how fast, and which rows are left out.
+"""From rows of a table to hits on a surface: the face, the angle, the speed, and which rows are left out.
 
 All of it is arithmetic of single rows, so that a hit does not depend on the rows beside it.
-
-Whether rows lie on the surface: the limit of their distance, and surfaces in another unit than the impacts.
 """
 
 import dataclasses

@@ -1,9 +1,4 @@
-"""How a map is made of a table; checked before anything is read.
-
-The wear of a surface as a labelled Dataset, and the summary that people read.
-
-Maps in files: VTP for ParaView, CSV, netCDF.
-"""
+"""The wear of a surface as a labelled Dataset, its summary, and its files for ParaView, spreadsheets and xarray."""
 
 import dataclasses
 import math

@@ -1,7 +1,4 @@
-"""Meshes of OpenFOAM: patches as surfaces, and the faces of the whole mesh by those of a processor's part.
-
-Impacts that OpenFOAM's cloud function objects `patchPostProcessing` and `particlePostProcessing` write.
-"""
+"""What OpenFOAM writes: patches of its meshes as surfaces, and the impacts of its cloud function objects."""
 
 import dataclasses
 import functools

@@ -1,7 +1,4 @@
-"""Surfaces from files of VTK and STL.
-
-Open tables of impacts and surfaces by the kind of their files.
-"""
+"""Open tables of impacts and surfaces (VTK, STL, OpenFOAM) by the kind of their files."""
 
 import contextlib
 import logging

@@ -1,9 +1,4 @@
-"""Impacts of a CFD run, read in blocks of rows, so that memory does not grow with their number.
-
-From columns of a table to blocks of impacts: the same names and checks for all formats.
-
-Tables of numbers between spaces and parentheses, as OpenFOAM and Fluent write them.
-"""
+"""Impacts of a CFD run in blocks of rows: from the columns of any table, with the same names and checks for all."""
 
 import abc
 import codecs

@@ -1,11 +1,4 @@
-"""The published facts, from the file that comes with the package.
-
-What the package gives for each fact; arguments are in SI units, angles in degrees.
-
-Published and computed numbers side by side.
-
-`against_published`: every fact, and what the package gives for it.
-"""
+"""Published numbers, from the file that comes with the package, beside what the package gives."""
 
 import dataclasses
 import functools

@@ -1,9 +1,4 @@
-"""The checks of a verification, their bounds and their errors.
-
-The checks of one model: each gives the relative errors of the cases.
-
-`verify`: every model through every check, two at a time.
-"""
+"""`erosion.verify`: every model through every check, two at a time, with the worst error and its bound."""
 
 import dataclasses
 import functools

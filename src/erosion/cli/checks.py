@@ -1,7 +1,4 @@
-"""`erosion validate`: published numbers beside what the package gives.
-
-`erosion verify`: checks of the models on this machine.
-"""
+"""`erosion verify` and `erosion validate`: models against other solvers, published numbers beside computed ones."""
 
 from typing import Annotated
 

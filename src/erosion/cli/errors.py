@@ -1,9 +1,4 @@
-"""Greek letters, powers and lines for a terminal that lacks them, in place of an error after all was computed.
-
-What is wrong with what the user gave, in one sentence about options.
-
-Mistakes on the command line, in the words of all other messages.
-"""
+"""Mistakes on the command line as one sentence about options, in letters that the terminal has."""
 
 import codecs
 import contextlib

@@ -1,9 +1,4 @@
-"""Lists as options take them: with commas between the items, or the option repeated.
-
-`erosion materials`: particles and targets by name.
-
-`erosion models`: what can be computed.
-"""
+"""Options that are lists, and the verbs that list: `erosion materials` and `erosion models`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

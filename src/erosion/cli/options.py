@@ -1,7 +1,4 @@
-"""Options that verbs share: the case and its overrides, whole numbers, the model; their groups in `--help`.
-
-`--set friction=0.3`: a model's own parameters at the command line and in case files.
-"""
+"""Options that verbs share: the case, the model, `--set` of a model's own parameters; their groups in `--help`."""
 
 import contextlib
 import dataclasses

@@ -1,9 +1,4 @@
-"""What a verb says, tables, one JSON document of the same form for all verbs, warnings; and the files it may write.
-
-`--density` and `--cutting-fraction`: erosion per mass of abrasive at the command line.
-
-A progress bar with rate and time left, on stderr where that is a terminal.
-"""
+"""What a verb prints and writes: tables, one form of JSON document, erosion per mass, warnings, progress, files."""
 
 import contextlib
 import dataclasses

@@ -1,9 +1,4 @@
-"""`erosion exercise`: a notebook of tasks about a case.
-
-`erosion explore`: the page on which every slider changes the cut.
-
-`erosion report`: the scenario, answered.
-"""
+"""`erosion exercise`, `erosion explore` and `erosion report`: the verbs that make pages and notebooks."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,4 @@
-"""`erosion run`: one impact.
-
-`erosion optimum`: the angle at which most, or least, is removed.
-"""
+"""`erosion run` and `erosion optimum`: one impact, and the angle at which most or least is removed."""
 
 import math
 from collections.abc import Mapping

@@ -1,7 +1,4 @@
-"""The Dask cluster that `--workers` and `--scheduler` ask for.
-
-`erosion sweep`: impacts over axes of parameters and models, kept in a file.
-"""
+"""`erosion sweep`: impacts over axes of parameters and models, kept in a file, on this machine or a Dask cluster."""
 
 import contextlib
 import dataclasses

@@ -1,7 +1,4 @@
-"""The units in which a correlation gives the erosion, and the types of its arguments.
-
-For which speeds and angles a correlation is made, and a warning outside of them.
-"""
+"""The units in which a correlation gives erosion, and the speeds and angles for which it is made."""
 
 import functools
 import math

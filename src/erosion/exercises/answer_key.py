@@ -1,7 +1,4 @@
-"""The linearized cut as a student solves it: fixed steps in plain numpy, nothing of the package's own solvers.
-
-The answers to the tasks about a case, and what is said of a student's answer.
-"""
+"""The answers to the tasks about a case, by fixed steps in plain numpy, and the verdict on a student's answer."""
 
 import dataclasses
 import functools

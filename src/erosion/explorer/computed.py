@@ -1,15 +1,4 @@
-"""Work in threads: neither the page nor the end of the program waits for them.
-
-A worker for which only the latest item matters.
-
-The times at which each event alone would end the cut: the candidates of Figure 9, for any model.
-
-The answers that the page needs about a model and a case; each is computed once and remembered.
-
-Compile programs in the background, and say which answers take only milliseconds by now.
-
-Compute the answers for a state: first the answers that take milliseconds, then the slower ones.
-"""
+"""The answers that the page needs: computed once, in the background, the latest request first."""
 
 import ctypes
 import dataclasses

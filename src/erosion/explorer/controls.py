@@ -1,13 +1,4 @@
-"""The range of each parameter's slider, and the number that belongs to each position.
-
-The page's own elements: the methods that change them, and the events that they send.
-
-The particles and targets that the page offers by name.
-
-The parts that all plots share: axes, lines, handles.
-
-The elements by which the reader changes parameters and models.
-"""
+"""The page's sliders, fields and plots by which the reader changes parameters and models."""
 
 import dataclasses
 import html

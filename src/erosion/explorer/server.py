@@ -1,7 +1,4 @@
-"""Who may speak with the explorer: its own page in the browser of this machine or of an invited device.
-
-The page's server, which only this machine can reach unless it is asked to listen on another host.
-"""
+"""The page's server, and who may speak with it."""
 
 import asyncio
 import atexit

@@ -1,9 +1,4 @@
-"""Errors as the page says them.
-
-The state of one browser tab, and the link that holds it.
-
-Where the explorer listens, and the link that lets other devices in.
-"""
+"""The state of one browser tab, the link that holds it, and errors as the page words them."""
 
 import dataclasses
 import functools

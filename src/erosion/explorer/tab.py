@@ -1,9 +1,4 @@
-"""The buttons for a lecture: the page on the whole screen, and the code that lets other devices in.
-
-The buttons that copy the link and export figures, data, the case and Python lines.
-
-One browser tab: its state, its controls and its views, and the work between them.
-"""
+"""One browser tab: its state, its controls, its views and buttons, and the work between them."""
 
 import asyncio
 import contextlib

@@ -1,13 +1,4 @@
-"""V(α) with its maxima, jumps and regimes; and t_c(α) with its candidates (Laverty, Figure 9).
-
-The cut as a picture to scale, and the tip's histories (Laverty, Figures 7 and 8).
-
-The numbers of the checked models as an HTML table.
-
-The angle of greatest removal over the spin, and how far it moves with each parameter.
-
-The views: computed answers as options of ECharts, as data of the cut, and as HTML.
-"""
+"""The views: computed answers as options of ECharts, as data of the cut, and as HTML."""
 
 import html
 from collections.abc import Callable, Collection, Iterable, Mapping

@@ -1,7 +1,4 @@
-"""The result of a fit: estimates, their errors and intervals, and warnings.
-
-`calibrate`: the parameters with which a model comes nearest to measured erosion.
-"""
+"""`calibrate` and its result: estimates, their errors and intervals, and warnings."""
 
 import dataclasses
 import functools

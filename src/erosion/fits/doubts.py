@@ -1,22 +1,14 @@
-"""Numbers with as many digits as their errors leave them.
+"""What is doubtful in a fit: profiles, bounds, patterns in the residuals, and where to measure next.
 
-The likelihood's profile along one parameter: the misfit where all others are fitted again.
-
-An interval reaches from the estimate to where the profile has risen by the quantile of its
+A profile's interval reaches from the estimate to where the profile has risen by the quantile of its
 level. Where residuals are linear in θ the profile is a parabola, and the interval is the usual
 interval from standard errors. Where V(α) jumps between two rows the profile has steps, which the
 slopes at the estimate do not show.
-
-Where to measure what the data leaves open: the angle and speed at which two fits differ that the data allows.
-
-Patterns in residuals: what is left of data by a model of the right shape is noise.
 
 Over the angle, noise changes its sign about every second row; fewer runs of one sign are a pattern
 (Wald and Wolfowitz). Over speed and mass, the ranks of noise have no correlation with theirs (Spearman).
 Without uncertainties the rows' own scatter about a smooth curve says how large noise is: residuals of a greater
 variance are a pattern too (Fisher), which few rows show where their signs say nothing.
-
-Words on what is doubtful in a fit: parameters left open, bounds, errors that mislead, patterns.
 """
 
 import dataclasses

@@ -1,10 +1,8 @@
-"""Which parameters the data can tell apart, from the Jacobian at the fit.
+"""Least squares with exact Jacobians from many starts, and which parameters the data can tell apart.
 
 Parameters that enter only as a product leave the prediction unchanged along a direction of
 their logarithms. The singular vectors of the Jacobian with vanishing singular values show
 these directions; the other singular vectors are the combinations that are determined.
-
-Least squares with exact Jacobians, from many starts.
 
 V(α) of a turning body jumps, and the misfit jumps with it: a descent from one start may end in
 the wrong valley. So the misfit is computed at many starts, and descents begin at the best.

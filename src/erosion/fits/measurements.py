@@ -1,6 +1,4 @@
-"""Columns of measured data: from "volume [in^3]" to a dimension and a factor to consistent units.
-
-Measured erosion over angles: tables in memory, and CSV files of a million rows.
+"""Measured erosion over angles: tables in memory and CSV files, with columns of many names and units.
 
     angle [deg], volume [in^3], uncertainty [in^3]
     20,          1.8e-4,        2e-6
@@ -8,8 +6,6 @@ Measured erosion over angles: tables in memory, and CSV files of a million rows.
 Cells are separated by commas, or by semicolons or tabs, and then a comma in a number is a
 decimal comma. Lines that start with # are comments. Columns of other names are not used, unless they may be one of
 those that are: such a table is refused.
-
-Groups of rows that were measured at one speed and mass: a curve each, and the speeds that exports may have.
 """
 
 import array

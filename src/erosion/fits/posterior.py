@@ -1,11 +1,4 @@
-"""Whether draws are good: R̂ of ranks and effective numbers, by ArviZ.
-
-Words on what is doubtful in a posterior: draws that do not agree, ridges, priors that decide, a poor model.
-
-The posterior of the angle of greatest removal, which may be at a jump of V(α).
-
-The result of a sampling: draws, intervals, evidence, and sentences on what is doubtful.
-"""
+"""A posterior: draws, intervals, evidence, best angles, and warnings on what is doubtful."""
 
 import dataclasses
 import functools

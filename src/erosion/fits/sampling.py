@@ -1,7 +1,4 @@
-"""`posterior`: all values of a model's parameters that measured erosion leaves, each as often as it is likely.
-
-Several models: how likely each is after the data, by the evidence.
-"""
+"""`posterior` and `rank_posteriors`: draws of a model's parameters from measured erosion, and models by evidence."""
 
 import dataclasses
 import warnings

@@ -1,9 +1,10 @@
-"""What is assumed of each parameter before the data: laws, and the map from normal numbers to values.
+"""Annealed sequential Monte Carlo: from draws of the prior to draws of the posterior, and the evidence.
+
+A row differs from the model by a normal error: of the row's uncertainty, or of one unknown size. This is what a least-
+squares fit assumes, too.
 
 Every parameter is a function of one standard normal number, value = law⁻¹(Φ(z)). In z the prior of all parameters is
 the same, so that one sampler fits all, and only the inverse distribution of a law is needed.
-
-Annealed sequential Monte Carlo: from draws of the prior to draws of the posterior, and the evidence.
 
 An extra noise τ is added to the errors of all rows. While it is great, the data say nothing, and the draws are those
 of the prior. It falls in steps that leave half of the draws effective. After each step they are drawn again by their
@@ -20,11 +21,6 @@ References:
     P. Del Moral, A. Doucet, A. Jasra, Sequential Monte Carlo samplers, J. R. Stat. Soc. B 68 (2006) 411-436.
     C. J. F. ter Braak, A Markov chain Monte Carlo version of the genetic algorithm differential evolution,
     Stat. Comput. 16 (2006) 239-249.
-
-How likely data are at many values of the parameters: one batch of impacts, rows times points.
-
-A row differs from the model by a normal error: of the row's uncertainty, or of one unknown size. This is what a least-
-squares fit assumes, too.
 """
 
 import abc

@@ -1,9 +1,7 @@
-"""Objectives of the search: the volume, and other integrals over the same cut.
+"""The angle at which an objective (volume, volume per mass, time, depth) is greatest or least, with every rival.
 
 An objective is a model with the motion of another model and another integrand. The engine
 computes the integral and its derivatives as it computes any volume.
-
-The angle of greatest removal, certified.
 
 With rotation V(α) is discontinuous and has several maxima; the greatest may be at a jump
 (`docs/optimum.md`). Newton's method on dV/dα alone gives wrong answers. So V is resolved over

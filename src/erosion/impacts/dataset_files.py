@@ -1,7 +1,4 @@
-"""Labelled results as a table of comma-separated values, for spreadsheets.
-
-netCDF files of results: written whole or not at all, with an identity and a checksum.
-"""
+"""Labelled results in files: CSV for spreadsheets, netCDF written whole or not at all, with identity and checksum."""
 
 import dataclasses
 import hashlib

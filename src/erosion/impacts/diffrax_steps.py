@@ -1,11 +1,7 @@
-"""Where a cut ends: the first fall of any event function through zero.
+"""The motion of one impact as diffrax integrates it, and where its cut ends.
 
 Looks at the ends of steps alone miss a function that dips below zero and returns; with the
 rates known as well, the cubic between two looks shows the dip.
-
-Programs of XLA that take longer to compile than to run.
-
-The motion as diffrax integrates it: compiled steps, and looks at states.
 
 A state and the volume removed so far are one vector `y`, the volume last: JAX and XLA take
 their time over each array of a program, and diffrax has many uses for it.

@@ -1,11 +1,7 @@
-"""How an impact ended: the one table of names and sentences.
+"""Impacts, one or millions, with first and second derivatives: `erosion.impact`, and how an impact ended.
 
 A code below the number of the model's events is an event, in the order of their names. The codes after these
 are the others, in the order of `OTHER_ENDS`, and then "arrived": at the time asked for, before the end.
-
-One impact's motion at given times: one lane for each time, which goes no further than its own.
-
-Impacts, one or millions, with first and second derivatives: `erosion.impact`.
 """
 
 import dataclasses

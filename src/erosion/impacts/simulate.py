@@ -1,12 +1,8 @@
-"""One impact from contact to its end: the histories of its motion.
-
-One impact through diffrax: the whole motion, dense in time, with the end located exactly.
+"""One impact with the histories of its motion: `simulate` by diffrax, `path` by `erosion.ode`.
 
 diffrax takes the steps. Where the cut ends is decided here, because an event search that
 looks only at the ends of steps misses a tip that leaves and returns within a step, and one
 that takes the first of several events in storage order picks the wrong end near a cusp.
-
-One impact by the engine of the batches, in a millisecond once it is compiled.
 """
 
 import dataclasses

@@ -1,7 +1,4 @@
-"""Model and case as lanes of `erosion.ode`: which numbers differ from impact to impact.
-
-The removed volume as a number that JAX can trace: `erosion.volume`.
-"""
+"""The removed volume as a number that JAX can trace: `erosion.volume`; model and case as lanes of `erosion.ode`."""
 
 import dataclasses
 import functools

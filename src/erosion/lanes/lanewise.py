@@ -1,11 +1,7 @@
-"""Lanes on a CPU: a function of one lane's numbers is compiled for many lanes.
+"""A function of one lane, compiled for many: by this package on a CPU, by XLA on a GPU.
 
 add = Lanewise(lambda x, y: x + y, (number, number))
 add((np.arange(5.0), 2.0))  # -> an array of 5
-
-Lanes on a GPU: XLA compiles a function of one lane's numbers for many lanes.
-
-The choice of a compiler for lanes: this package's on a CPU, XLA on a GPU.
 """
 
 import functools

@@ -1,10 +1,8 @@
-"""Machine code that earlier processes made, kept in the user's own cache folder.
+"""Machine code from LLVM's intermediate representation, kept in the user's own cache folder.
 
-Whoever can write there could have any code run. So the folder must be the user's own, closed to all others, and a file
+Whoever can write to that folder could have any code run. So it must be the user's own, closed to all others, and a file
 counts only with the digest of its content and of what it was made from. Where any of this is not so, or nothing can
 be written, code is made anew, and no one notices.
-
-Machine code from LLVM's intermediate representation.
 """
 
 import contextlib

@@ -1,7 +1,4 @@
-"""Passes over a complete graph: unused operations are dropped, and a product with its sum becomes one operation.
-
-Elements of small arrays at places that may differ from lane to lane.
-"""
+"""Passes over a complete graph of scalars, and elements of small arrays at places that lanes compute."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,10 +1,8 @@
-"""What functions read beside their arguments, and whether any of it was replaced since.
+"""What functions read beside their arguments, whether any of it was replaced since, and Ctrl-C while lanes run.
 
 A traced function keeps what it found: a helper, a global number, an attribute of a class. In a notebook these are
 defined anew while the function that reads them stays the same object. To trace it at every call would cost a hundred
 times more than to look whether each of the things that it reads is still the same object.
-
-What generated code does so that a loop that never ends can be interrupted.
 
 The code computes without Python's lock. A signal's handler (Ctrl-C) runs only in the main thread, and only where that
 thread asks for it. So the code counts the rounds of its loops, and after many of them it asks. In the other threads

@@ -1,10 +1,8 @@
-"""A model's equations, traced once for each kind of model: what is wrong with them, and their digest.
+"""A model as a problem of `erosion.ode`: its equations, traced once for each kind of model, and their digest.
 
 A model is what it computes. Its digest is that of its traced equations: initial state, rates, events, volume.
 Programs and stores know a model by this digest, whatever its class is called and wherever its source is; see
-`erosion.ode.problem`.
-
-A cut as a problem of `erosion.ode`: what a model says, in the words of the integrator.
+`erosion.ode.equations`.
 """
 
 import contextlib

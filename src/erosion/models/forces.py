@@ -1,9 +1,4 @@
-"""The force of the target on the tip.
-
-What turns a rigid erodent: the moment of the force on its tip about the centre of mass.
-
-Where the tip of a rigid erodent is, given the body's motion.
-"""
+"""The parts of a rigid erodent: the force on its tip, the torque that turns it, and where the tip is."""
 
 import abc
 

@@ -1,16 +1,8 @@
-"""A rigid erodent, composed: where the tip is × what force acts there × what torque × what deforms.
+"""The rigid erodent and the models made of it: linearized, Finnie's, rotating, as printed by Laverty.
 
     m ẍ = F_x,   m ÿ = F_y,   I φ̈ = τ        (Laverty (2), (3), (11))
 
 A new variant is one new part, a few lines long.
-
-Equations (16)-(21) exactly as the scenario prints them, slips included.
-
-The erodent does not turn: the system that questions 1 to 8 are asked of.
-
-Finnie's own model of 1958: the turn counts to first order.
-
-The erodent turns as it cuts (Laverty's additional question 1).
 """
 
 import equinox as eqx

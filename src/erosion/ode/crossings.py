@@ -1,14 +1,8 @@
-"""An order of lanes in which neighbours are similar: a vector takes as many steps as its slowest lane.
-
-Where in a step an event function may fall through zero, from the cubic through its ends.
-
-Where a lane ends: what a trial step says about the events, and what follows near one.
+"""Where a lane ends: which event functions may fall through zero in a step, and what follows near one.
 
 A step is shortened to end where an event is expected. A lane whose step went past an event locates it: it
 tries again **from the same start** with the length at which it expects the event. So the state at the event
 has the full order of the method, not an interpolant's.
-
-Events that wait: one whose function is zero or beyond it at the start counts once it has returned.
 
 An event *counts* in a step at whose start its function is before zero, or at zero and leaving it. Every function is
 turned so that it falls to zero: of either direction by its sign at the step's start. It is brought to order 1 in each

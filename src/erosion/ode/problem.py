@@ -1,9 +1,7 @@
-"""What a problem computes, traced once for each kind of its arguments: what is wrong with it, and its digest.
+"""A problem: how a state moves, what happens to it on the way, what is wanted; its trace for each kind of arguments.
 
 A problem is what it computes. Its digest is that of its traced functions, and programs know a problem by this digest,
 wherever its source is. A helper that is defined anew gives another digest; an edited docstring gives the same.
-
-A problem: how a state moves, what happens to it on the way, and what is wanted of it.
 """
 
 import abc

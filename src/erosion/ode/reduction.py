@@ -1,11 +1,9 @@
-"""A problem's motion with fewer unknowns, read from its own arithmetic.
+"""A problem's motion with fewer unknowns, and where it is not smooth, read from its own arithmetic.
 
 Where the rates of several parts of the state are known multiples of one expression, one
 integral of that expression gives them all: for a force of constant direction ẋ, ẏ and (with the
 horizontal torque) φ̇ follow from ∫ F_x dt. A part on which neither events nor what is wanted depend,
 such as x itself, is not integrated.
-
-What a kink of the motion does to the derivatives that are carried along with it.
 
 Steps across a kink of a rate are so short that each rate has one of two values in them: that before the kink or
 that after it. So kinks need not be known: they show themselves.
@@ -16,8 +14,6 @@ across the kink:
 - [f] ≠ 0: the rate jumps. Where it does depends on the parameters, so that even s_a jumps. Nothing says by how much,
   and the lane fails; see `erosion.ode.batch`, which then computes it without derivatives.
 - [f] = 0: ḟ and G jump together, [G_a] = -τ_a [ḟ] with τ the time of the kink. Then s_ab jumps by [G_a] [G_b] / [ḟ].
-
-Whether a motion may have kinks or singular points, read from its own arithmetic.
 
 Most motions have none, and their programs need not look for any.
 """

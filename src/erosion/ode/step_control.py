@@ -1,4 +1,4 @@
-"""Prince and Dormand's 8(7) pair, 13 stages, the last of which is the next step's first.
+"""Step control: the 8(7) pair of Prince and Dormand, the precision asked for, and the next step's length.
 
 These are the numbers of `diffrax.Dopri8`, which a test compares. They are written out because
 importing diffrax would take a tenth of the time in which a fresh process finds an angle of
@@ -6,10 +6,6 @@ greatest removal, and the batch needs nothing else of it.
 
 References:
     P. J. Prince, J. R. Dormand, J. Comput. Appl. Math. 7 (1981) 67-75.
-
-What JAX must be able to do: double precision, always, and to compute in this process.
-
-What follows a trial step where no event is near: whether the lane moves on, and how long its next step is.
 """
 
 import os

@@ -1,9 +1,7 @@
-"""Arguments as plain numbers, which may differ from lane to lane, and the rest, which all lanes share.
+"""Arguments as plain numbers, and the variational equations that carry derivatives along with the motion.
 
 The numbers are those leaves of the arguments that are floats, whole numbers or arrays, and then, where the problem
 has a clock, those of `Clock`. Everything else in the arguments (functions, strings) is part of the program.
-
-The variational equations: derivatives by parameters, carried along with the motion.
 
 For directions ε and η in the space of parameters the state s is extended by ∂s/∂ε, ∂s/∂η and
 ∂²s/∂ε∂η. Only the vector field is differentiated (nested `jvp`), never the integration; the time

@@ -1,8 +1,6 @@
-"""Symbol, meaning and dimension of every number: tables, axes and options take their labels from here.
+"""Symbol, meaning and dimension of every number, and ranges of them as text.
 
 The module loads without JAX, so that the command line can make its options from it.
-
-Ranges: the angles of attack, and axes as text, as the command line and case files write them.
 
 "1deg : 90deg : 90"           90 values, evenly from 1° to 90°
 "100 m/s : 1000 m/s : 5 : log"  5 values at even ratios

@@ -1,13 +1,4 @@
-"""Curves that jump, broken at their jumps, and the words for their best point; the same in every figure.
-
-The mark of the best point of a curve.
-
-Curves over the angle of attack with their optimum, broken where they jump.
-
-Several V(α) on one figure, and the angle of greatest removal over a parameter.
-
-V(α) of models and the angle functions of engineers in one figure, each divided by its own maximum.
-"""
+"""Curves over the angle of attack, broken where they jump: optima, families, models beside correlations."""
 
 import itertools
 from collections.abc import Mapping, Sequence

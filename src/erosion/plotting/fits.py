@@ -1,7 +1,4 @@
-"""Figures of fits: measurements, fitted curves with bands, and profiles.
-
-Figures of posteriors: pairs, traces, predictions with their jumps, best angles, and the next experiment.
-"""
+"""Figures of fits and posteriors: measurements, curves with bands, profiles, pairs, traces, the next experiment."""
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle

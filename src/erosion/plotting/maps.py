@@ -1,7 +1,4 @@
-"""Pictures of maps: the surface in three dimensions, each face coloured by its wear.
-
-Figures of streams: the volumes that single particles remove, and the mean volume over the nozzle's angle.
-"""
+"""Figures of maps and streams: a surface coloured by its wear, and the volumes that single particles remove."""
 
 import contextlib
 import ctypes

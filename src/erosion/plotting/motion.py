@@ -1,7 +1,4 @@
-"""Figures of one impact and of its end: motion, path, end times, rate of removal, removed volume.
-
-The figure of a solution of `erosion.ode`: states over time.
-"""
+"""Figures of one impact, and of a solution of `erosion.ode`, over time."""
 
 import math
 from collections.abc import Mapping, Sequence

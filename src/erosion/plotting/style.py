@@ -1,8 +1,4 @@
-"""The colours of figures and pages.
-
-Labels of figures and pages: the histories of an impact and its kinds of end.
-
-The style of every figure, and files that are the same each time.
+"""The style of every figure: colours, labels, sizes, and files that are the same each time.
 
 Figures are made without pyplot, so this module has no global state. The user's matplotlibrc does not
 change their style. Saved files hold no dates and no random ids: the same results give the same bytes.

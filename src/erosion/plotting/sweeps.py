@@ -1,9 +1,4 @@
-"""Figures of comparisons and of regime maps, drawn from their Datasets.
-
-Figures of sweeps: several curves, or a map over two axes.
-
-Published numbers beside computed ones: how far each is off.
-"""
+"""Figures of sweeps, comparisons and regimes from their Datasets, and of published numbers beside computed ones."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,9 +1,4 @@
-"""One parameter at several values, with all other parameters fixed: questions 5 to 8, for any model.
-
-How cuts end over angle and spin, and the angle of greatest removal over the spin.
-
-The case that a question is asked about, with shared results, and the form of an answer.
-"""
+"""The case that questions are asked about, with the families and spins that several of them share."""
 
 import dataclasses
 import functools

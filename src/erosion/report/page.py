@@ -1,7 +1,4 @@
-"""The text of a question: a Markdown file whose fields are filled with computed values.
-
-The page and its files: answers -> index.html, figures, numbers.json.
-"""
+"""The report's page and its files: texts with computed values, index.html, figures, numbers.json."""
 
 import contextlib
 import functools

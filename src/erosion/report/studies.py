@@ -1,11 +1,4 @@
-"""A family of impacts as a figure and as numbers, for questions 5 to 8.
-
-Questions 5 to 8 for a body that turns.
-
-Newton's method for the angle of greatest removal, kept inside a bracket.
-
-The figures of a page in its language, and of a handout in its size.
-"""
+"""What the questions compute and draw beside the case: families, turning bodies, Newton's method."""
 
 import dataclasses
 import re

@@ -1,9 +1,4 @@
-"""A matplotlib figure as an SVG element of a page that may be light or dark.
-
-Numbers, units and formulas as a reader sees them.
-
-The Markdown of the questions' texts as HTML: paragraphs, notes, formulas and tables.
-"""
+"""Numbers, formulas, figures and Markdown as parts of an HTML page."""
 
 import math as maths
 import re

@@ -1,12 +1,8 @@
-"""The angle of the nozzle at which a whole stream removes most.
+"""What a stream removes, with errors, and the nozzle's angle at which it removes most.
 
 The same particles are used at all angles (common random numbers), so the mean volume is a
 function of the angle alone. It is smooth where the volume of a single particle jumps, and its
 maximum is at another angle than that of a single particle.
-
-What uncertain parameters do to a whole stream: they are the same for all particles, so that nothing averages out.
-
-The result of a stream, as numbers, table and Dataset.
 """
 
 import dataclasses

@@ -1,13 +1,7 @@
-"""Particles of a stream: from points of the unit cube to the parameters of impacts.
-
-Counts, moments and a histogram of the particles of a stream.
+"""The particles of a stream, and the counts, moments and indices that sum them up.
 
 Tallies of parts add up to the tally of the whole, so a stream of any length needs the memory
 of one block.
-
-Independent sequences of points, and estimates whose errors come from the spread of the sequences.
-
-Sobol's indices of inputs of one or several uniform numbers each.
 """
 
 import dataclasses

@@ -1,6 +1,4 @@
-"""The blocks of a grid, each of which is computed and stored as one piece.
-
-Grids of impacts: the models, the values of the parameters, and the results of each impact.
+"""Grids of impacts: the models, the values of the parameters, the blocks, and the results of each impact.
 
 A grid can be cut into blocks, which are grids themselves. The numbers do not depend on the
 cuts, because the engine computes every impact on its own.

@@ -2,8 +2,6 @@
 
 A grid is computed block by block. In memory the blocks follow one another, each on all cores.
 For a Zarr store the workers of a Dask cluster may compute them.
-
-Ready-made sweeps: several models over the angle, and how cuts end over angle and spin.
 """
 
 import dataclasses

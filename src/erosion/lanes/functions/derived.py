@@ -1,7 +1,4 @@
-"""Hyperbolic functions and their inverses.
-
-The error function and its complement.
-"""
+"""Hyperbolic functions, the error function, and their inverses and complements."""
 
 import jax.numpy as jnp
 from jax import Array

@@ -1,11 +1,4 @@
-"""Steps that the elementary functions share: polynomials, sums with their errors, and the bits of a number.
-
-Roots other than the square root, for which processors have an instruction.
-
-Exponentials, logarithms and powers.
-
-Trigonometric functions and their inverses.
-"""
+"""Polynomials, roots, exponentials, logarithms, powers and trigonometric functions as plain arithmetic."""
 
 from collections.abc import Sequence
 
