@@ -1,8 +1,8 @@
 """Tables of impacts with named columns: CSV and Parquet of post-processors, and Ansys Fluent's files `.dpm`.
 
 A file `.dpm` begins with two lines, the surface and the columns; then one line for each parcel, the numbers in
-parentheses and the name of its injection. All numbers are in SI units whatever the session shows; t is the temperature, and `time`
-the age of the particle.
+parentheses and the name of its injection. All numbers are in SI units whatever the session shows; t is the
+temperature, and `time` the age of the particle.
 """
 
 import csv
