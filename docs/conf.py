@@ -62,7 +62,7 @@ nitpick_ignore_regex = [
     ),
     (
         "py:class",
-        r"erosion\.(advice\.uncertain|calibration\.least_squares|language|models\.own_parameters|ode\.(maximum|solution)|parameters\.(per_mass|quantities)|posteriors\.(likelihood|priors|tempering)|streams\.(particles|tally)|tables)\..*",
+        r"erosion\.(advice\.result\.Uncertain|fits\.(least_squares\.Fit|tempering\.)|models\.own_parameters\.|ode\.(maximum|solution)\.|output\.|parameters\.(per_mass|quantities)\.|streams\.tally\.).*",
     ),
 ]
 napoleon_numpy_docstring = False
