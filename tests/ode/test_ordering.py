@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from erosion.ode.crossings import alike_together
+from erosion.ode.batch import alike_together
 
 
 def _spread(values: np.ndarray, tile: int) -> float:
