@@ -58,8 +58,7 @@ def test_a_fit_goes_from_its_case_file_to_the_advice(capsys, tmp_path, monkeypat
     materials = LINE[1:7]
     fit = ["calibrate", "rows.csv", *materials, "--model", "linearized-deformation", "--free", "k,psi,energy_ratio"]
     assert _status([*fit, "--write-case", "fitted.toml"]) == 0
-    command = capsys.readouterr().out.splitlines()[-1]
-    assert command == "a nozzle's angle by this fit: erosion advise fitted.toml"
+    assert "a nozzle's angle by this fit: erosion advise fitted.toml" in capsys.readouterr().out.splitlines()
     assert _status(["advise", "fitted.toml", "--json"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""

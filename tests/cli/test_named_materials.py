@@ -138,7 +138,7 @@ def test_calibrate_takes_the_density_of_the_target(capsys: pytest.CaptureFixture
     for of_target in (
         [*NAMES, "--units", "si", "--cutting-fraction", "0.25"],
         ["--case", "mine.toml"],
-        [*NAMES[:2], *("--target", "copper", "--sigma", f"{float(p.sigma)!r} Pa", "--psi", "2"), "--units", "si",
+        [*NAMES[:2], "--sigma", f"{float(p.sigma)!r} Pa", "--psi", "2", "--units", "si",
          "--cutting-fraction", "0.25", "--density", "2.7 g/cm^3"],
     ):  # fmt: skip
         Path("mine.toml").write_text(CASE.replace("0.03", "0.25").replace("v0 = 100", f"v0 = {float(p.v0)!r}"))

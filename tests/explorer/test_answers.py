@@ -33,7 +33,7 @@ from erosion.models import Linearized, load_model
 from erosion.parameters.case_files import load_per_mass
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
-from erosion.plotting.style import AT_CONTACT
+from erosion.plotting.labels import AT_CONTACT
 
 pytestmark = pytest.mark.slow
 

@@ -188,12 +188,12 @@ def test_processes_that_write_one_file_at_once(folder):
     program = """
         import os, sys
         from pathlib import Path
-        from erosion.lanes import kept
-        kept._place = lambda: Path(sys.argv[1])
-        key, code = kept.key_of("a"), bytes(range(256)) * 2000
+        from erosion.lanes import machine
+        machine._place = lambda: Path(sys.argv[1])
+        key, code = machine.key_of("a"), bytes(range(256)) * 2000
         for i in range(200):
-            kept.write(key, code)
-            assert kept.read(key) == code
+            machine.write_kept(key, code)
+            assert machine.read_kept(key) == code
     """
     command = [sys.executable, "-c", textwrap.dedent(program), str(folder)]
     processes = [subprocess.Popen(command) for _ in range(3)]

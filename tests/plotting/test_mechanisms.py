@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.models import Linearized, ProportionalDeformationWear
 from erosion.plotting.curves import plot_optimum
+from erosion.plotting.labels import AT_CONTACT
 from erosion.plotting.motion import plot_trajectory
-from erosion.plotting.style import AT_CONTACT
 from erosion.plotting.sweeps import plot_comparison
 
 P = erosion.TABLE_1

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.plotting.curves import broken, pieces, plot_against_correlations, plot_optimum
+from erosion.plotting.curves import pieces, plot_against_correlations, plot_optimum
+from erosion.plotting.labels import broken
 from erosion.plotting.style import render
 from erosion.plotting.sweeps import plot_comparison, plot_regimes
 from tests.reference import closed_form

@@ -17,7 +17,8 @@ from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees
 from erosion.output.files import require_writable, write_whole
 from erosion.output.language import language
 from erosion.parameters.quantities import QUANTITIES, quantity_row
-from erosion.plotting.style import DIM, FAINT, INK, STYLES, house_style, new_axes, render, save_plot
+from erosion.plotting.labels import DIM, FAINT, INK, STYLES
+from erosion.plotting.style import house_style, new_axes, render, save_plot
 from erosion.report.frame import render_page
 from erosion.report.text import inline_svg
 from erosion.version import __version__

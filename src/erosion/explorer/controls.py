@@ -21,8 +21,7 @@ from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import SYSTEMS, System, conversion_factor, read_quantity, unit_name
-from erosion.plotting.curves import broken
-from erosion.plotting.style import STYLES
+from erosion.plotting.labels import STYLES, broken
 
 _FACTOR = 20.0  # a slider reaches from 1/20 to 20 times the first value, if this value is positive
 _DIGITS = 4  # of the numbers that a slider sets

@@ -30,8 +30,18 @@ from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_fa
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import Dimension, System, unit_name
-from erosion.plotting.curves import describe, leaps, with_gaps
-from erosion.plotting.style import AT_CONTACT, DIM, ENDS, EVENT_LABELS, HISTORIES, NOTHING, PALETTE
+from erosion.plotting.labels import (
+    AT_CONTACT,
+    DIM,
+    ENDS,
+    EVENT_LABELS,
+    HISTORIES,
+    NOTHING,
+    PALETTE,
+    describe,
+    leaps,
+    with_gaps,
+)
 
 _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings

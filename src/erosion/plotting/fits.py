@@ -17,7 +17,8 @@ from erosion.models import model_name
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import unit_name
-from erosion.plotting.style import ENDS, INK, MARKS, PALETTE, STYLES, angle_axis, house_style, new_figure, typeset
+from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES
+from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
 
 _FIT_ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
 _DASHES: Sequence[Any] = (

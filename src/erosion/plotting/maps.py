@@ -24,7 +24,8 @@ from erosion.output.tables import with_error
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import Scale, readable_scale, table_scale
 from erosion.parameters.units import System
-from erosion.plotting.style import DIM, FAINT, INK, PALETTE, house_style, new_figure
+from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
+from erosion.plotting.style import house_style, new_figure
 from erosion.streams.result import NozzleAngle, Stream
 
 VIEWS: Mapping[str, tuple[float, float, float]] = {

@@ -17,18 +17,10 @@ from erosion.ode.solution import Solution
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System
+from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, EVENT_LABELS, HISTORIES, INK, NOTHING, PALETTE, end_label
 from erosion.plotting.style import (
-    AT_CONTACT,
-    DIM,
-    ENDS,
-    EVENT_LABELS,
-    HISTORIES,
-    INK,
-    NOTHING,
-    PALETTE,
     angle_axis,
     axes_or_new,
-    end_label,
     house_style,
     legend_below,
     legend_of_panel,

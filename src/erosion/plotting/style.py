@@ -16,54 +16,9 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from erosion.impacts.impact import OTHER_ENDS
-from erosion.models.base import NO_CUT
 from erosion.output.files import require_writable, write_whole
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import Quantity
-
-# Okabe and Ito (2008), "Color universal design": readers with any colour vision can distinguish them.
-PALETTE: Mapping[str, str] = {
-    "blue": "#0072b2", "vermillion": "#d55e00", "green": "#009e73",
-    "purple": "#cc79a7", "sky": "#56b4e9", "orange": "#e69f00",
-}  # fmt: skip
-STYLES: Sequence[tuple[str, Any]] = tuple(
-    (color, line) for line in ("-", (0, (5, 2)), (0, (1.5, 1.5))) for color in PALETTE.values()
-)
-"""Colour and line style of the first, second, … curve of a figure."""
-
-MARKS = "os^Dv<>phX*P"
-"""The mark of the first, second, … group of measurements."""
-
-INK = "#24292f"
-FAINT = "#d0d7de"
-DIM = "#7d858e"
-
-REMOVED_AT_CONTACT: Mapping[str, Any] = {"color": PALETTE["purple"], "alpha": 0.4, "linewidth": 0}
-"""The style of areas that stand for what is removed at contact."""
-
-ENDS: Mapping[str, str] = {"rebound": PALETTE["blue"], "stop": PALETTE["vermillion"], NO_CUT: DIM}
-"""The colour of each kind of end, the same in every figure."""
-
-
-HISTORIES = (
-    ("x", "x_tip", Quantity("x", "along the surface", "length")),
-    ("y", "depth", Quantity("y", "depth", "length")),
-    ("vx", "vx_tip", Quantity("ẋ", "forward speed", "speed")),
-    ("vy", "vdepth", Quantity("ẏ", "downward speed", "speed")),
-)
-
-NOTHING = OTHER_ENDS[NO_CUT]
-
-AT_CONTACT = "of it at contact, beside the cut"
-
-EVENT_LABELS = {"rebound": "rebound, y = 0", "stop": "stop, ẋ = 0"}
-
-
-def end_label(ended_by: str) -> str:
-    """The label of a kind of end: "ends by stop", "nothing is cut"."""
-    return NOTHING if ended_by == NO_CUT else f"ends by {ended_by}"
-
+from erosion.plotting.labels import FAINT, INK
 
 _NO_DATES: Mapping[str, Mapping[str, None]] = {
     "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},

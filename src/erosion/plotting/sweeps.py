@@ -18,8 +18,8 @@ from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
-from erosion.plotting.curves import Best, broken, describe, mark_best
-from erosion.plotting.style import (
+from erosion.plotting.curves import mark_best
+from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,
     ENDS,
@@ -27,8 +27,13 @@ from erosion.plotting.style import (
     INK,
     PALETTE,
     STYLES,
-    axes_or_new,
+    Best,
+    broken,
+    describe,
     end_label,
+)
+from erosion.plotting.style import (
+    axes_or_new,
     house_style,
     legend_below,
     legend_of_panel,

@@ -23,7 +23,8 @@ from erosion.parameters.materials import MATERIALS
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import System, conversion_factor, unit_name
-from erosion.plotting.curves import AngleSeries, ShapeCurve, broken_at, leaps
+from erosion.plotting.curves import AngleSeries, ShapeCurve
+from erosion.plotting.labels import broken_at, leaps
 from erosion.report.text import number
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.sweep import regimes

@@ -10,7 +10,7 @@ from markupsafe import Markup, escape
 
 from erosion.parameters.scales import readable_scale, superscript
 from erosion.parameters.units import Dimension, System, unit_name
-from erosion.plotting.style import DIM, FAINT, INK, PALETTE
+from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 
 THEMES: Mapping[str, Mapping[str, str]] = {
     "light": {**PALETTE, "ink": INK, "faint": FAINT, "dim": DIM, "paper": "#ffffff", "page": "#f4f5f7",
