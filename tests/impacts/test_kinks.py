@@ -78,7 +78,7 @@ def test_every_impact_has_its_volume_to_every_order(law):
         hit = erosion.impact(model_of(law), p, derivatives=order)
         assert np.array_equal(hit.ended_by, exact.ended_by)
         error = np.abs(hit.volume - exact.volume) / np.maximum(exact.volume, 1e-12)
-        # The estimates of a step's error may miss a kink by chance: in 600,000 impacts of `Where` one was off by 2.4e-7.
+        # A step's error estimates may miss a kink by chance: of 600,000 impacts of `Where` one was off by 2.4e-7.
         assert np.sum(error > 1e-8) <= 1
         assert np.max(error) < 1e-6
 
