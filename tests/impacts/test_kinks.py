@@ -79,8 +79,8 @@ def test_every_impact_has_its_volume_to_every_order(law):
         assert np.array_equal(hit.ended_by, exact.ended_by)
         error = np.abs(hit.volume - exact.volume) / np.maximum(exact.volume, 1e-12)
         # A step's error estimates may miss a kink by chance: of 600,000 impacts of `Where` one was off by 2.4e-7.
-        assert np.sum(error > 1e-8) <= 1
-        assert np.max(error) < 1e-6
+        assert np.sum(error > 1e-8) <= (law is Where and order == 1)
+        assert np.max(error) < 5e-8
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def test_both_compilers_agree(function):
         assert np.array_equal(result[1], np.full_like(leaf, 7)[1])
 
 
-# Without its passes of fusion XLA compiles in a tenth of the time, see `lanes/xla.py`.
+# Without its passes of fusion XLA compiles in a tenth of the time, see `lanes/lanewise.py`.
 PROGRAM = """
 import jax, erosion
 from erosion.lanes.lanewise import _ON_A_CPU
