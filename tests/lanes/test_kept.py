@@ -36,6 +36,13 @@ def test_code_is_made_once(folder, monkeypatch):
         _compiled(5.0)
 
 
+def test_code_made_with_care_is_found_first(folder):
+    one = _compiled(3.0)
+    one._code._cost = 0.0
+    assert [one(np.arange(3.0)).tolist() for _ in range(2)] == [[1.0, 4.0, 7.0]] * 2
+    assert [each._code._code.level for each in (one, _compiled(3.0))] == [machine._CAREFUL] * 2
+
+
 def _only_the_empty_module(parse):
     def parse_empty(text):
         assert text == ""

@@ -121,6 +121,12 @@ def _expanded(x, y):
 FUNCTIONS = [_root, _nested, _switch, _scan, _swapped, _arrays, _places, _expanded]
 
 
+@pytest.fixture(autouse=True)
+def nothing_kept(monkeypatch):
+    """What other tests have compiled with care is not found."""
+    monkeypatch.setattr(machine, "read_kept", lambda key: None)
+
+
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_a_compiled_function_is_jaxs(function):
     results = Lanewise(function, (number, number))(X, Y)
@@ -154,8 +160,8 @@ def test_quick_and_careful_code_give_the_same_bits(function, monkeypatch):
     lanewise = Lanewise(function, (number, number))
     quick = lanewise(X, Y)
     compiled = _levels(monkeypatch)
-    monkeypatch.setattr(machine, "_MANY", 2 * X.size)
-    for levels in ([], [machine._CAREFUL], [machine._CAREFUL]):
+    for seconds, levels in ((1.0, []), (0.0, [machine._CAREFUL]), (0.0, [machine._CAREFUL])):
+        lanewise._code._cost = seconds
         for leaf, same in zip(jax.tree.leaves(quick), jax.tree.leaves(lanewise(X, Y)), strict=True):
             assert leaf.tobytes() == same.tobytes()
         assert compiled == levels
@@ -163,7 +169,8 @@ def test_quick_and_careful_code_give_the_same_bits(function, monkeypatch):
 
 def test_careful_code_is_tried_again_where_it_could_not_be_made(monkeypatch):
     lanewise = Lanewise(_root, (number, number))
-    monkeypatch.setattr(machine, "_MANY", 0)
+    lanewise(X, Y)
+    lanewise._code._cost = 0.0
     with monkeypatch.context() as patch:
         patch.setattr(machine, "_Compiled", _out_of_memory)
         with pytest.raises(MemoryError):
@@ -227,8 +234,8 @@ def test_results_are_written_for_the_lanes_that_are_asked_for_alone():
 
 def test_threads_share_a_function(monkeypatch):
     """Also while one of them compiles it with care."""
-    monkeypatch.setattr(machine, "_MANY", 100 * X.size)
     root = Lanewise(_root, (number, number))
+    root._code._cost = 1e-3
     expected, results = root(X, Y)[1], [np.empty(0)] * 8
 
     def compute(i):

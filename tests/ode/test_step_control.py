@@ -26,7 +26,7 @@ go_on = jax.jit(step_control.go_on, static_argnames="limits")
 
 def one_trial(control: Control, error: float, limits: Limits = LIMITS) -> tuple[Control, bool]:
     """A trial whose event functions stay at 1."""
-    after, moved = go_on(control, jnp.asarray(error), jnp.asarray(1.0), SCALE, limits)
+    after, moved = go_on(control, jnp.asarray(error), SCALE, limits)
     return after, bool(moved)
 
 

@@ -15,6 +15,7 @@ import re
 import stat
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -148,12 +149,13 @@ def require_llvmlite(version: str) -> None:
 
 require_llvmlite(llvmlite.__version__)
 
-# LLVM's code generator at its level 0 takes a third of the time of level 1, and makes code that takes 1.2 to 1.3 times
+# LLVM's code generator at its level 0 takes a third of the time of level 1, and makes code that takes 1.3 to 2 times
 # as long. More than level 1 gains nothing, and no pass before it does.
 _QUICK, _CAREFUL = 0, 1
 
-# Lanes after which the careful code has gained what it costs.
-_MANY = 2**18
+# Seconds of processor time that careful code costs for each character of its module. Quick code that has run for as
+# long is replaced: so it never costs much more than the better of the two.
+_COST = 1.5e-6
 
 # Characters of a module that is never compiled quickly: quick code keeps much on the stack, 10 kB for each 10⁵.
 _LONG = 5_000_000
@@ -167,7 +169,7 @@ class Processor(NamedTuple):
 
 
 class MachineCode:
-    """A module's function: compiled quickly at first, and with care once it is asked for many lanes.
+    """A module's function: compiled quickly at first, and with care once it has run for long.
 
     Both codes give the same bits.
 
@@ -177,34 +179,38 @@ class MachineCode:
     """
 
     def __init__(self, text: str, target: Processor | None = None) -> None:
-        self._text, self._target = text, target
-        self._lanes = 0
+        self._target = target
+        self._cost, self._spent = _COST * len(text), 0.0
         self._replacing = threading.Lock()
         self._code = _Compiled(text, target, _QUICK if len(text) <= _LONG else _CAREFUL)
+        self._text = text if self._code.level == _QUICK else ""
 
     def run(self, inputs: int, varying: int, count: int, order: int, lanes: int, outputs: int, stop: int) -> None:
         """Call the function, with its arguments (see `vector_ir`)."""
-        self._lanes += lanes
         # Other threads go on with the quick code meanwhile.
-        if self._lanes > _MANY and self._code.level == _QUICK and self._replacing.acquire(blocking=False):
+        if self._spent > self._cost and self._code.level == _QUICK and self._replacing.acquire(blocking=False):
             try:
                 if self._code.level == _QUICK:
                     self._code, self._text = _Compiled(self._text, self._target, _CAREFUL), ""
             finally:
                 self._replacing.release()
-        code = self._code  # replaced code is kept until it has run
+        code, begin = self._code, time.thread_time()  # replaced code is kept until it has run
         code.run(inputs, varying, count, order, lanes, outputs, stop)
+        self._spent += time.thread_time() - begin
 
 
 class _Compiled:
     """A module's function, in memory."""
 
     def __init__(self, text: str, target: Processor | None, level: int) -> None:
-        self.level = level
         cpu, features = this_machine() if target is None else target
         machine = _triple().create_target_machine(cpu=cpu, features=features, opt=level, jit=True)
-        key = key_of(text, cpu, features, str(level), machine.triple, llvmlite.__version__)
-        code = read_kept(key)
+        made_of = text, cpu, features, machine.triple, llvmlite.__version__
+        # Code that another process made with care is as quickly at hand.
+        careful, key = (key_of(*made_of, str(each)) for each in (_CAREFUL, level))
+        code, self.level = read_kept(careful), _CAREFUL
+        if code is None:
+            code, self.level = read_kept(key), level
         if code is None:
             module = llvm.parse_assembly(text)
             module.triple, module.data_layout = machine.triple, str(machine.target_data)

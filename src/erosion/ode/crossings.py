@@ -247,18 +247,11 @@ def look(
         dip=_least(places, 2.0),
         lowest=_least([lowest for _, lowest in dips], jnp.inf),
         past=past,
-        imminent=_any(event.value < -_IMMINENT * control.trial * event.rate for event in end),
+        imminent=_any(_is_imminent(event, control.trial) for event in end),
         low=jnp.where(past, 0.0, control.trial),
         high=jnp.where(_good(control, error) & past, control.trial, ahead),
         cubic_errors=errors,
     )
-
-
-def is_near_an_end(control: Control, trial: Trial) -> Flag:
-    """Whether an event may be in the step or near its end."""
-    advancing = control.mode == ADVANCING
-    crooked = _any(is_crooked(*each, control.trial, error) for *each, error in _events(trial))
-    return (control.mode == LOCATING) | (advancing & (trial.past | trial.imminent | crooked | (trial.dip < 1)))
 
 
 def decide(
@@ -433,6 +426,74 @@ def after_event(event: Ends, fired: Flag, scale: Scalar) -> Ends:
     return Ends(jnp.where(left, 0.0, event.value), event.rate)
 
 
+def is_quiet(
+    events: Sequence[Watched],
+    control: Control,
+    starts: Sequence[Ends],
+    ends: Sequence[Ends],
+    within: Sequence[tuple[float, Sequence[Scalar]]],
+    graze: Scalar,
+    *,
+    rough: bool = False,
+) -> Flag:
+    """Whether no event can be in the step or near its end, nor a dip that is lower than `graze` times the event's size.
+
+    Most steps are quiet, and then nothing needs to be looked for. A cubic lies between the least and the greatest of
+    four numbers (its Bézier points), so the sign of an event function is mostly known without its extrema.
+
+    Args:
+        events: how they are watched; nothing where all of them count and fall.
+        control: before the trial.
+        starts: the event functions where the step begins.
+        ends: and where it ends.
+        within: their values at some shares of the step.
+        graze: see above.
+        rough: whether a step ends at crests.
+    """
+    h = control.trial
+    quiet: Flag = control.mode == ADVANCING
+    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        looks = [(theta, values[i]) for theta, values in within]
+        if events:
+            turn, least = events[i].turn, graze * jnp.maximum(_size(start, end, h), _TINY)
+            start, end, looks = (
+                turned(start, turn),
+                turned(end, turn),
+                [(theta, turn * value) for theta, value in looks],
+            )
+            is_below = functools.reduce(jnp.maximum, _bezier(start, end, h)) <= 0
+            quiet = quiet & jnp.where(events[i].counts, _is_clear(start, end, h, looks, least), is_below)
+        else:
+            quiet = quiet & _is_clear(start, end, h, looks, graze)
+        if rough:
+            quiet = quiet & jnp.logical_not((start.rate > 0) & (end.rate < 0))
+    return quiet
+
+
+@jax.jit
+def _is_clear(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]], least: Scalar) -> Flag:
+    """Whether an event function is above `least` in all of a step, by more than `look` and `decide` doubt."""
+    lowest = functools.reduce(jnp.minimum, _bezier(start, end, length))
+    slopes = jnp.abs(length * start.rate) + jnp.abs(length * end.rate)
+    doubt = jnp.maximum(_LOW * slopes, 2 * _SHARP * cubic_error(start, end, length, looks)) / 16
+    return (lowest > jnp.maximum(doubt, least)) & jnp.logical_not(_is_imminent(end, length))
+
+
+def _bezier(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, ...]:
+    """The four numbers between the least and the greatest of which the cubic through both ends lies."""
+    third = length / 3
+    return start.value, start.value + third * start.rate, end.value - third * end.rate, end.value
+
+
+def _is_imminent(end: Ends, length: Scalar) -> Flag:
+    return end.value < -_IMMINENT * length * end.rate
+
+
+def _size(start: Ends, end: Ends, length: Scalar) -> Scalar:
+    """Of an event function in a step."""
+    return jnp.maximum(jnp.maximum(jnp.abs(start.value), jnp.abs(end.value)), length * jnp.abs(start.rate))
+
+
 def look_directed(
     events: Sequence[Watched],
     control: Control,
@@ -451,8 +512,7 @@ def look_directed(
     h = control.trial
     on, factors, crests = [event.counts for event in events], [], []
     for event, start, end in zip(events, starts, ends, strict=True):
-        size = jnp.maximum(jnp.maximum(jnp.abs(start.value), jnp.abs(end.value)), h * jnp.abs(start.rate))
-        factors.append(event.turn / jnp.maximum(size, _TINY))
+        factors.append(event.turn / jnp.maximum(_size(start, end, h), _TINY))
         crests.append(jnp.where(event.counts, 2.0, crest_above_zero(start, end, h)))
 
     def watched(events: Sequence[Ends]) -> list[Ends]:

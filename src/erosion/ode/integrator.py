@@ -279,18 +279,21 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
     watched = crossings.watch(problem.directions, lane.events, scale) if problem.options.waits else []
-    if problem.options.waits:
-        trial = crossings.look_directed(
-            watched, lane.control, lane.events, events, within, error, scale, rough=problem.rough
-        )
-    else:
-        trial = crossings.look(lane.control, lane.events, events, within, error, scale, rough=problem.rough)
-    limits = problem.limits
-    control, moved = lax.cond(
-        crossings.is_near_an_end(lane.control, trial),
-        lambda: crossings.decide(lane.control, trial, scale, limits, rough=problem.rough),
-        lambda: step_control.go_on(lane.control, trial.error, trial.lowest, scale, limits),
-    )
+    limits, rough = problem.limits, problem.rough
+
+    def goes_on() -> tuple[Control, Flag]:
+        return step_control.go_on(lane.control, error, scale, limits)
+
+    def looks() -> tuple[Control, Flag]:
+        looked = lane.control, lane.events, events, within, error, scale
+        if problem.options.waits:
+            trial = crossings.look_directed(watched, *looked, rough=rough)
+        else:
+            trial = crossings.look(*looked, rough=rough)
+        return crossings.decide(lane.control, trial, scale, limits, rough=rough)
+
+    quiet = crossings.is_quiet(watched, lane.control, lane.events, events, within, _GRAZE * rtol, rough=rough)
+    control, moved = lax.cond(quiet, goes_on, looks)
     if problem.rough and problem.order:
         broken = is_broken(problem, lane.state, stages, h, problem.time_scale) & moved
         control = control._replace(mode=jnp.where(broken, step_control.FAILED, control.mode))
@@ -350,7 +353,7 @@ def _error(
     sizes: list[Scalar] = [np.float64(size) for size in problem.sizes]
     for i, size in enumerate(lane.greatest):
         sizes[i] = jnp.maximum(sizes[i], _LEAST * size)
-    error = 0.0 * h
+    error = check = 0.0 * h
     # A step far too long may end in a slope that is far greater than all within it, which the estimate knows.
     late = -2 if problem.options.clock else -1
     integrals = range(problem.width - problem.integrals, problem.width)
@@ -367,13 +370,13 @@ def _error(
         for i in integrals:
             sizes[i] = sizes[i] + jnp.abs(h * stages[first + i][late])
         for row, size in zip(rows, sizes, strict=True):
-            error = _larger_error(error, h, stages[row], size)
+            error = jnp.maximum(error, _estimate(tuple(B_ERROR), h, stages[row], size))
         # The estimate of what is wanted is mostly the largest by far. Where it passes through zero by chance
         # it hides an error, but a second estimate is not zero at the same place.
         for i in range(problem.width) if problem.options.whole else integrals:
-            error = _checked_error(error, h, stages[first + i], sizes[i])
+            check = jnp.maximum(check, _estimate(tuple(B_CHECK), h, stages[first + i], sizes[i]))
         of_motion = of_motion if first else list(sizes)
-    return error
+    return jnp.maximum(error, _CHECK * check * eighth_root(check))
 
 
 @jax.jit
@@ -381,15 +384,9 @@ def _size(before: Scalar, after: Scalar, moved: Scalar, least: Scalar) -> Scalar
     return jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), jnp.maximum(moved, least))
 
 
-@jax.jit
-def _larger_error(error: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
-    return jnp.maximum(error, jnp.abs(h * _weighted(B_ERROR, slopes)) / size)
-
-
-@jax.jit
-def _checked_error(error: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
-    check = jnp.abs(h * _weighted(B_CHECK, slopes)) / size
-    return jnp.maximum(error, _CHECK * check * eighth_root(check))
+@functools.partial(jax.jit, static_argnums=0)
+def _estimate(weights: tuple[float, ...], h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
+    return jnp.abs(h * _weighted(weights, slopes)) / size
 
 
 def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> LaneEnd:

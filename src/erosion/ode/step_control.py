@@ -182,21 +182,19 @@ def goes_on(control: Control) -> Flag:
     return control.mode <= LOCATING
 
 
-def go_on(control: Control, error: Scalar, lowest: Scalar, scale: Scalar, limits: Limits) -> tuple[Control, Flag]:
+def go_on(control: Control, error: Scalar, scale: Scalar, limits: Limits) -> tuple[Control, Flag]:
     """The control after a trial with no event near, and whether the lane moves to the trial's end.
 
     Args:
         control: before the trial.
         error: over the tolerance; NaN is an error.
-        lowest: the least value of an event function in the step.
         scale: the time scale.
         limits: when a lane is given up.
     """
     good = error <= 1
     step = next_step(control, error, good)
-    moved = good & (control.mode == ADVANCING)
-    after = counted(control, lowest, good, moved)
-    return given_up(after._replace(step=step, trial=step), scale, limits), moved
+    after = counted(control, jnp.inf, good, good)
+    return given_up(after._replace(step=step, trial=step), scale, limits), good
 
 
 def eighth_root(value: Scalar) -> Scalar:
