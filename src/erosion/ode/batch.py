@@ -59,11 +59,12 @@ class _Batch(NamedTuple):
         """The greatest relative change of some lanes' values; 1 where they end otherwise."""
         (old, *before), (outcome, *found) = before, self.values(lanes)
         with np.errstate(all="ignore"):
-            changes = [np.abs(new - one) / np.abs(new) for new, one in zip(found, before, strict=True)]
+            sizes = [np.abs(new) for new in found]
             # At an event a part of the state may be zero by definition, and nothing is known relative to it.
-            states = len(self.results.outputs.value) - len(self.layout.problem.integrals)
             is_event = outcome < len(self.layout.event_names)
-            changes[:states] = [np.where(is_event, 0.0, change) for change in changes[:states]]
+            for i, least in enumerate(self.results.least):
+                sizes[i] = np.where(is_event, np.inf, np.maximum(sizes[i], least[lanes]))
+            changes = [np.abs(new - one) / size for new, one, size in zip(found, before, sizes, strict=True)]
             change = functools.reduce(np.maximum, changes)
         return np.where(outcome == old, np.nan_to_num(change, posinf=1.0), 1.0)
 

@@ -84,6 +84,18 @@ class Extended:
         parts = [rows[i : i + self.width] for i in range(0, len(rows), self.width)]
         return tuple(jax.tree.unflatten(self._member, part) for part in parts)
 
+    def sizes_of_state(self, rows: Rows) -> list[Scalar]:
+        """The sizes of the elements of the state, where it is wanted, from those of the rows of the motion itself."""
+        if not self.options.whole:
+            return []
+        # Each element is a known number plus known multiples of rows.
+        high, low = (
+            self.equations.at(self.numbers).outputs(jax.tree.unflatten(self._member, [sign * row for row in rows]))
+            for sign in (1.0, -1.0)
+        )
+        both = zip(high[: len(high) - self.integrals], low, strict=False)
+        return [(jnp.abs(one) + jnp.abs(other)) / 2 for one, other in both]
+
     @property
     def time_scale(self) -> Scalar:
         """A typical time of the motion."""

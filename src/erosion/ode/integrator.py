@@ -86,6 +86,7 @@ class LaneEnd(NamedTuple):
         trials: number of steps tried.
         count: number of events on the way, that at the end included.
         at_once: for each event whether it happens at the end.
+        least: where the whole state is wanted, a size of each of its elements below which it need not be known.
     """
 
     outcome: PerImpact
@@ -95,6 +96,7 @@ class LaneEnd(NamedTuple):
     trials: PerImpact
     count: PerImpact  # pyright: ignore[reportIncompatibleMethodOverride]
     at_once: Sequence[PerImpact] = ()
+    least: Sequence[PerImpact] = ()
 
 
 def integrate_lane(
@@ -132,6 +134,7 @@ class _Motion(NamedTuple):
         time: since the motion began.
         count: events so far, of all motions of a chain.
         at_once: for each event whether it happens there.
+        greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
     """
 
     control: Control
@@ -140,6 +143,7 @@ class _Motion(NamedTuple):
     time: Scalar
     count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
     at_once: Sequence[Flag]
+    greatest: Rows
 
 
 def _to_its_event(
@@ -233,7 +237,8 @@ def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
     happened = ended & (event >= 0)
     near = crossings.at_once(events, remaining, scale) if options.clock else [jnp.asarray(False)] * len(events)
     at_once = [happened & (there | (event == i)) for i, there in enumerate(near)]
-    return _Motion(control, problem.members(rows), event, time, lax.convert_element_type(happened, np.int32), at_once)
+    count = lax.convert_element_type(happened, np.int32)
+    return _Motion(control, problem.members(rows), event, time, count, at_once, lane.greatest)
 
 
 def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
@@ -428,6 +433,7 @@ def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> L
         trials=lax.convert_element_type(control.trials, np.int32),
         count=lax.convert_element_type(motion.count, np.int32) if problem.options.clock else None,
         at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once] if problem.options.clock else [],
+        least=[_LEAST * size for size in problem.sizes_of_state(motion.greatest)],
     )
 
 
@@ -501,7 +507,8 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
     control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), _FIRST_STEP)
     none = 0 * control.mode
     nothing = [jnp.asarray(False)] * len(problem.directions)
-    start = _Motion(control, problem.members(problem.initial), none - 1, zero, none, nothing)
+    sizes = _greatest(problem, [0.0 * row for row in problem.initial], problem.initial)
+    start = _Motion(control, problem.members(problem.initial), none - 1, zero, none, nothing, sizes)
     elapsed = tuple(zero for _ in problem.members(problem.initial))
     chain = lax.while_loop(lambda chain: chain.goes_on, flown, _Chain(jnp.asarray(True), start, elapsed, zero + 1.0))
     outputs = equations.of(_outputs, chain.motion.members)
