@@ -21,6 +21,8 @@ from erosion.lanes.vector_ir import vector_ir
 WIDTH = 8
 """Lanes of a vector: eight float64 fill the widest registers; narrower ones take two or four for each."""
 
+_PORTION = 2**12  # lanes; vectors are as they were
+
 number = jax.ShapeDtypeStruct((), np.float64)
 """Shape and type of a lane's plain number."""
 
@@ -105,15 +107,19 @@ class Lanewise:
             for i in range(result[0].size):
                 outputs += (address + i * step, stride)
         of_inputs, of_outputs = np.array(varying, np.int64), np.array(outputs, np.int64)
-        self._code.run(
-            inputs.ctypes.data,
-            of_inputs.ctypes.data,
-            len(varying) // 3,
-            order.ctypes.data,
-            len(order),
-            of_outputs.ctypes.data,
-            0 if stop is None else stop.ctypes.data,
-        )
+        # In portions: better code may take over between two of them.
+        for begin in range(0, len(order), _PORTION):
+            if stop is not None and stop[0]:
+                return
+            self._code.run(
+                inputs.ctypes.data,
+                of_inputs.ctypes.data,
+                len(varying) // 3,
+                order[begin:].ctypes.data,
+                min(len(order) - begin, _PORTION),
+                of_outputs.ctypes.data,
+                0 if stop is None else stop.ctypes.data,
+            )
 
     def _inputs(self) -> np.ndarray:
         """Memory for one vector of arguments, shape (places, width).

@@ -63,7 +63,7 @@ def cubic_error(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Sc
     worst: Scalar = 0.0
     for theta, value in looks:
         error = jnp.abs(value - _cubic(start, end, length, theta))
-        worst = jnp.maximum(worst, error / (theta * (1 - theta)) ** 2)
+        worst = jnp.maximum(worst, error * (theta * (1 - theta)) ** -2)
     return worst
 
 
@@ -481,7 +481,7 @@ def _is_clear(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scal
 
 def _bezier(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, ...]:
     """The four numbers between the least and the greatest of which the cubic through both ends lies."""
-    third = length / 3
+    third = length * (1 / 3)
     return start.value, start.value + third * start.rate, end.value - third * end.rate, end.value
 
 

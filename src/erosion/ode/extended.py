@@ -125,7 +125,7 @@ class Extended:
             first: the first step, of the time scale.
         """
         scale = self.time_scale
-        return scale if self.layout.problem.time_scale is not None else jnp.minimum(scale, step / first)
+        return scale if self.layout.problem.time_scale is not None else jnp.minimum(scale, step * (1 / first))
 
     @property
     def until(self) -> Derivatives:
