@@ -68,7 +68,7 @@ def test_the_advised_angle_loses_least_where_most_is_lost(advice):
 
 @pytest.mark.slow
 def test_the_sentences_say_angle_amount_and_what_would_narrow_it(advice):
-    angle, amount, narrower = advice.statements
+    angle, amount, narrower = advice.conclusions
     assert angle.startswith(f"Set the nozzle to {math.degrees(advice.alpha):.0f}° from the surface.")
     assert f"at least {advice.worst:.0%}" in angle
     assert "g/kg there if 0.5 of the particles cut, and the correlations for this metal 0.23 to 1 g/kg" in amount
@@ -104,7 +104,7 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
 
 @pytest.mark.slow
 def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_path):
-    angle, amount, narrower = fitted.statements
+    angle, amount, narrower = fitted.conclusions
     assert "There each of 64 draws of post.nc removes at least 100%" in angle
     assert "if all of the particles cut; the correlations for this metal, which are made from other tests" in amount
     assert "four angles" not in narrower
@@ -129,9 +129,9 @@ def test_an_uncertain_share_of_cutting_particles_changes_amounts_alone():
 @pytest.mark.slow
 def test_round_particles_are_told_apart():
     advice = erosion.advise(P, particle="glass beads 0.2 mm", target="titanium Ti-6Al-4V", models=["finnie"])
-    assert advice.statements[-1].startswith("The models take a sharp edge; round particles plough")
+    assert advice.conclusions[-1].startswith("The models take a sharp edge; round particles plough")
     assert not any(curve.fits for curve in advice.group("correlations"))
-    assert "correlations" not in advice.statements[1]
+    assert "correlations" not in advice.conclusions[1]
 
 
 @pytest.mark.slow
@@ -145,7 +145,7 @@ def test_without_a_density_amounts_are_volumes():
 
 
 def amount(advice: erosion.Advice) -> str:
-    (sentence,) = [sentence for sentence in advice.statements if "amount" in sentence or "g/kg" in sentence]
+    (sentence,) = [sentence for sentence in advice.conclusions if "amount" in sentence or "g/kg" in sentence]
     return sentence
 
 
@@ -196,7 +196,7 @@ def test_a_model_that_cannot_be_computed_is_named(monkeypatch):
 @pytest.mark.slow
 def test_the_page_has_all_of_it_and_the_sheet_is_one(advice, tmp_path):
     page = write_advice(advice, tmp_path / "advice.html").read_text()
-    for sentence in advice.statements:
+    for sentence in advice.conclusions:
         assert sentence in page
     assert "<svg" in page
     assert page.count("<tr>") == 1 + len(advice.rows())

@@ -49,7 +49,7 @@ def test_exact_data_give_the_truth_back():
     assert result.chi2 < 1e-9
     assert result.p.k == result.estimates["k"]
     assert result.p.units == "inch-pound"
-    assert result.statements == ()
+    assert result.warnings == ()
     numbers = result.to_dict()
     assert (numbers["model"], numbers["estimates"]) == ("linearized", result.estimates)
     assert numbers["parameters"]["k"] == result.estimates["k"]
@@ -135,7 +135,7 @@ def test_estimates_are_unbiased_and_intervals_cover():
 
 def test_a_product_is_reported_as_a_product():
     result = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "sigma"])
-    assert result.statements == ("psi and sigma cannot be told apart: only psi·sigma is determined. Fix one of them.",)
+    assert result.warnings == ("psi and sigma cannot be told apart: only psi·sigma is determined. Fix one of them.",)
     assert result.undetermined == ("psi", "sigma")
     assert result.standard_errors["psi"] == result.standard_errors["sigma"] == np.inf
     assert result.intervals()["psi"] == (0.0, np.inf)
@@ -152,7 +152,7 @@ def test_a_product_is_reported_as_a_product():
 
 def test_what_has_no_influence_is_said():
     result = calibrate("linearized", GUESS, synthetic(2), ["k", "psi", "r"], starts=2)
-    assert result.statements == ("r has no influence on these data and cannot be determined. Fix it.",)
+    assert result.warnings == ("r has no influence on these data and cannot be determined. Fix it.",)
     assert result.standard_errors["r"] == np.inf
     assert np.isfinite(result.standard_errors["psi"])
 
@@ -164,7 +164,7 @@ def test_combinations_are_named_as_products_of_powers():
     columns = [shape, height, -height, 2 * height, 0.3 * spin, 0.3 * spin]
     result = identify(names, np.stack(columns, axis=1), np.ones(6), 1.0)
     assert result.rank == 3
-    assert result.statements == (
+    assert result.warnings == (
         "m, sigma and v0 cannot be told apart: only m·v0^2/sigma is determined.",
         "phidot0 and r cannot be told apart: only phidot0·r is determined.",
     )
@@ -172,9 +172,9 @@ def test_combinations_are_named_as_products_of_powers():
     # θ = φ̇₀ r₀/v₀ is not a logarithm: at half the size, its column is twice as strong.
     columns[4] = columns[4] * 2
     again = identify(names, np.stack(columns, axis=1), np.array([1, 1, 1, 1, 0.5, 1]), 1.0)
-    assert again.statements == result.statements
+    assert again.warnings == result.warnings
     root = identify(["m", "b"], np.stack([shape, -shape / 2], axis=1), np.ones(2), 1.0)
-    assert root.statements == ("m and b cannot be told apart: only m/b^(1/2) is determined.",)
+    assert root.warnings == ("m and b cannot be told apart: only m/b^(1/2) is determined.",)
 
 
 def test_a_profile_of_a_nearly_linear_fit_is_a_parabola(fit):
@@ -232,7 +232,7 @@ def test_a_free_scale_leaves_the_shape(fit):
     # The scale takes up the guess's wrong ψ.
     assert result.estimates["scale"] == pytest.approx(1e5 * 0.06 / fit.estimates["psi"], rel=1e-5)
     tied = calibrate("linearized", GUESS, table, ["k", "psi"], starts=1)
-    assert tied.statements == ("psi and scale cannot be told apart: only psi/scale is determined. Fix one of them.",)
+    assert tied.warnings == ("psi and scale cannot be told apart: only psi/scale is determined. Fix one of them.",)
 
 
 def test_speed_and_mass_by_row():
@@ -249,9 +249,9 @@ def test_speed_and_mass_by_row():
 def test_bounds_are_kept_and_said():
     result = calibrate("linearized", GUESS, synthetic(1), ["k", "psi"], bounds={"k": (2.5, 4.0)}, starts=2)
     assert result.estimates["k"] == pytest.approx(2.5, rel=1e-6)
-    assert result.statements[0] == "k is at its lower bound, 2.5: its error means nothing."
-    assert result.statements[1].startswith("psi is known better than its standard error says")
-    assert result.statements[2].startswith("The model does not fit within the uncertainties: χ² is")
+    assert result.warnings[0] == "k is at its lower bound, 2.5: its error means nothing."
+    assert result.warnings[1].startswith("psi is known better than its standard error says")
+    assert result.warnings[2].startswith("The model does not fit within the uncertainties: χ² is")
 
 
 @pytest.mark.parametrize(
@@ -309,7 +309,7 @@ def test_an_interval_on_whose_way_the_model_fails_is_said(fit, monkeypatch):
     monkeypatch.setattr(doubts, "settle", lambda *arguments: None)
     again = Calibration(fit.problem, fit.solution)
     assert np.isnan(again.intervals()["k"]).all()
-    assert again.statements[0].startswith("The interval of k has an end that is not known: the model fails")
+    assert again.warnings[0].startswith("The interval of k has an end that is not known: the model fails")
     with pytest.raises(CalibrationError, match="The profile of k cannot be made"):
         again.profile("k")
 
@@ -343,7 +343,7 @@ def test_a_curve_with_a_jump_is_found_from_afar(turning):
     for name, truth in (("k", 2.0), ("psi", 0.04)):
         assert abs(result.estimates[name] - truth) < 3 * result.standard_errors[name]
     # Here the jump comes upon a row 0.6 standard errors below k.
-    (sentence,) = result.statements
+    (sentence,) = result.warnings
     assert sentence.startswith("k is known better than its standard error says (V(α) jumps, or a bound)")
 
 
@@ -356,7 +356,7 @@ def test_the_variant_that_made_the_data_comes_first(turning):
     # With 3k for k and a third of ψ, Finnie's curve is the linearized one.
     assert ranking.ties == (("linearized", "finnie"),)
     assert ranking.tied_with("finnie") == ("linearized",)
-    assert "linearized and finnie give the same curve" in ranking.statements[0]
+    assert "linearized and finnie give the same curve" in ranking.warnings[0]
     other = ranking.fits[1].estimates
     assert ranking.fits[2].estimates == pytest.approx({"k": 3 * other["k"], "psi": other["psi"] / 3}, rel=1e-4)
     assert ranking.fits[0].leave_one_out < ranking.fits[1].leave_one_out
@@ -374,7 +374,7 @@ def test_a_ranking_says_what_is_the_same_and_what_is_open(turning):
     tied = (
         "These data cannot tell models of the same curve apart: linearized and finnie; tan-alpha and velocity-aligned."
     )
-    assert tied in ranking.statements
+    assert tied in ranking.warnings
 
 
 def test_a_ranking_says_which_own_parameters_are_held(turning):
@@ -383,7 +383,7 @@ def test_a_ranking_says_which_own_parameters_are_held(turning):
     held = (
         "Own parameters that are not free are held: threshold = 0 in/s (rotating-deformation, linearized-deformation)."
     )
-    assert held in ranking.statements
+    assert held in ranking.warnings
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     of_threshold = {row.name: row for row in fits["linearized-deformation"].rows()}["threshold"]
     assert (of_threshold.value, of_threshold.unit, of_threshold.meaning) == ("0", "in/s", "held")
@@ -469,6 +469,6 @@ def test_rows_of_another_order_than_all_tests_are_told(heading, factor, said):
     degrees = np.array([10.0, 20.0, 30.0, 45.0, 60.0])
     volume = np.asarray(LinearizedCut().volume(GUESS.replace(alpha=np.deg2rad(degrees), k=2.0)))
     columns = {"angle [deg]": degrees, heading: factor * volume / volume.max()}
-    statements = calibrate("linearized", GUESS, columns, ["psi"], density="2.7 g/cm^3", starts=1).statements
+    statements = calibrate("linearized", GUESS, columns, ["psi"], density="2.7 g/cm^3", starts=1).warnings
     far = [sentence for sentence in statements if " is far from what tests on ductile metals find at " in sentence]
     assert [sentence.startswith("data: ") and sentence.endswith(said) for sentence in far] == [True] * bool(said)

@@ -59,7 +59,7 @@ def test_what_starts_at_zero_may_have_either_sign(data):
         MODEL.replace(friction=0.0), P, data, free=["psi", "friction"], bounds={"friction": (-1.0, 0.1)}
     )
     assert bound.estimates["friction"] == pytest.approx(0.1, abs=1e-6)
-    assert any(said.startswith("friction is at its upper bound, 0.1") for said in bound.statements)
+    assert any(said.startswith("friction is at its upper bound, 0.1") for said in bound.warnings)
     with pytest.raises(ValueError, match="`bounds` must give friction two ascending values in its range, but has"):
         erosion.calibrate(MODEL, P, data, free=["psi", "friction"], bounds={"friction": (-1.0, 0.1)})
 
@@ -67,7 +67,7 @@ def test_what_starts_at_zero_may_have_either_sign(data):
 def test_what_erosion_cannot_tell_is_said(data):
     fit = erosion.calibrate(MODEL, P, data, free=["k", "psi", "friction"], starts=1)
     assert fit.undetermined == ("k", "psi", "friction")
-    assert fit.statements[0].startswith("k, psi and friction cannot be told apart")
+    assert fit.warnings[0].startswith("k, psi and friction cannot be told apart")
 
 
 @pytest.mark.parametrize("friction", [0.2, -0.1])
@@ -177,7 +177,7 @@ def test_numbers_of_deformation_that_all_speeds_share_are_found_from_any_guess(e
     for name, value in truth.items():
         assert abs(fit.estimates[name] - value) < 3 * fit.standard_errors[name] < 0.2 * value
     held = erosion.calibrate(model.replace(threshold=0.0), p, columns, ["k", "psi", "specific_energy"], starts=1)
-    assert held.statements[-1].startswith("Free threshold or fit each speed alone: the model removes as v₀^2, ")
+    assert held.warnings[-1].startswith("Free threshold or fit each speed alone: the model removes as v₀^2, ")
 
 
 def test_bounds_hold_for_a_stress_that_is_guessed():

@@ -87,7 +87,7 @@ def test_draws_are_labelled_arrays_over_chains(result):
     assert np.shape(result.samples["psi"]) == (4, 200)
     assert result.samples["k"].attrs["long_name"] == "force ratio"
     assert result.converged
-    assert result.statements == ()
+    assert result.warnings == ()
     assert result.p.k == 3.0
     low, high = result.intervals()["k"]
     assert low < 2.0 < high
@@ -183,7 +183,7 @@ def test_the_best_angle_is_half_of_arctan_k(result):
 
 def test_a_ridge_is_said_in_one_sentence():
     drawn = posterior("linearized", TABLE_1, measured(8), ["sigma", "psi"], draws=200)
-    [sentence] = drawn.statements
+    [sentence] = drawn.warnings
     assert sentence.startswith("sigma and psi cannot be told apart: only sigma·psi is determined.")
     assert sentence.endswith("How far the ridge goes, the priors say.")
     # The product is known to some percents, where each alone varies by decades.
@@ -191,7 +191,7 @@ def test_a_ridge_is_said_in_one_sentence():
     assert product < 0.05
     assert np.log(drawn.samples["psi"]).std() > 1
     alone = posterior("linearized", TABLE_1, measured(8), ["r", "psi"], draws=200)
-    assert alone.statements == (
+    assert alone.warnings == (
         "r has no influence on these data and cannot be determined. Its draws are those of the prior.",
     )
 
@@ -209,8 +209,8 @@ def test_a_lopsided_parameter_has_its_median_and_no_deviation():
 
 def test_a_prior_that_decides_is_said():
     drawn = posterior("linearized", TABLE_1, measured(8), ["psi"], priors={"psi": Uniform(0.05, 0.2)}, draws=200)
-    assert any("lowest hundredth of its prior, uniform(0.05, 0.2)" in sentence for sentence in drawn.statements)
-    assert any("The uncertainties do not explain the misfit" in sentence for sentence in drawn.statements)
+    assert any("lowest hundredth of its prior, uniform(0.05, 0.2)" in sentence for sentence in drawn.warnings)
+    assert any("The uncertainties do not explain the misfit" in sentence for sentence in drawn.warnings)
 
 
 def test_scipys_laws_are_priors():
@@ -237,7 +237,7 @@ def test_draws_that_are_not_good_are_never_silent(monkeypatch, draws, sentence):
     with pytest.warns(ConvergenceWarning, match=sentence):
         drawn = posterior("linearized", TABLE_1.replace(k=3.0), measured(12), ["k", "psi", "sigma"], draws=draws)
     assert not drawn.converged
-    assert drawn.statements[0].startswith(sentence)
+    assert drawn.warnings[0].startswith(sentence)
     assert "Ask for more draws." in str(drawn)
     assert drawn.to_dict()["converged"] is False
 

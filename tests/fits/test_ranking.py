@@ -33,7 +33,7 @@ def test_models_that_miss_the_data_are_not_ranked_and_named(ranking):
     assert ranking.names[0] == "linearized-deformation"
     assert len(ranking.ranked) == 1
     assert ranking.weights.tolist() == [1.0, 0.0, 0.0]
-    (said,) = [sentence for sentence in ranking.statements if sentence.startswith("Not ranked: ")]
+    (said,) = [sentence for sentence in ranking.warnings if sentence.startswith("Not ranked: ")]
     assert all(name in said for name in ("tan-alpha", "linearized", "at 90°", "0 mg/kg", "95 mg/kg"))
     # The straight fit is within the scatter of six rows: the reason is the other fit, not a row.
     assert "linearized (its residuals are 12 times those of linearized-deformation)" in said
@@ -52,11 +52,11 @@ def test_the_best_fit_has_its_maximum_where_the_data_have_it(ranking):
 
 def test_a_single_model_that_misses_the_data_says_so():
     fit = calibrate("tan-alpha", P, WEIGHED, ["psi"], density=DENSITY, starts=2)
-    (said,) = fit.statements
+    (said,) = fit.warnings
     assert "scatter about a smooth curve" in said
     assert "at 90° the fit has 0 mg/kg, the data have 95 mg/kg" in said
     good = calibrate("linearized-deformation", P, WEIGHED, ["k", "psi", "energy_ratio"], density=DENSITY, starts=8)
-    assert good.statements == ()
+    assert good.warnings == ()
 
 
 def test_an_interval_that_is_lopsided_is_shown_without_a_standard_error():
@@ -160,7 +160,7 @@ def test_too_few_rows_for_the_criterion_print_no_nan(rows):
     few = {name: [column[row] for row in rows] for name, column in WEIGHED.items()}
     models = ["linearized-deformation", "rotating-deformation"]
     ranking = rank_models(P, few, ["k", "psi", "energy_ratio"], models=models, density=DENSITY, starts=4)
-    text = f"{ranking} {ranking.best} {ranking.statements}"
+    text = f"{ranking} {ranking.best} {ranking.warnings}"
     assert not any(word in text.lower().split() for word in ("nan", "nan%", "inf", "-inf"))
     assert ranking.best.rows_for_aicc == 6
     assert any("AICc needs at least 6 rows" in said for said in ranking.doubts)
@@ -172,7 +172,7 @@ def test_a_model_with_too_many_parameters_for_the_criterion_is_named():
     few = {name: [column[row] for row in (0, 1, 2, 3, 4)] for name, column in WEIGHED.items()}
     models = ["linearized", "linearized-deformation"]
     ranking = rank_models(P, few, ["k", "psi", "energy_ratio"], models=models, density=DENSITY, starts=4)
-    (said,) = [sentence for sentence in ranking.statements if sentence.startswith("Not ranked: ")]
+    (said,) = [sentence for sentence in ranking.warnings if sentence.startswith("Not ranked: ")]
     assert "linearized-deformation (AICc needs at least 6 rows for its parameters)" in said
     assert "nan" not in str(ranking)
 

@@ -55,7 +55,7 @@ def measured(noise: float = 0.03, p: erosion.Parameters = SAND, power: float = 0
 def test_the_first_guess_comes_from_the_size_of_the_data():
     # Table 1 removes 300 times as much from a particle's mass as this data has.
     fit = calibrate("linearized", TABLE_1, measured(0.0), ["k", "psi"], density="7850 kg/m^3", starts=1)
-    assert fit.statements == ()
+    assert fit.warnings == ()
     assert fit.chi2 < 1e-6
     product = SAND.sigma * SAND.psi / FRACTION
     assert float(fit.p.to("si").sigma) * fit.estimates["psi"] == pytest.approx(float(product), rel=1e-5)
@@ -123,8 +123,8 @@ def turning_data() -> dict[str, np.ndarray]:
 def test_what_the_data_do_not_decide_is_said():
     fit = calibrate("rotating", SAND, turning_data(), ["k", "psi", "cutting_fraction"], density=DENSITY)
     assert fit.undecided == ("psi", "cutting_fraction")
-    assert fit.statements[0].startswith("The data do not decide between psi and cutting_fraction: fix one of them")
-    assert not any("psi is known" in said for said in fit.statements)
+    assert fit.warnings[0].startswith("The data do not decide between psi and cutting_fraction: fix one of them")
+    assert not any("psi is known" in said for said in fit.warnings)
     rows = {row.name: row for row in fit.rows()}
     assert rows["k"].meaning.startswith("95%: ")
     for name in fit.undecided:
@@ -136,7 +136,7 @@ def test_what_the_data_do_not_decide_is_said():
 
 def test_no_place_is_advised_for_a_product():
     fit = calibrate("linearized", SAND, measured(), ["k", "sigma", "cutting_fraction"], density=DENSITY)
-    assert fit.statements == (
+    assert fit.warnings == (
         "sigma and cutting_fraction cannot be told apart: only sigma/cutting_fraction is determined. Fix one of them.",
     )
     assert fit.rows()[1].value == f"{fit.estimates['sigma'] / 1e9:.4g}"
@@ -146,7 +146,7 @@ def test_a_place_to_measure_is_one_where_the_parameter_acts():
     # All rows are steeper than the cusp at tan α = k/2, where k has no influence; at shallow angles it has.
     columns = {name: values[DEGREES.size + 8 :] for name, values in measured().items()}
     fit = calibrate("linearized", SAND, columns, ["k", "psi"], density=DENSITY)
-    said = fit.statements[0]
+    said = fit.warnings[0]
     assert said.startswith(("k has no influence on these data", "The data do not decide k: fix it, or measure at "))
     assert float(said.split("measure at ")[1].split("°")[0]) < columns["angle [deg]"].min()
 
@@ -166,9 +166,9 @@ def test_bounds_that_are_touched_are_marked():
     assert row.meaning.startswith("at its upper bound; 95%, if the model were right: 0.24")
     assert row.meaning.endswith(" … 0.25000 (upper bound)")
     near = calibrate("linearized", SAND, measured(), ["k", "psi"], density=DENSITY, bounds={"k": (1.9, 1.99)})
-    (end,) = [said for said in near.statements if said.startswith("The interval of k ends at")] or [""]
+    (end,) = [said for said in near.warnings if said.startswith("The interval of k ends at")] or [""]
     assert near.bounds_touched()["k"][0].startswith(("interval", "estimate"))
-    assert "bound" in end or any("k is at its" in said for said in near.statements)
+    assert "bound" in end or any("k is at its" in said for said in near.warnings)
 
 
 def test_numbers_of_a_fit_for_programs():
@@ -179,7 +179,7 @@ def test_numbers_of_a_fit_for_programs():
     assert numbers["rms"] == pytest.approx(np.sqrt(np.mean(fit.residuals**2)))
     assert numbers["residuals"] == fit.residuals.tolist()
     assert [(test["over"], test["seen"]) for test in numbers["patterns"]] == [("angle", False), ("speed", False)]
-    assert fit.statements == ()
+    assert fit.warnings == ()
 
 
 def test_residuals_over_the_angle_with_a_pattern_are_said():
@@ -189,7 +189,7 @@ def test_residuals_over_the_angle_with_a_pattern_are_said():
     assert pattern.probability < 0.01
     assert pattern.statistic < -2
     assert pattern.sentence.startswith("The residuals show a pattern over the angle: ")
-    assert pattern.sentence in fit.statements
+    assert pattern.sentence in fit.warnings
     assert pattern.sentence in str(fit)
 
 
@@ -200,7 +200,7 @@ def test_residuals_over_the_speed_with_a_pattern_are_said():
     assert pattern.statistic > 0.5
     assert pattern.sentence.startswith("The residuals rise with the speed (correlation of ranks 0.")
     assert pattern.sentence.endswith("the data grow more with the speed than the fit.")
-    assert pattern.sentence in fit.statements
+    assert pattern.sentence in fit.warnings
 
 
 def test_runs_are_counted_as_in_the_textbook():
@@ -280,13 +280,13 @@ def test_models_that_fit_as_well_are_said_to():
     ranking = rank_models(SAND, turning_data(), ["k", "psi"], models=["rotating", "linearized", "finnie"],
                           density=DENSITY)  # fmt: skip
     assert ranking.ties == (("linearized", "finnie"),)
-    first, second = ranking.statements[:2]
+    first, second = ranking.warnings[:2]
     assert first == "linearized and finnie give the same curve: these data cannot tell them apart."
     assert second.startswith("The data do not decide between ")
     assert "rotating" in second
     assert ranking.to_dict()["warnings"][:2] == [first, second]
     apart = rank_models(SAND, measured(), ["psi"], models=["linearized", "tan-alpha"], density=DENSITY)
-    assert not any("do not decide" in said for said in apart.statements)
+    assert not any("do not decide" in said for said in apart.warnings)
 
 
 def test_a_ranking_marks_bounds():
@@ -297,22 +297,22 @@ def test_a_ranking_marks_bounds():
 
 def test_the_growth_with_speed_is_said_with_its_exponent():
     fit = calibrate("linearized", SAND, measured(power=0.3), ["k", "cutting_fraction"], density=DENSITY, starts=2)
-    said = next(said for said in fit.statements if said.startswith("Fit each speed alone: the model removes as v₀^2, "))
+    said = next(said for said in fit.warnings if said.startswith("Fit each speed alone: the model removes as v₀^2, "))
     # Errors of 3 % in 12 rows of each speed.
     assert float(said.rstrip(".").rsplit("^", 1)[1]) == pytest.approx(2.3, abs=0.05)
 
 
 def test_errors_of_a_fit_that_is_wrong_are_marked():
     ranking = rank_models(SAND, measured(power=0.6), ["psi"], models=["linearized", "tan-alpha"], density=DENSITY)
-    assert ranking.statements[0].startswith("None of the models fits within the uncertainties: χ²/dof is ")
+    assert ranking.warnings[0].startswith("None of the models fits within the uncertainties: χ²/dof is ")
     best = ranking.best
     assert "95%, if the model were right: " in best.rows()[0].meaning
-    assert any("hold only if the model were right" in said for said in best.statements)
+    assert any("hold only if the model were right" in said for said in best.warnings)
     assert ranking.headings[3] == "χ²/dof"
     shown = [float(row[3]) for row in ranking.rows()]
     assert shown == pytest.approx([fit.chi2 / fit.degrees_of_freedom for fit in ranking.fits], rel=5e-3)
     right = rank_models(SAND, measured(), ["psi"], models=["linearized", "tan-alpha"], density=DENSITY)
-    assert not any("None of the models" in said for said in right.statements)
+    assert not any("None of the models" in said for said in right.warnings)
     assert "if the model" not in right.best.rows()[0].meaning
     alone = {name: column for name, column in measured().items() if "uncertainty" not in name}
     assert rank_models(SAND, alone, ["psi"], models=["linearized"], density=DENSITY).headings[3] == "rms [mg/kg]"

@@ -113,7 +113,7 @@ def test_streams_say_which_share_is_outside_of_the_range():
     with pytest.warns(erosion.correlations.OutOfRangeWarning, match=f"^75 % of the impacts are {BEYOND}$"):
         jet = erosion.stream("dnv", SI, **laws, n=256, best_angle=False, sensitivities=False)
     assert str(jet).endswith(f"75 % of the impacts are {BEYOND}")
-    assert erosion.stream("rotating", SI, **laws, n=256, best_angle=False, sensitivities=False).statements == ()
+    assert erosion.stream("rotating", SI, **laws, n=256, best_angle=False, sensitivities=False).warnings == ()
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ class Measured(Result):
         return "three <numbers>"
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         return ("1 < 2.",)
 
     def rows(self) -> list[tuple[str, ...]]:

@@ -84,7 +84,7 @@ def test_labels_and_notes_are_whole(at_two_speeds):
     upper = fig.axes[0]
     assert upper.get_ylabel() == "$Δm/m$  mass loss per mass of erodent\n[mg/kg]"
     notes = upper.get_title(loc="left")
-    assert notes == f"{len(at_two_speeds.statements)} warnings: see the text of the fit"
+    assert notes == f"{len(at_two_speeds.warnings)} warnings: see the text of the fit"
     assert upper.get_xlim() == (0, 92)  # a mark at 90° is whole
     fig.draw_without_rendering()
     texts = [upper.yaxis.label, fig.axes[1].yaxis.label, upper.title]

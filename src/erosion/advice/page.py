@@ -52,7 +52,7 @@ def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
     left, y = 0.09, 0.945
     fig.text(left, y, advice.language.text("Advice on a nozzle's angle"), fontsize=10, color=DIM)
     y = _paragraphs(fig, [advice.title], y - 0.006, width=52, size=15.0, weight="bold")
-    y = _paragraphs(fig, advice.statements, y - 0.005, width=99, size=9.5)
+    y = _paragraphs(fig, advice.conclusions, y - 0.005, width=99, size=9.5)
     texts = [f"{name}: {text}" for name, text in notes]
     # The curves take what the table and the notes leave of the sheet.
     below = 0.14 + _table_height(advice) + _paragraphs_height(texts, width=128, size=7.5) + 0.05

@@ -327,7 +327,7 @@ class Advice(Result):
         return self._from_to(two_digits(min(ends)), two_digits(max(ends)))
 
     @property
-    def statements(self) -> list[str]:
+    def conclusions(self) -> list[str]:
         """The advice in sentences."""
         sentences = [self._setting(), self._amount(), self._narrowing()]
         if self.particle is not None and self.particle.shape == "round":
@@ -447,7 +447,7 @@ class Advice(Result):
             "particle": None if self.particle is None else str(self.particle),
             "target": None if self.target is None else str(self.target),
             "uncertain": None if self.uncertain is None else str(self.uncertain),
-            "curves": curves, "statements": self.statements,
+            "curves": curves, "statements": self.conclusions,
         }  # fmt: skip
         return to_plain(numbers)
 

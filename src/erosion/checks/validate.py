@@ -300,7 +300,7 @@ class Validation(Result):
         ]
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def conclusions(self) -> tuple[str, ...]:
         """The sources, what agrees and what does not, and what this means."""
         stated = [comparison for comparison in self.comparisons if comparison.within is not None]
         agreeing = sum(bool(comparison.within) for comparison in stated)

@@ -145,7 +145,7 @@ class Verification(Result):
         return rows
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """A sentence for each failure."""
         return tuple(map(str, self.failures))
 

@@ -82,7 +82,7 @@ def advise(
 
         printed.document(advice.to_dict(), models, UNITS)
         return
-    print_table(advice.title, advice.rows(), advice.headings, (), advice.statements)
+    print_table(advice.title, advice.rows(), advice.headings, (), advice.conclusions)
     print_paths(figure=plot, page=output)
 
 

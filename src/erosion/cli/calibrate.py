@@ -70,7 +70,7 @@ def calibrate(
             raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
         ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss)
         along = None if profile is None else ranking.best.profile(profile)
-    output.warn_all([ranking.statements])
+    output.warn_all([ranking.warnings])
     # A fit takes longer than any file: it is shown first.
     if json:
         _print_document(output, ranking, level, along)

@@ -39,7 +39,7 @@ def validate(
     if json:
         Output("validate", json=True).document(validation.to_dict())
         return
-    print_table(validation.title, validation.rows(), validation.headings, (1, 2, 4), validation.statements)
+    print_table(validation.title, validation.rows(), validation.headings, (1, 2, 4), validation.conclusions)
     print_paths(figure=plot)
 
 

@@ -145,7 +145,7 @@ def posterior(
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = next_experiment or speeds or files.plot_next_experiment
         experiment = _experiment(posteriors, speeds, task.p) if is_asked else None
-    output.warn_all([ranking.statements, [f"posterior: {sentence}" for sentence in posteriors.statements]])
+    output.warn_all([ranking.warnings, [f"posterior: {sentence}" for sentence in posteriors.warnings]])
     # Draws take longer than any file: they are shown first.
     if json:
         parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]

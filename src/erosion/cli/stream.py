@@ -121,7 +121,7 @@ def _count(options: CaseOptions, section: dict[str, Any]) -> int:
 
 def _show(result: "Stream", name: str, output: Output) -> None:
     far = result.erosion_warning
-    for message in (*result.statements, *([far] if far else [])):
+    for message in (*result.warnings, *([far] if far else [])):
         output.warn(message)
     if not output.json:
         print_table(result.title, result.rows())

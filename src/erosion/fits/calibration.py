@@ -230,7 +230,7 @@ class Calibration(Result):
         return self.identifiability.undetermined
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Warnings about this fit, in sentences; empty for a good fit."""
         return doubts.sentences(self)
 
@@ -379,7 +379,7 @@ class Calibration(Result):
             "aicc": self.aicc,
             "leave_one_out": self.leave_one_out,
             "erosion_unit": self.data.erosion_unit,
-            "warnings": self.statements,
+            "warnings": self.warnings,
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
 

@@ -146,14 +146,14 @@ def to_case(
         ValueError: for a model without a name or a file, which no verb could load again.
     """
     lines = _origin(calibration)
-    lines += calibration.statements
+    lines += calibration.warnings
     lines.append(f"The best angle of this fit: {command(path)}")
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
     case = dump_case(exported_case(calibration), calibration.title)
     names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
     named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n" for name, value in names.items())
     weighed = dump_per_mass(_per_mass(calibration))
-    said = calibration.statements if doubts is None else doubts
+    said = calibration.warnings if doubts is None else doubts
     return commented(text, "#") + case + named + weighed + _model(calibration, path) + _for_advice(calibration, said)
 
 
@@ -274,7 +274,7 @@ def _comment(calibration: Calibration) -> str:
     lines = _origin(calibration)
     if calibration.cutting_fraction != 1:
         lines.append(share_in_words(calibration.cutting_fraction))
-    lines += calibration.statements
+    lines += calibration.warnings
     if calibration.data.free_scale:
         lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
     return "\n".join(lines)

@@ -61,7 +61,7 @@ class Identifiability:
     groups: tuple[Group, ...]
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """A sentence for each group of undetermined parameters."""
         return tuple(group.statement for group in self.groups)
 

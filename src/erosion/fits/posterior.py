@@ -319,7 +319,7 @@ class Posterior(Result):
         return not_converged(self)
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Sentences on what is doubtful; empty for a good result."""
         return doubts_of(self)
 
@@ -459,7 +459,7 @@ class Posterior(Result):
             "chains": len(self.run.log_evidence),
             "seed": self.seed,
             "erosion_unit": self.data.erosion_unit,
-            "warnings": self.statements,
+            "warnings": self.warnings,
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
 

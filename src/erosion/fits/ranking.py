@@ -100,17 +100,17 @@ class Ranking(Result):
         return next((tuple(tied for tied in tie if tied != name) for tie in self.ties if name in tie), ())
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Sentences on models that cannot be distinguished, on what is held, on failures, and on the best fit."""
         return (
             *self._poor(), *self._tied(), *self._not_ranked(), *self._too_few(), *self._equals(), *self._preference(),
-            *self._held(), *self.failures, *self.best.statements,
+            *self._held(), *self.failures, *self.best.warnings,
         )  # fmt: skip
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Those sentences that concern whoever uses the best fit."""
-        return (*self._poor(), *self._too_few(), *self._equals(), *self.best.statements)
+        return (*self._poor(), *self._too_few(), *self._equals(), *self.best.warnings)
 
     def _not_ranked(self) -> tuple[str, ...]:
         """A sentence on the models that are not ranked, with the reason of each."""
@@ -214,7 +214,7 @@ class Ranking(Result):
     def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""
         fits = [{**fit.to_dict(level), **self.standing(at)} for at, fit in enumerate(self.fits)]
-        return to_plain({"fits": fits, "failures": self.failures, "warnings": self.statements})
+        return to_plain({"fits": fits, "failures": self.failures, "warnings": self.warnings})
 
     def standing(self, at: int) -> Record:
         """The weight of a fit, the models of the same curve, and why it is not ranked where it is not."""

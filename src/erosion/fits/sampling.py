@@ -122,14 +122,14 @@ class PosteriorRanking(Result):
         return likely / likely.sum()
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Sentences on models that the data do not tell apart, on failures and doubtful draws."""
         of_others = [
             f"{name}: {sentence}"
             for name, drawn in zip(self.names[1:], self.posteriors[1:], strict=True)
             for sentence in drawn.not_converged
         ]
-        return (*self._equals(), *self.failures, *of_others, *self.best.statements)
+        return (*self._equals(), *self.failures, *of_others, *self.best.warnings)
 
     def _equals(self) -> tuple[str, ...]:
         near = [
@@ -168,7 +168,7 @@ class PosteriorRanking(Result):
             {**part.to_dict(level), "probability": weight}
             for part, weight in zip(self.posteriors, self.weights, strict=True)
         ]
-        return to_plain({"posteriors": drawn, "failures": self.failures, "warnings": self.statements})
+        return to_plain({"posteriors": drawn, "failures": self.failures, "warnings": self.warnings})
 
 
 def rank_posteriors(

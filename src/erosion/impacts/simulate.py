@@ -210,11 +210,6 @@ class Trajectory(Result):
         """The model and the angle of attack."""
         return f"{model_name(self.model)}: one impact at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
 
-    @property
-    def statements(self) -> list[str]:
-        """The warnings, as the table shows them."""
-        return [f"warning: {line}" for line in self.warnings]
-
     def to_dict(self) -> Record:
         """Model and case, how the cut ends and what it removes, and the units; without the histories."""
         names = ("t_c", "volume", "volume_at_contact", "dvolume", "max_depth", "turn")

@@ -263,8 +263,13 @@ class Result(abc.ABC):
         return HEADINGS
 
     @property
-    def statements(self) -> Sequence[str]:
-        """Sentences below the table."""
+    def conclusions(self) -> Sequence[str]:
+        """What the numbers say, in sentences below the table."""
+        return ()
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What a reader of the numbers should know, in sentences: what is doubtful, left out or out of range."""
         return ()
 
     def to_dict(self) -> Record:
@@ -272,8 +277,8 @@ class Result(abc.ABC):
         return to_plain(self)
 
     def __str__(self) -> str:
-        return "\n".join([to_text(self.title, self.rows(), self.headings), *self.statements])
+        return "\n".join([to_text(self.title, self.rows(), self.headings), *self.conclusions, *self.warnings])
 
     def _repr_html_(self) -> str:
-        sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in self.statements)
+        sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in (*self.conclusions, *self.warnings))
         return to_html(self.title, self.rows(), self.headings) + sentences

@@ -39,7 +39,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     """The data, the fitted curves with the bands of their uncertainty, and the first fit's residuals.
 
     Data of several speeds or masses has a colour for each, and a curve of each fit; a model is then
-    known by its dashes. A line above the figure says whether the first fit has warnings (`Calibration.statements`).
+    known by its dashes. A line above the figure says whether the first fit has warnings (`Calibration.warnings`).
 
     Args:
         fits: fits to the same data, the best first; only the first six are drawn, because a reader
@@ -71,9 +71,9 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
         ncols=min(len(labels), 3),
         title=f"bands: {level:.0%} of the curve, {_BY[best.data.uncertainty is None]}",
     )
-    if best.statements:
+    if best.warnings:
         whose = f"{model_name(best.model)}: " if len(fits) > 1 else ""
-        count = len(best.statements)
+        count = len(best.warnings)
         note = f"{whose}{count} warning{'s' if count > 1 else ''}: see the text of the fit"
         upper.set_title(note, fontsize=7.5, loc="left")
     unit = f"[{scale.unit}]" if scale.unit else ""

@@ -304,7 +304,7 @@ class Stream(Result):
         return {share: self.tally.quantile(share) for share in QUANTILES}
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """A sentence on the particles outside of the range that the model is made for, from 4096 of them."""
         model, p, hits = self.particles.impacts(self._sample)
         said = model.outside_of_range(p, hits)

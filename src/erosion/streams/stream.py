@@ -100,7 +100,7 @@ def stream(
     """
     options = StreamOptions(n, seed, points, best_angle, sensitivities, rtol, store)
     result = prepare_stream(model, p, distributions, options, uncertain).run(progress)
-    for message in result.statements:
+    for message in result.warnings:
         warnings.warn(message, OutOfRangeWarning, stacklevel=2)
     return result
 
