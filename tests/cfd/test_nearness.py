@@ -1,5 +1,6 @@
 """Surfaces in another unit than the impacts, and rows off the surface: refused, or a sentence says so."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_surface
 from erosion.cfd.rows import ImpactsError
-from erosion.cfd.surface import Surface
+from erosion.cfd.surface import Surface, metres_of
 from tests.cfd.parts import PARTS, pipe, plate, polygons, rows_on, write
 from tests.cfd.tables import Table
 
@@ -182,6 +183,33 @@ def test_a_spot_on_a_plate_about_the_origin_is_said_unless_the_unit_is_given() -
     again, sentences = wear(table, Surface(**fields, unit="m"))
     assert sentences == []
     np.testing.assert_array_equal(dataset["volume"], again["volume"])
+
+
+GIVEN = [(true, said) for true in ("mm", "cm", "in", "m") for said in ("mm", "cm", "in", "ft", "m", "km")]
+
+
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize(("true", "said"), GIVEN)
+def test_a_wrong_unit_is_refused_or_said(name: str, true: str, said: str) -> None:
+    surface = Surface(**vars_of(PARTS[name]))
+    surface = dataclasses.replace(surface, points=surface.points / metres_of(true)).in_unit(said)
+    try:
+        dataset, sentences = wear(TABLES[name], surface)
+    except ImpactsError as error:
+        refusal = str(error)
+        named = refusal.partition("Argument `unit` must ")[2]
+        good = true != said and (f"'{true}'" in named or "is not where the impacts are" in refusal)
+    else:
+        asked = [f"Is Argument `unit` right, '{said}'?" in sentence for sentence in sentences]
+        good = is_right(dataset, name) == (true == said) and asked == [True] * (true != said)
+    assert good
+
+
+def test_a_spot_in_the_unit_of_the_file_is_taken_without_a_word() -> None:
+    surface = plate(cells=120)
+    in_mm = dataclasses.replace(surface, points=surface.points * 1000).in_unit("mm")
+    _, sentences = wear(spot(surface, (0, 0, 0), 0.01), in_mm)
+    assert sentences == []
 
 
 def test_a_small_part_of_what_is_hit_needs_a_limit() -> None:

@@ -277,6 +277,8 @@ _CLEAR = 0.25  # share of rows by which another size must fit better, so that th
 _SAME = 0.02  # share of rows below which two sizes fit alike
 _ABSURD = 0.04
 """A surface that is larger than the impacts by so much, with faces as large as all of them, is in another unit."""
+_SMALLER = 0.99
+"""From here on another size is none: the same unit in other words."""
 _NAMES = {"in": "inches", "ft": "feet"}
 _RATIOS = {float(f"{a / b:.9g}") for a in METRES.values() for b in METRES.values() if 1e-3 <= a / b <= 1e3}
 # Units that people confuse, and half as large, for surfaces that are larger than what is hit.
@@ -372,7 +374,7 @@ class Nearness:
                 "Argument `limit` says how far off rows may lie."
             )
         smaller = self._smaller()
-        if smaller and smaller[0] < _ABSURD and self._extent() < self._side():
+        if surface.unit is None and smaller and smaller[0] < _ABSURD and self._extent() < self._side():
             raise ImpactsError(f"{surface.title}: may be in another unit. {self._spot(smaller)}")
 
     def sentences(self) -> list[str]:
@@ -391,18 +393,21 @@ class Nearness:
 
     def _smaller(self) -> list[float]:
         """The factors of smaller surfaces on which the rows would lie as well, rising; none where it is sure."""
-        if self._surface.unit is not None:
-            return []
-        shares = self._shares()
+        unit, shares = self._surface.unit, self._shares()
         least = max(0.5, shares[1.0] - _SAME)
-        return sorted(factor for factor in _OF_METRES if factor < 1 and shares[factor] > least)
+        factors = _OF_METRES if unit is None else self._of_units
+        smaller = sorted(factor for factor in factors if factor < _SMALLER and shares[factor] > least)
+        # 'm' answers the sentence on a surface without a unit.
+        return [] if unit == "m" and smaller and smaller[0] >= _ABSURD else smaller
 
     def _spot(self, smaller: Sequence[float]) -> str:
         """That the rows would lie as well on smaller surfaces."""
         surface = self._surface
         times = f"{'up to ' * (len(smaller) > 1)}{1 / smaller[0]:.4g}"
         unit = "If it is in metres, Argument `unit` must be 'm'."
-        if smaller != [0.5]:
+        if surface.unit is not None:
+            unit = f"Is Argument `unit` right, {surface.unit!r}? {_as_units(surface, smaller)}"
+        elif smaller != [0.5]:
             unit = _as_units(surface, [*smaller, 1.0])
         return (
             f"The impacts reach over {self._extent():.3g} m of the {surface.length:.3g} m of {surface.title}, and "
@@ -427,10 +432,17 @@ class Nearness:
         face, _ = self._surface.nearest(self._sample.position)
         return float(np.median(self._surface.longest_side[face]))
 
+    @functools.cached_property
+    def _of_units(self) -> Sequence[float]:
+        """By how much larger a surface with a unit would be in each other one."""
+        unit = self._surface.unit
+        return [] if unit is None else [float(f"{metres / metres_of(unit):.9g}") for metres in METRES.values()]
+
     def _shares(self) -> Mapping[float, float]:
         """The share of rows that lie on the surface, made larger by each factor."""
         if self._known is None or self._known[0] != self._rows:
-            self._known = self._rows, {factor: self._share(factor) for factor in _FACTORS}
+            factors = sorted({*_FACTORS, *self._of_units})
+            self._known = self._rows, {factor: self._share(factor) for factor in factors}
         return self._known[1]
 
     def _share(self, factor: float) -> float:
