@@ -158,7 +158,7 @@ def test_bad_sections_are_one_line_and_exit_2(sections, row):
 def test_a_section_that_is_no_table(tmp_path):
     (tmp_path / "case.toml").write_text(f"sweep = 3\n{CASE}")
     with pytest.raises(erosion.CaseError, match="`sweep` must be a table, but is 3"):
-        erosion.parameters.case_files.load_section(tmp_path / "case.toml", "sweep")
+        erosion.parameters.case_files.CaseFile.read(tmp_path / "case.toml").section("sweep")
 
 
 @pytest.mark.parametrize("title", [r"a\u0000b", r"\u001b[31mred", r"a\u0085b\u009b31m"])
@@ -166,7 +166,7 @@ def test_a_title_that_a_terminal_would_obey_is_refused(tmp_path, title):
     file = tmp_path / "mine.toml"
     file.write_text(case_text(title=f'"{title}"'), encoding="utf-8")
     with pytest.raises(erosion.CaseError, match="field `title` must have no control characters, but is "):
-        erosion.parameters.case_files.case_title(file)
+        erosion.parameters.case_files.CaseFile.read(file).title()
 
 
 @pytest.mark.parametrize(
@@ -176,4 +176,4 @@ def test_a_title_that_a_terminal_would_obey_is_refused(tmp_path, title):
 def test_a_title_is_one_line_and_never_blank(tmp_path, title, words):
     file = tmp_path / "mine.toml"
     file.write_text(case_text(title=f'"{title}"'), encoding="utf-8")
-    assert erosion.parameters.case_files.case_title(file) == words
+    assert erosion.parameters.case_files.CaseFile.read(file).title() == words

@@ -10,7 +10,7 @@ from erosion.cli import _status
 from erosion.fits import calibrate, to_case
 from erosion.fits.posterior_files import model_of_draws
 from erosion.models import ProportionalDeformationWear, Rotating, TanAlpha
-from erosion.parameters.case_files import load_case, load_model_of_case, load_section
+from erosion.parameters.case_files import CaseFile, load_case
 from tests.documents import result_of
 
 PLUG_IN = """
@@ -70,8 +70,8 @@ def test_every_path_of_a_case_begins_at_its_folder(two_folders):
     case = Path("cases/case.toml")
     assert load_case(case).to("si").sigma == pytest.approx(1e9)
     assert load_case(case).to("si").m == pytest.approx(2800 * 3.14159265 * 0.0003**3 / 6)
-    assert load_model_of_case(case)[0] == "cases/plug.py"
-    assert load_section(case, "stream") == {
+    assert CaseFile.read(case).model()[0] == "cases/plug.py"
+    assert CaseFile.read(case).section("stream") == {
         "n": 256, "phidot0": "samples(cases/jet.csv)", "rows": "cases/rows.csv", "uncertain": "cases/draws.csv"
     }  # fmt: skip
 
@@ -126,7 +126,7 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
     written = tomllib.loads(Path("out/fitted.toml").read_text())
     assert written["model"] == "../cases/plug.py"
     assert (written["particle"], written["target"]) == ("../cases/grit.toml: slag 0.3 mm", "../mt.toml: mine")
-    assert load_model_of_case("out/fitted.toml")[1] == {"softness": 1.0}
+    assert CaseFile.read("out/fitted.toml").model()[1] == {"softness": 1.0}
     assert Path(model_of_draws("out/post.nc")).resolve() == Path("cases/plug.py").resolve()
     for verb in (["run", "out/fitted.toml"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
         capsys.readouterr()

@@ -13,7 +13,7 @@ import xarray as xr
 from erosion.cli import _status
 from erosion.fits.posterior_files import model_of_draws
 from erosion.models.closed_forms import LinearizedCut
-from erosion.parameters.case_files import load_model_of_case
+from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import TABLE_1
 from tests.documents import result_of
 
@@ -147,7 +147,7 @@ def test_all_files_of_a_ranking_are_of_one_model(tmp_path, monkeypatch, capsys):
     # What misses the data is drawn no posterior of.
     assert [part["model"] for part in printed["result"]["posteriors"]] == ranked[::-1]
     assert any("AICc prefers rotating-deformation, the evidence linearized-d" in said for said in printed["warnings"])
-    assert load_model_of_case("fitted.toml")[0] == model_of_draws("post.nc") == "linearized-deformation"
+    assert CaseFile.read("fitted.toml").model()[0] == model_of_draws("post.nc") == "linearized-deformation"
     assert (
         _status(["stream", "fitted.toml", "--uncertain", "post.nc", "--n", "128", "--alpha", "normal(30deg, 3deg)"])
         == 0

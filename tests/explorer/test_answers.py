@@ -30,7 +30,7 @@ from erosion.explorer.views import numbers, sensitivities, volumes
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact
 from erosion.models import Linearized, load_model
-from erosion.parameters.case_files import load_per_mass
+from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.plotting.labels import AT_CONTACT
@@ -244,7 +244,7 @@ def test_curves_and_case_are_exact(tmp_path) -> None:
     assert b"alpha = 0.3490658503988659" in case_toml(STATE)
     weighed = dataclasses.replace(STATE, per_mass=PerMass(2700, 0.5))
     (tmp_path / "case.toml").write_bytes(case_toml(weighed))
-    assert load_per_mass(tmp_path / "case.toml") == weighed.per_mass
+    assert CaseFile.read(tmp_path / "case.toml").per_mass() == weighed.per_mass
 
 
 def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:

@@ -100,13 +100,13 @@ def test_without_a_density_there_is_no_mass_loss():
 
 
 def test_case_files_give_density_and_cutting_fraction(tmp_path):
-    from erosion.parameters.case_files import load_per_mass
+    from erosion.parameters.case_files import CaseFile
 
     case = tmp_path / "case.toml"
     case.write_text('target = "aluminium 6061"\ncutting_fraction = 0.4\n')
-    assert load_per_mass(case) == erosion.PerMass(2700.0, 0.4)
+    assert CaseFile.read(case).per_mass() == erosion.PerMass(2700.0, 0.4)
     case.write_text('target = "aluminium 6061"\ndensity = "2.71 g/cm^3"\n')
-    assert load_per_mass(case).density == pytest.approx(2710.0)
+    assert CaseFile.read(case).per_mass().density == pytest.approx(2710.0)
     for line, message in (
         ("density = 2700", r"field `density` must be a density with its unit"),
         ('density = "3 m"', "field `density` must be a density"),
@@ -119,7 +119,7 @@ def test_case_files_give_density_and_cutting_fraction(tmp_path):
     ):
         case.write_text(line)
         with pytest.raises(erosion.CaseError, match=message):
-            load_per_mass(case)
+            CaseFile.read(case).per_mass()
 
 
 def test_a_correlation_has_all_particles_and_its_own_density_in_it():

@@ -11,7 +11,16 @@ from erosion.cli.errors import user_errors
 from erosion.cli.fitting import GivenFit, TestedFitOptions, section_of
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
-from erosion.cli.options import OUTPUT, AllAngles, CaseFile, JsonOption, LangOption, PlotOption, read_option, with_file
+from erosion.cli.options import (
+    OUTPUT,
+    AllAngles,
+    CaseArgument,
+    JsonOption,
+    LangOption,
+    PlotOption,
+    read_option,
+    with_file,
+)
 from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, progress_bar, require_outputs, weighing
 
 if TYPE_CHECKING:
@@ -20,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def advise(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: AllAngles | None = None,

@@ -19,7 +19,7 @@ from erosion.cli.fitting import (
 )
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
-from erosion.cli.options import FIT, OUTPUT, AllAngles, CaseFile, JsonOption, SetOption, with_file
+from erosion.cli.options import FIT, OUTPUT, AllAngles, CaseArgument, JsonOption, SetOption, with_file
 from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _BOUNDS = 'Least and greatest: "psi=0.01:0.3,threshold=0:40 m/s".'
 
 def calibrate(
     data: DataFile,
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: AllAngles | None = None,

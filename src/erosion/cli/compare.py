@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, refuse_same
-from erosion.cli.options import OUTPUT, CaseFile, CaseOptions, JsonOption, PlotOption, with_file
+from erosion.cli.options import OUTPUT, CaseArgument, CaseOptions, JsonOption, PlotOption, with_file
 from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, require_outputs, weighing, working
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _COMPARISON = {"result": "a comparison of models"}
 
 
 def compare(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: CaseOptions | None = None,

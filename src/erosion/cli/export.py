@@ -10,7 +10,16 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
-from erosion.cli.options import AllAngles, CaseFile, CaseOptions, JsonOption, SetOption, in_full, named_model, with_file
+from erosion.cli.options import (
+    AllAngles,
+    CaseArgument,
+    CaseOptions,
+    JsonOption,
+    SetOption,
+    in_full,
+    named_model,
+    with_file,
+)
 from erosion.cli.output import Output, PerMassOptions, density_option, print_table, require_outputs, weighing, working
 from erosion.parameters.quantities import QUANTITIES, RESULTS
 
@@ -43,7 +52,7 @@ class _Part(NamedTuple):
 
 
 def export(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: AllAngles | None = None,

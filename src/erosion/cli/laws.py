@@ -300,7 +300,7 @@ def case_and_laws(
 
     where = f"{options.case}: field `{{}}` of [{verb}]"
     section = with_model_of_case(section, options, [model] if model else None)
-    p = options.without_changes().parameters()
+    p = options.parameters(changed=False)
     values: dict[str, Any] = {}
     texts = options.texts(verb, section)
     for name, (source, text) in texts.items():

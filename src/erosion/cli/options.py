@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
     from erosion.models.base import CuttingModel
+    from erosion.parameters.case_files import CaseFile
     from erosion.parameters.materials import Particle, Target
     from erosion.parameters.parameters import Parameters
     from erosion.parameters.units import Dimension, System
@@ -113,6 +114,14 @@ class CaseOptions:
         Parameter(help='A metal, for σ: "aluminium 6061", see `erosion materials`.'),
     ] = None
 
+    @functools.cached_property
+    def file(self) -> "CaseFile | None":
+        """The case file, read once for all that a verb wants of it."""
+        from erosion.parameters.case_files import CaseFile
+
+        with user_errors():
+            return None if self.case is None else CaseFile.read(self.case)
+
     def given(self) -> dict[str, str]:
         """By parameter, the text of its option, where there is one."""
         texts = {name: getattr(self, name) for name in QUANTITIES}
@@ -126,18 +135,20 @@ class CaseOptions:
             words += [] if text is None or name in without else [f"--{name}", text]
         return words
 
-    def parameters(self) -> "Parameters":
-        """The case with its overrides, validated; `Output` says where its size does not fit its mass.
+    def parameters(self, *, changed: bool = True) -> "Parameters":
+        """The case, validated; `Output` says where its size does not fit its mass.
+
+        Args:
+            changed: whether by the options of its parameters, too, which may be laws or axes.
 
         Raises:
             InputError: one sentence naming the file or the option.
         """
-        from erosion.parameters.case_files import load_case
         from erosion.parameters.parameters import TABLE_1, SizeWarning, validate
 
         with user_errors(), warnings.catch_warnings():
             warnings.simplefilter("ignore", SizeWarning)
-            p = TABLE_1 if self.case is None else load_case(self.case)
+            p = TABLE_1 if self.file is None else self.file.parameters()
             # Who names a particle and its size in mm means m/s by a bare 100; a case file says its own units.
             in_si = self.units is None and self.case is None and self.particle is not None
             units = "si" if in_si else self.units
@@ -147,8 +158,8 @@ class CaseOptions:
                 p = self._replaced(p, p.with_particle(self.particle), "particle")
             if self.target is not None:
                 p = self._replaced(p, p.with_target(self.target), "target")
-        changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units)
-                   for name, text in self.given().items()}  # fmt: skip
+        given = self.given() if changed else {}
+        changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units) for name, text in given.items()}
         with user_errors():
             p = dataclasses.replace(p, **changes)
             validate(p)
@@ -157,12 +168,11 @@ class CaseOptions:
     def _replaced(self, p: "Parameters", named: "Parameters", option: str) -> "Parameters":
         """The case of a name, with a warning of what the case file states otherwise, a fitted ψ for example."""
         from erosion.cli.output import warn
-        from erosion.parameters.case_files import stated
 
-        if self.case is not None:
+        if self.file is not None:
             names = [
                 name
-                for name in stated(self.case)
+                for name in self.file.stated
                 if name not in self.given() and not math.isclose(getattr(p, name), getattr(named, name), rel_tol=1e-6)
             ]
             if names:
@@ -171,11 +181,10 @@ class CaseOptions:
 
     def materials(self) -> "tuple[Particle | None, Target | None]":
         """The particle and the target, where an option or the case file names them; options win."""
-        from erosion.parameters.case_files import load_materials
         from erosion.parameters.materials import particle, target
 
         with user_errors():
-            grit, metal = (None, None) if self.case is None else load_materials(self.case)
+            grit, metal = (None, None) if self.file is None else self.file.materials()
             return (
                 grit if self.particle is None else particle(self.particle),
                 metal if self.target is None else target(self.target),
@@ -183,12 +192,10 @@ class CaseOptions:
 
     def model(self) -> tuple[str | None, dict[str, Any]]:
         """The model that the case file names for all verbs, and what it sets of that model's own parameters."""
-        from erosion.parameters.case_files import load_model_of_case
-
-        if self.case is None:
+        if self.file is None:
             return None, {}
         with user_errors():
-            name, own = load_model_of_case(self.case)
+            name, own = self.file.model()
         if any(not isinstance(value, str) for value in own.values()):
             self._require_own_units("field `set`")
         return name, own
@@ -214,13 +221,12 @@ class CaseOptions:
 
     def _require_own_units(self, what: str) -> None:
         """An `InputError` where --units is not that of the file, whose bare numbers would be read in it."""
-        from erosion.parameters.case_files import load_case
         from erosion.parameters.units import check_system
 
-        if self.case is None or self.units is None:
+        if self.file is None or self.units is None:
             return
         with user_errors():
-            units = load_case(self.case).units
+            units = self.file.parameters().units
             if check_system(self.units) != units:
                 raise InputError(
                     f"Option `--units` cannot convert the {what} of {self.case}, which is in {units}: leave "
@@ -229,19 +235,14 @@ class CaseOptions:
 
     def names(self) -> dict[str, str]:
         """The names of the particle and the target as they are typed, in options or the case file; options win."""
-        from erosion.parameters.case_files import names_of_materials
-
-        with user_errors():
-            in_file = {} if self.case is None else names_of_materials(self.case)
+        in_file = {} if self.file is None else self.file.names
         options = {"particle": self.particle, "target": self.target}
         return in_file | {name: text for name, text in options.items() if text is not None}
 
     def title(self) -> str:
         """What to call the case: its file's title or "Table 1", and what options change."""
-        from erosion.parameters.case_files import case_title
-
         with user_errors():
-            name = "Table 1" if self.case is None else case_title(self.case)
+            name = "Table 1" if self.file is None else self.file.title()
         named = [text for text in (self.particle, self.target) if text is not None]
         return ", ".join([name, *named, *(f"{QUANTITIES[q].symbol} = {text}" for q, text in self.given().items())])
 
@@ -250,22 +251,16 @@ class CaseOptions:
         if "alpha" in self.given():
             raise InputError(f"Option `--alpha` has no meaning here: {reason}.")
 
-    def without_changes(self) -> "CaseOptions":
-        """The case file and what holds for all of it."""
-        return CaseOptions(case=self.case, units=self.units, particle=self.particle, target=self.target)
-
     def section(self, verb: str, fields: Sequence[str], *, parameters: bool = True) -> dict[str, Any]:
         """The table of a verb in the case file: `fields` of the verb's own, and, if it takes them, parameters.
 
         Raises:
             InputError: for a field that is neither, and for --units other than the file's, in which the table is.
         """
-        from erosion.parameters.case_files import load_section
-
-        if self.case is None:
+        if self.file is None:
             return {}
         with user_errors():
-            section = load_section(self.case, verb)
+            section = self.file.section(verb)
         if not {*section}.isdisjoint((*QUANTITIES, "set", "uncertain")):
             self._require_own_units(f"table [{verb}]")
         known = (*fields, *QUANTITIES) if parameters else fields
@@ -296,7 +291,7 @@ class EachRow(CaseOptions):
     """Which impact, whose angle and speed a table has."""
 
 
-CaseFile = Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")]
+CaseArgument = Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")]
 
 
 def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:

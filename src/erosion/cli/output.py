@@ -246,17 +246,12 @@ class PerMassOptions:
         Raises:
             InputError: one sentence naming the option or the file.
         """
-        from erosion.parameters.case_files import load_materials, load_per_mass
-        from erosion.parameters.materials import target
         from erosion.parameters.per_mass import PerMass
 
         with user_errors():
-            of_case = PerMass(cutting_fraction=usual_fraction)
-            if options.case is not None:
-                of_case = load_per_mass(options.case, usual_fraction)
-            metal = None if options.target is None else target(options.target)
-            if metal is None and options.case is not None:
-                metal = load_materials(options.case)[1]
+            file = options.file
+            of_case = PerMass(cutting_fraction=usual_fraction) if file is None else file.per_mass(usual_fraction)
+            _, metal = options.materials()
         density = density_option("density", self.density)
         fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         with user_errors():

@@ -8,13 +8,13 @@ from cyclopts import Parameter
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption
-from erosion.cli.options import OUTPUT, CaseFile, CaseOptions, LangOption, with_file
+from erosion.cli.options import OUTPUT, CaseArgument, CaseOptions, LangOption, with_file
 from erosion.cli.output import PerMassOptions, progress_bar, require_apart, require_outputs, working
 from erosion.extras import extra
 
 
 def exercise(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: CaseOptions | None = None,
@@ -57,7 +57,7 @@ _PORT = 8080
 
 
 def explore(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: CaseOptions | None = None,
@@ -96,7 +96,7 @@ def explore(
 
 
 def report(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: CaseOptions | None = None,

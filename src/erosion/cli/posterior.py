@@ -22,7 +22,17 @@ from erosion.cli.fitting import (
 )
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
-from erosion.cli.options import DRAWS, FIT, OUTPUT, AllAngles, CaseFile, JsonOption, SetOption, WholeOption, with_file
+from erosion.cli.options import (
+    DRAWS,
+    FIT,
+    OUTPUT,
+    AllAngles,
+    CaseArgument,
+    JsonOption,
+    SetOption,
+    WholeOption,
+    with_file,
+)
 from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
 
 if TYPE_CHECKING:
@@ -93,7 +103,7 @@ class _Files:
 
 def posterior(
     data: DataFile,
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: AllAngles | None = None,

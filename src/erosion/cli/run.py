@@ -11,7 +11,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption, read_list
 from erosion.cli.options import (
     AllAngles,
-    CaseFile,
+    CaseArgument,
     CaseOptions,
     JsonOption,
     PlotOption,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: CaseOptions | None = None,
@@ -94,7 +94,7 @@ _AT = ("angle", "", "value", "unit", "kind")
 
 
 def optimum(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: AllAngles | None = None,

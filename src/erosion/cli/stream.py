@@ -13,7 +13,7 @@ from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
     LAWS,
     OUTPUT,
-    CaseFile,
+    CaseArgument,
     CaseOptions,
     JsonOption,
     PlotOption,
@@ -36,7 +36,7 @@ _NO_LAW = (
 
 
 def stream(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     case: CaseOptions | None = None,

@@ -13,7 +13,7 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import (
     OUTPUT,
-    CaseFile,
+    CaseArgument,
     CaseOptions,
     JsonOption,
     PlotOption,
@@ -65,7 +65,7 @@ _FIELDS = ("model", "paired", "derivatives", "wrt", "optimum", "set")
 
 
 def sweep(
-    file: CaseFile = None,
+    file: CaseArgument = None,
     /,
     *,
     output: Annotated[
@@ -185,7 +185,7 @@ def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[P
     from erosion.parameters.quantities import read_axis
 
     given = options.texts("sweep", section)
-    p = options.without_changes().parameters()
+    p = options.parameters(changed=False)
     values: dict[str, Any] = {}
     for name, (source, value) in given.items():
         with reading(source):

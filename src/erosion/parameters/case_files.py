@@ -18,7 +18,8 @@ import contextlib
 import functools
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +32,11 @@ from erosion.parameters.units import System, about, check_system, has_control_ch
 
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
-"""What only erosion per mass of abrasive needs; see `load_per_mass`."""
+"""What only erosion per mass of abrasive needs; see `CaseFile.per_mass`."""
 MODEL_KEYS = ("model", "set")
-"""The case's usual model and that model's own parameters; see `load_model_of_case`."""
+"""The case's usual model and that model's own parameters; see `CaseFile.model`."""
 SECTIONS = ("sweep", "stream", "map", "advise")
-"""Tables that a case file may have for the verbs of these names; see `load_section`."""
+"""Tables that a case file may have for the verbs of these names; see `CaseFile.section`."""
 _WORDS = ("title", "units", "warning")
 """Fields whose text is never a path."""
 _WITH_A_PATH = (
@@ -49,13 +50,135 @@ class CaseError(ValueError):
     """A case file that cannot be used; the message names the file and the field."""
 
 
+@dataclass(frozen=True)
+class CaseFile:
+    """A case file, read once.
+
+    Args:
+        path: the file.
+        table: its fields, each path in them as this process finds it.
+    """
+
+    path: Path
+    table: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: str | Path) -> "CaseFile":
+        """The file as it stands on the disk.
+
+        Raises:
+            CaseError: for a file that cannot be read, or is not in TOML.
+        """
+        path = check_path("path", path)
+        with readable(path, CaseError):
+            text = path.read_text(encoding="utf-8-sig")
+        try:
+            return cls(path, with_paths(tomllib.loads(text), functools.partial(beside, path)))
+        except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
+            raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
+        except RecursionError as error:
+            raise CaseError(f"{path}: is nested too deeply to be a case file.") from error
+
+    def parameters(self) -> Parameters:
+        """The validated parameters in the file's units; see `load_case`.
+
+        Raises:
+            CaseError: one sentence naming the file and the field.
+        """
+        with _in_file(self.path):
+            return _parameters(self.table)
+
+    @property
+    def stated(self) -> list[str]:
+        """The parameters that the file gives by their own names."""
+        return [name for name in QUANTITIES if name in self.table]
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The names of the particle and the target, where the file has them."""
+        return {name: self.table[name] for name in ("particle", "target") if isinstance(self.table.get(name), str)}
+
+    def materials(self) -> tuple[Particle | None, Target | None]:
+        """The particle and the target that the file names.
+
+        Raises:
+            CaseError: for a name that is unknown.
+        """
+        with _in_file(self.path):
+            grit, metal = self.table.get("particle"), self.table.get("target")
+            return None if grit is None else particle(grit), None if metal is None else target(metal)
+
+    def per_mass(self, usual_fraction: float = 1.0) -> PerMass:
+        """What the file says of erosion per mass: `cutting_fraction`, and `density` or that of `target`.
+
+        Args:
+            usual_fraction: the cutting fraction where the file gives none.
+
+        Raises:
+            CaseError: one sentence naming the file and the field.
+        """
+        with _in_file(self.path):
+            density = None
+            if "density" in self.table:
+                with about("Field `density`"):
+                    density = read_density(self.table["density"])
+            if "target" in self.names:
+                density = target(self.table["target"]).density_beside(density)
+            fraction = self.table.get("cutting_fraction", usual_fraction)
+            if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
+                raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")
+            return PerMass(density, float(fraction))
+
+    def model(self) -> tuple[str | None, dict[str, Any]]:
+        """The model that the file names for all verbs, a fitted one for example, and what it sets of its parameters.
+
+        Raises:
+            CaseError: for a model that is no name, and parameters without a model.
+        """
+        model, own = self.table.get("model"), self.table.get("set", {})
+        if not (model is None or isinstance(model, str)):
+            raise CaseError(f"{self.path}: field `model` must be a name in quotes, but is {shown(model)}.")
+        if not isinstance(own, dict):
+            raise CaseError(
+                f"{self.path}: field `set` must be a table such as {{friction = 0.3}}, but is {shown(own)}."
+            )
+        if own and model is None:
+            raise CaseError(f"{self.path}: field `set` needs the field `model`, whose parameters it sets.")
+        return model, own
+
+    def title(self) -> str:
+        """What the file calls its case: its `title`, else the file's name without its suffix.
+
+        Raises:
+            CaseError: for a title that is no text or holds control characters.
+        """
+        title = self.table.get("title", "")
+        if not isinstance(title, str):
+            raise CaseError(f"{self.path}: field `title` must be text in quotes, but is {shown(title)}.")
+        words = " ".join(title.split())
+        if has_control_characters(words):  # a terminal would obey them
+            raise CaseError(f"{self.path}: field `title` must have no control characters, but is {shown(title)}.")
+        return words or self.path.stem
+
+    def section(self, name: str) -> dict[str, Any]:
+        """The table `[name]`, empty where there is none.
+
+        Raises:
+            CaseError: where `name` is no table.
+        """
+        section = self.table.get(name, {})
+        if not isinstance(section, dict):
+            raise CaseError(f"{self.path}: `{name}` must be a table, but is {section!r}.")
+        return section
+
+
 def load_case(path: str | Path) -> Parameters:
     """Read the parameters in a TOML case file.
 
     Args:
         path: the file; its keys are `units`, `title`, `particle`, `target` and the fields of `Parameters`, which
-            overrule particle and target; for `density` and `cutting_fraction` see `load_per_mass`, for `model` and
-            `set` `load_model_of_case`. Tables for other verbs (`SECTIONS`) may stand below them.
+            overrule particle and target; for `density` and `cutting_fraction` see `CaseFile.per_mass`, for `model` and
+            `set` `CaseFile.model`. Tables for other verbs (`SECTIONS`) may stand below them.
 
     Returns:
         Validated parameters, in the file's units (SI where it names none); a mass that fits no body of the size is a
@@ -65,10 +188,7 @@ def load_case(path: str | Path) -> Parameters:
         CaseError: one sentence naming the file and the field, for a file that cannot be
             read, an unknown or missing key, a wrong dimension or a value out of range.
     """
-    path = check_path("path", path)
-    table = _read(path)
-    with _in_file(path):
-        p = _parameters(table)
+    p = CaseFile.read(path).parameters()
     warn_of_size(p)
     return p
 
@@ -80,118 +200,6 @@ def parse_case(text: str) -> Parameters:
         ValueError: for another text.
     """
     return _parameters(tomllib.loads(text))
-
-
-def stated(path: str | Path) -> list[str]:
-    """The parameters that a case file gives by their own names.
-
-    Raises:
-        CaseError: for a file that cannot be read.
-    """
-    return [name for name in QUANTITIES if name in _read(Path(path))]
-
-
-def names_of_materials(path: str | Path) -> dict[str, str]:
-    """The names of the particle and the target as a case file has them, where it has them.
-
-    Raises:
-        CaseError: for a file that cannot be read.
-    """
-    table = _read(Path(path))
-    return {name: table[name] for name in ("particle", "target") if isinstance(table.get(name), str)}
-
-
-def load_materials(path: str | Path) -> tuple[Particle | None, Target | None]:
-    """The particle and the target that a case file names.
-
-    Raises:
-        CaseError: for a file that cannot be read, or a name that is unknown.
-    """
-    path = check_path("path", path)
-    table = _read(path)
-    with _in_file(path):
-        grit, metal = table.get("particle"), table.get("target")
-        return None if grit is None else particle(grit), None if metal is None else target(metal)
-
-
-def load_per_mass(path: str | Path, usual_fraction: float = 1.0) -> PerMass:
-    """What a case file says of erosion per mass of abrasive: `cutting_fraction`, and `density` or that of `target`.
-
-    Args:
-        path: the file.
-        usual_fraction: the cutting fraction where the file gives none.
-
-    Raises:
-        CaseError: one sentence naming the file and the field.
-    """
-    path = check_path("path", path)
-    table = _read(path)
-    with _in_file(path):
-        density = None
-        if "density" in table:
-            with about("Field `density`"):
-                density = read_density(table["density"])
-        if isinstance(table.get("target"), str):
-            density = target(table["target"]).density_beside(density)
-        fraction = table.get("cutting_fraction", usual_fraction)
-        if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
-            raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")
-        return PerMass(density, float(fraction))
-
-
-def load_model_of_case(path: str | Path) -> tuple[str | None, dict[str, Any]]:
-    """The model that a case file names for all verbs, a fitted one for example, and what it sets of its parameters.
-
-    Raises:
-        CaseError: for a file that cannot be read, a model that is no name, and parameters without a model.
-    """
-    table = _read(Path(path))
-    model, own = table.get("model"), table.get("set", {})
-    if not (model is None or isinstance(model, str)):
-        raise CaseError(f"{path}: field `model` must be a name in quotes, but is {shown(model)}.")
-    if not isinstance(own, dict):
-        raise CaseError(f"{path}: field `set` must be a table such as {{friction = 0.3}}, but is {shown(own)}.")
-    if own and model is None:
-        raise CaseError(f"{path}: field `set` needs the field `model`, whose parameters it sets.")
-    return model, own
-
-
-def case_title(path: str | Path) -> str:
-    """What a case file calls its case: its `title`, else the file's name without its suffix.
-
-    Raises:
-        CaseError: for a file that cannot be read, or whose title is no text or holds control characters.
-    """
-    title = _read(Path(path)).get("title", "")
-    if not isinstance(title, str):
-        raise CaseError(f"{path}: field `title` must be text in quotes, but is {shown(title)}.")
-    words = " ".join(title.split())
-    if has_control_characters(words):  # a terminal would obey them
-        raise CaseError(f"{path}: field `title` must have no control characters, but is {shown(title)}.")
-    return words or Path(path).stem
-
-
-def load_section(path: str | Path, name: str) -> dict[str, Any]:
-    """The table `[name]` of a case file as it stands there, empty where there is none.
-
-    Raises:
-        CaseError: for a file that cannot be read, or where `name` is no table.
-    """
-    section = _read(Path(path)).get(name, {})
-    if not isinstance(section, dict):
-        raise CaseError(f"{path}: `{name}` must be a table, but is {section!r}.")
-    return section
-
-
-def _read(path: Path) -> dict[str, Any]:
-    with readable(path, CaseError):
-        text = path.read_text(encoding="utf-8-sig")
-    try:
-        return with_paths(tomllib.loads(text), functools.partial(beside, path))
-    except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
-        raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
-    except RecursionError as error:
-        raise CaseError(f"{path}: is nested too deeply to be a case file.") from error
 
 
 def with_paths(value: Any, move: Callable[[str], str], field: str = "") -> Any:
@@ -240,7 +248,7 @@ def dump_case(p: Parameters, title: str = "") -> str:
 
 
 def dump_per_mass(per_mass: PerMass) -> str:
-    """The lines of a case file that `load_per_mass` reads back."""
+    """The lines of a case file that `CaseFile.per_mass` reads back."""
     lines = []
     if per_mass.density is not None:
         lines.append(f'density = "{per_mass.density:.15g} kg/m^3"  # of the target\n')
@@ -249,7 +257,7 @@ def dump_per_mass(per_mass: PerMass) -> str:
     return "".join(lines)
 
 
-def _parameters(table: dict[str, Any]) -> Parameters:
+def _parameters(table: Mapping[str, Any]) -> Parameters:
     quantities: dict[str, int | float | str] = {}
     for name, value in table.items():
         if name in TEXT_KEYS:
@@ -274,7 +282,7 @@ def _parameters(table: dict[str, Any]) -> Parameters:
     return Parameters.from_quantities(system, _named(table, system) | quantities)
 
 
-def _named(table: dict[str, Any], units: System) -> dict[str, float]:
+def _named(table: Mapping[str, Any], units: System) -> dict[str, float]:
     """What the particle and the target that the file names set."""
     of_particle = particle(table["particle"]).parameters(units) if "particle" in table else {}
     of_target = target(table["target"]).parameters(units) if "target" in table else {}
