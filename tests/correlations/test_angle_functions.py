@@ -19,7 +19,7 @@ from erosion.correlations import (
     mclaury_angle,
     oka_angle,
 )
-from erosion.correlations.mclaury import CARBON_STEEL
+from erosion.correlations.families import EDWARDS
 from erosion.models.closed_forms import FinnieCut
 
 pytestmark = pytest.mark.slow
@@ -108,5 +108,5 @@ def test_the_branches_of_mclaurys_function_meet_to_half_a_percent():
     below, above = float(mclaury_angle(at - 1e-9)), float(mclaury_angle(at + 1e-9))
     assert above / below - 1 == pytest.approx(-0.00445, abs=1e-5)
     # With the value of y that is in print the step would be greater, and of the other sign.
-    misprinted = dataclasses.replace(CARBON_STEEL, y=-0.1192)
+    misprinted = dataclasses.replace(EDWARDS, y=-0.1192)
     assert float(mclaury_angle(at + 1e-9, misprinted)) / below - 1 == pytest.approx(0.0255, abs=1e-4)

@@ -1,9 +1,18 @@
 """The wall that sand takes from pipes: the numbers that pysand's tests hold of DNV RP-O501 [mm/t]."""
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from erosion.correlations import pipes
+from erosion.correlations import OutOfRangeWarning
+
+_FILE = importlib.util.spec_from_file_location("pipes", Path(__file__).parents[2] / "examples" / "pipes.py")
+assert _FILE is not None
+assert _FILE.loader is not None
+pipes = importlib.util.module_from_spec(_FILE)
+_FILE.loader.exec_module(pipes)
 
 # pysand compares to 1e-5 mm/t; three of its bends are the standard's own, chapter 4.7 and its validation.
 AS_PRINTED = 1e-5
@@ -52,3 +61,8 @@ def test_pipes_broadcast():
     loss = pipes.bend(pipes.Flow(np.array([10.0, 20.0]), 100.0, 1e-5, 2e-4), pipe=0.1, radius=1.5)
     assert loss.shape == (2,)
     assert loss[1] > loss[0]
+
+
+def test_sizes_beyond_the_standards_are_said():
+    with pytest.warns(OutOfRangeWarning, match=r"diameters from 2e-05 m to 0.005 m: 1e-05 m is 2 times less"):
+        pipes.bend(pipes.Flow(10.0, 100.0, 1e-5, 1e-5), pipe=0.1, radius=1.5)

@@ -18,11 +18,9 @@ def validate(
 ) -> None:
     """Compare models and correlations with published numbers.
 
-    Each number has its source. It was measured, or comes from a fit to tests, or
-    a program documents it. Misses are shown: a mark ✗ says that a number is off
-    by more than the error that its source states. The exit status is 0 all the
-    same, because a model that misses a measurement is computed no worse for it;
-    `erosion verify` looks at that.
+    Each number has its source. It was measured, or comes from a fit to tests.
+    Misses are shown; the exit status is 0 all the same, because a model that
+    misses a measurement is computed no worse for it: see `erosion verify`.
     """
     require_outputs(plot=plot)
     start_engine()

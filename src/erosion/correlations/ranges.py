@@ -1,7 +1,8 @@
-"""The units in which a correlation gives erosion, and the speeds and angles for which it is made."""
+"""What correlations share: units of erosion, targets by name, shapes of sand, and the ranges that they are made for."""
 
 import functools
 import math
+import types
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -65,6 +66,20 @@ def of_table(table: Mapping[str, _Material], material: str | _Material, kind: ty
     return table[material]
 
 
+SHARPNESS: Mapping[str, float] = types.MappingProxyType({"sharp": 1.0, "semi-rounded": 0.53, "rounded": 0.2})
+"""F_s [-] by the shape of sand (Edwards et al. 2000; Autodesk CFD 2023, Erosion)."""
+
+
+def sharpness_factor(sharpness: str | Values) -> Values:
+    """F_s by name, or a number as it is; a ValueError for another name."""
+    if isinstance(sharpness, str):
+        if sharpness not in SHARPNESS:
+            known = ", ".join(SHARPNESS)
+            raise ValueError(f"Argument `sharpness` must be a number or one of {known}, but is {sharpness!r}.")
+        return SHARPNESS[sharpness]
+    return sharpness
+
+
 class OutOfRangeWarning(UserWarning):
     """A correlation is used outside of the range that it is made for."""
 
@@ -93,6 +108,7 @@ class Range:
 
 
 ALL_ANGLES = Range(0.0, math.pi / 2, "rad", "by definition")
+ANGLES_ALONE: Mapping[str, Range] = types.MappingProxyType({"alpha": ALL_ANGLES})
 
 _MEANINGS = {"alpha": "angles", "v0": "speeds", "diameter": "diameters"}
 _ROUNDING = 1e-12

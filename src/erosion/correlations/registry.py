@@ -9,19 +9,8 @@ import jax
 import numpy as np
 from jax import Array
 
-from erosion.correlations.arabnejad import (
-    ARABNEJAD_MATERIALS,
-    ARABNEJAD_RANGES,
-    ArabnejadMaterial,
-    arabnejad,
-    arabnejad_cutting,
-)
-from erosion.correlations.dnv import DNV_MATERIALS, DNV_RANGES, DNVMaterial, dnv, dnv_2015, dnv_polynomial
-from erosion.correlations.ecrc import ECRC_RANGES, STEEL_DENSITY, ecrc, ecrc_angle
-from erosion.correlations.finnie import FINNIE_MATERIALS, FINNIE_RANGES, FinnieMaterial, finnie, finnie_angle
-from erosion.correlations.mclaury import MCLAURY_RANGES, mclaury, mclaury_angle
-from erosion.correlations.oka import OKA_MATERIALS, OKA_RANGES, OkaMaterial, oka, oka_angle
-from erosion.correlations.ranges import Range, Values
+from erosion.correlations import families
+from erosion.correlations.ranges import ANGLES_ALONE, Range, Values
 from erosion.ode.step_control import require_xla
 
 
@@ -49,9 +38,9 @@ class Correlation:
     ranges: Mapping[str, Range]
     valid_for: str
     source: str
-    materials: Mapping[str, DNVMaterial | FinnieMaterial | OkaMaterial | ArabnejadMaterial] = field(
-        default_factory=dict
-    )
+    materials: Mapping[
+        str, families.DNVMaterial | families.FinnieMaterial | families.OkaMaterial | families.ArabnejadMaterial
+    ] = field(default_factory=dict)
 
     def __call__(self, alpha: Values) -> Array:
         """F at the angle(s) α [rad]."""
@@ -83,38 +72,41 @@ class Correlation:
         return self(alpha) / self.peak
 
 
-_DNV_STEEL = DNV_MATERIALS["carbon-steel"].density
+_DNV_STEEL = families.DNV_MATERIALS["carbon-steel"].density
 
 CORRELATIONS: Mapping[str, Correlation] = types.MappingProxyType(
     {
         correlation.name: correlation
         for correlation in (
-            Correlation("finnie-cfd", "Finnie (CFD, K = 2)", finnie_angle, finnie,
-                        FINNIE_MATERIALS["steel"].density, FINNIE_RANGES,
+            Correlation("finnie-cfd", "Finnie (CFD, K = 2)", families.finnie_angle, families.finnie,
+                        families.FINNIE_MATERIALS["steel"].density, ANGLES_ALONE,
                         "ductile targets; predicts no erosion at 90°, where tests find some",
-                        "I. Finnie, Wear 3 (1960) 87-103, as in OpenFOAM's ParticleErosion", FINNIE_MATERIALS),
-            Correlation("dnv", "DNV RP-O501 (2015)", dnv_2015, dnv, _DNV_STEEL, DNV_RANGES,
+                        "I. Finnie, Wear 3 (1960) 87-103, as in OpenFOAM's ParticleErosion", families.FINNIE_MATERIALS),
+            Correlation("dnv", "DNV RP-O501 (2015)", families.dnv_2015, families.dnv, _DNV_STEEL, families.DNV_RANGES,
                         "sand on ductile steels and alloys, pipe flow",
-                        "DNVGL-RP-O501, Managing sand production and erosion, 2015", DNV_MATERIALS),
-            Correlation("dnv-polynomial", "DNV RP-O501 (before 2015)", dnv_polynomial,
-                        functools.partial(dnv, edition=2007), _DNV_STEEL, DNV_RANGES,
+                        "DNVGL-RP-O501, Managing sand production and erosion, 2015", families.DNV_MATERIALS),
+            Correlation("dnv-polynomial", "DNV RP-O501 (before 2015)", families.dnv_polynomial,
+                        functools.partial(families.dnv, edition=2007), _DNV_STEEL, families.DNV_RANGES,
                         "sand on ductile steels and alloys, pipe flow",
-                        "DNV RP O501, Erosive wear in piping systems, revision 4.2, 2007", DNV_MATERIALS),
-            Correlation("ecrc", "E/CRC (Zhang 2007)", ecrc_angle, ecrc, STEEL_DENSITY, ECRC_RANGES,
+                        "DNV RP O501, Erosive wear in piping systems, revision 4.2, 2007", families.DNV_MATERIALS),
+            Correlation("ecrc", "E/CRC (Zhang 2007)", families.ecrc_angle, families.ecrc, families.STEEL_DENSITY,
+                        ANGLES_ALONE,
                         "sand on carbon steel and nickel alloy",
                         "Y. Zhang, E. P. Reuterfors, B. S. McLaury, S. A. Shirazi, E. F. Rybicki, "
                         "Wear 263 (2007) 330-338"),
-            Correlation("oka", "Oka (SiO₂, Hv = 1.8 GPa)", oka_angle, oka, OKA_MATERIALS["steel"].density, OKA_RANGES,
+            Correlation("oka", "Oka (SiO₂, Hv = 1.8 GPa)", families.oka_angle, families.oka,
+                        families.OKA_MATERIALS["steel"].density, families.OKA_RANGES,
                         "angular sand on metals; the exponents are those of SiO₂",
-                        "Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101", OKA_MATERIALS),
-            Correlation("mclaury", "McLaury (Edwards 2000)", mclaury_angle, mclaury, STEEL_DENSITY, MCLAURY_RANGES,
+                        "Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101", families.OKA_MATERIALS),
+            Correlation("mclaury", "McLaury (Edwards 2000)", families.mclaury_angle, families.mclaury,
+                        families.STEEL_DENSITY, ANGLES_ALONE,
                         "sand on carbon steel",
                         "J. K. Edwards, B. S. McLaury, S. A. Shirazi, ASME FEDSM 2000, 959-966"),
-            Correlation("arabnejad", "Arabnejad, cutting (K = 0.4)", arabnejad_cutting, arabnejad,
-                        ARABNEJAD_MATERIALS["carbon-steel-4130"].density, ARABNEJAD_RANGES,
+            Correlation("arabnejad", "Arabnejad, cutting (K = 0.4)", families.arabnejad_cutting, families.arabnejad,
+                        families.ARABNEJAD_MATERIALS["carbon-steel-4130"].density, families.ARABNEJAD_RANGES,
                         "150 µm sand on steels; F is the cutting term alone, E has deformation too",
                         "H. Arabnejad, A. Mansouri, S. A. Shirazi, B. S. McLaury, Wear 332-333 (2015) 1044-1050",
-                        ARABNEJAD_MATERIALS),
+                        families.ARABNEJAD_MATERIALS),
         )
     }
 )  # fmt: skip

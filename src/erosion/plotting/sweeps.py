@@ -13,7 +13,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from erosion.checks import Validation
-from erosion.checks.validate import KINDS
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
@@ -246,10 +245,7 @@ def _labels(sweep: xr.Dataset, name: str) -> list[str]:
     ]
 
 
-_COLORS = dict(
-    zip(KINDS, (PALETTE["vermillion"], PALETTE["blue"], PALETTE["green"], PALETTE["orange"], DIM), strict=True)
-)
-_MARKERS = dict(zip(KINDS, "osD^v", strict=True))
+_KIND_STYLES = {"measured": ("o", PALETTE["vermillion"]), "correlation": ("s", PALETTE["blue"])}
 _NOTHING = 0.02  # where a number of zero is drawn
 
 
@@ -265,10 +261,10 @@ def plot_validation(validation: Validation) -> Figure:
     places = -np.arange(len(comparisons), dtype=float)
     ax.axvspan(0.9, 1.1, color=FAINT, alpha=0.5, linewidth=0, label="within 10 %")
     ax.axvline(1, color=INK, linewidth=0.8)
-    for kind in KINDS:
+    for kind, (marker, color) in _KIND_STYLES.items():
         rows = [i for i, comparison in enumerate(comparisons) if comparison.fact.kind == kind]
         ratios = [max(comparisons[i].ratio, _NOTHING) for i in rows]
-        ax.plot(ratios, places[rows], _MARKERS[kind], color=_COLORS[kind], markersize=5, label=kind)
+        ax.plot(ratios, places[rows], marker, color=color, markersize=5, label=kind)
     for place, comparison in zip(places, comparisons, strict=True):
         if comparison.computed == 0:
             ax.annotate("0", (_NOTHING, place), xytext=(6, 0), textcoords="offset points", va="center", fontsize=8)

@@ -1,7 +1,7 @@
 """The wall that sand takes from pipes, after DNV RP-O501: millimetres per tonne of sand.
 
 A part of a pipe has an angle at which the sand hits, an area that it hits, and factors for its shape and for
-particles that are small enough to follow the flow.
+particles that are small enough to follow the flow. `python examples/pipes.py` computes a bend.
 """
 
 import functools
@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from erosion.correlations.dnv import DNV_MATERIALS, DNV_RANGES, DNVMaterial, dnv_2015, dnv_brittle
+from erosion.correlations import DNV_MATERIALS, DNVMaterial, dnv_2015, dnv_brittle
+from erosion.correlations.families import DNV_RANGES
 from erosion.correlations.ranges import Range, Values, of_table, require_jax, warn_outside
 
 _MM_PER_TONNE = 1e6  # 1 m/kg in mm/t
@@ -187,3 +188,8 @@ def _normal_loss(flow: Flow, pipe: Values, target: DNVMaterial) -> Array:
     """Depth that a mass of sand removes of the pipe's section at F = 1 [mm/t]."""
     removed = target.coefficient * jnp.asarray(flow.v0, float) ** target.exponent / target.density
     return removed / _section(pipe) * _MM_PER_TONNE
+
+
+if __name__ == "__main__":
+    gas = Flow(v0=29.3, density=30.0, viscosity=1.5e-5, diameter=0.28e-3)
+    print(f"{float(bend(gas, pipe=0.0978, radius=1.75)):.6f} mm/t")
