@@ -33,11 +33,11 @@ from erosion.ode.step_control import (
 )
 from erosion.ode.variational import AtEvent, Augmented, Derivatives, Direction, Layout, Motion, at_event
 
-_SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; docs/performance.md
+_SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; benchmarks/TUNING.md
 # By order, where states are wanted, too: at an event they err by the error of its time as well. Measured on the six
 # problems of benchmarks/ode_accuracy.py.
 _SLACK_WHOLE = (1.0, 0.7, 4.0)
-_CHECK = 0.1  # of the second estimate, brought to the first one's order; docs/performance.md
+_CHECK = 0.1  # of the second estimate, brought to the first one's order; benchmarks/TUNING.md
 _FIRST_STEP = 0.17  # of the time scale
 _LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
 _DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
