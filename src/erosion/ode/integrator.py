@@ -44,6 +44,7 @@ _DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
 _GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
+_CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
 _ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
 _SOON = 1e-3  # of the time scale: what a row changes within it counts as its size
 _MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start is taken this much later
@@ -420,7 +421,8 @@ def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> L
     many = control.trials > _MANY_STEPS
     if problem.options.whole:
         # Most motions forget their errors: a cheaper integration tells which do not.
-        factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), 1 / _MANY_FACTOR), factor)
+        cheaper = jnp.clip(_CHEAPEST / rtol, 1.0, _CHEAPER)
+        factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), cheaper), factor)
     else:
         factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
     if problem.rough:
