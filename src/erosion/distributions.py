@@ -26,7 +26,16 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked
-from erosion.parameters.headings import Head, HeaderError, head_parts, matching, of_parameters, read_heads
+from erosion.parameters.headings import (
+    Head,
+    HeaderError,
+    head_parts,
+    matching,
+    of_parameters,
+    read_heads,
+    weight_among,
+)
+from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import Dimension, System, ascii_unit, has_unit, read_quantity, shown, unit_name
 
@@ -332,6 +341,8 @@ def read_column(path: str | Path, name: str, dimension: Dimension, system: Syste
     if len(columns) != 1:
         there = shown(", ".join(table[0])).strip("'") or "none"
         raise ValueError(f"must have one column `{name}` in {path}, whose columns are {there}")
+    of_parameter = {parameter: quantity.dimension for parameter, quantity in QUANTITIES.items()}
+    _require_no_weights(path, table, {**of_parameter, name: dimension})
     return _numbers(path, table, columns[0], heads[columns[0]], dimension, system)
 
 
@@ -349,6 +360,7 @@ def read_columns(
     except HeaderError as error:
         at = "" if error.index is None else f"{table[0][error.index].strip()!r} "
         raise ValueError(f"must have columns that are understood, but in {path} {at}{error}") from error
+    _require_no_weights(path, table, dimensions)
     columns = {
         head.name: _numbers(path, table, i, head, dimensions[head.name], system)
         for i, head in enumerate(heads)
@@ -358,6 +370,23 @@ def read_columns(
 
 
 _Table = tuple[list[str], list[tuple[int, list[str]]]]
+
+
+def _require_no_weights(path: str | Path, table: _Table, dimensions: Mapping[str, Dimension]) -> None:
+    """Refuse a table in which a row may count more often than another: all are drawn alike."""
+    heads, rows = table
+    numbered = [i for i in range(len(heads)) if _are_numbers_of_rows([cells[i] for _, cells in rows])]
+    others = [head for i, head in enumerate(heads) if i not in numbered]
+    if (weight := weight_among(others, of_parameters(dimensions))) is not None:
+        raise ValueError(
+            f"must have rows that count alike, but in {path} {weight!r} may be a weight; if it is none, remove it from "
+            "the file, or else repeat rows by it"
+        )
+
+
+def _are_numbers_of_rows(cells: list[str]) -> bool:
+    """Whether they count the rows from 0 or from 1."""
+    return any([cell.strip() for cell in cells] == [str(first + i) for i in range(len(cells))] for first in (0, 1))
 
 
 def _numbers(

@@ -102,3 +102,30 @@ def test_draws_of_a_table_may_have_the_share_of_particles_that_cut(capsys: pytes
     assert volumes[1] == pytest.approx(0.25 * volumes[0])
     # A stream takes a number alone for this share, whatever gives it.
     assert said_by(capsys, "stream", "--v0", "normal(110, 5)", "--units", "si", "--uncertain", "draws.csv")[0] == 2
+
+
+WEIGHTS = (
+    "count", "weight", "n", "nParticle", "N_p", "frequency", "frequency [1/s]", "rate [1/s]", "mass_flow [kg/s]",
+    "mass flow rate", "probability", "share", "fraction", "Anzahl", "rel. frequency", "wt", "particles",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("head", WEIGHTS)
+@pytest.mark.parametrize("how", [["--rows", "a.csv"], ["--v0", "samples(a.csv)"]])
+def test_rows_that_do_not_count_alike_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], head: str, how: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
+    assert _status(["stream", "--n", "64", "--no-best-angle", *how]) == 2
+    assert head in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("head", ["x [m]", "time [s]", "particle id", "omega [rad/s]", "phidot0 [rpm]", "k", "note"])
+def test_what_is_no_weight_may_stand_beside_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], head: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
+    assert _status(["stream", "--n", "64", "--no-best-angle", "--v0", "samples(a.csv)"]) == 0
+    assert capsys.readouterr().err == ""

@@ -41,9 +41,11 @@ from erosion.parameters.headings import (
     MASS_WORDS,
     MASSES,
     NO_UNIT,
+    RATE_WORDS,
     SIZE_WORDS,
     SPEED_WORDS,
     SPEEDS,
+    WEIGHT_WORDS,
     HeaderError,
     Known,
     factor,
@@ -62,11 +64,6 @@ _EXAMPLES: Mapping[str, str] = {
     "mass": "kg", "mass flow": "kg/s", "rate": "1/s", "density": "kg/m^3", "length": "m", "speed": "m/s",
     "angle": "deg", "angular speed": "rad/s", "time": "s",
 }  # fmt: skip
-_WEIGHT_WORDS = (
-    r"n|np\w*|num|nr|numbers?|counts?|particles?|parcels?|weigh\w*|wt|factor|scale|multiplicity|hits|impacts|"
-    r"gewicht\w*|anzahl"
-)
-_RATE_WORDS = r"rates?|flow\w*|flux|mflow\w*|freq\w*|mdot|strength|massenstrom"
 _COMPONENTS = [
     ("uvw"[axis], f"velocity {'uvw'[axis]}", f"velocity[{'ijk'[axis]}]", f"v:{axis}",
      *(f"{word}{colon}{letter}" for word in ("u", "v", "vel", "velocity") for colon in ("", ":")),
@@ -80,13 +77,13 @@ _KNOWN: Mapping[str, Known] = {
         ("1",),
         ("nparticle", "nparticles", "n particles", "number of particles", "num particles", "particle count",
          "particles per parcel", "particles in parcel", "number in parcel", "n in parcel"),
-        _WEIGHT_WORDS,
+        WEIGHT_WORDS,
     ),
     "parcel_mass": Known(("mass",), ("mass of parcel", "mass per parcel", "mass in parcel"), MASS_WORDS),
     "mass_flow": Known(
-        ("mass flow",), ("mass flow rate", "particle mass flow rate", "parcel mass flow rate", "mdot"), _RATE_WORDS
+        ("mass flow",), ("mass flow rate", "particle mass flow rate", "parcel mass flow rate", "mdot"), RATE_WORDS
     ),
-    "frequency": Known(("rate",), ("particle frequency", "particle rate", "number flow rate"), _RATE_WORDS),
+    "frequency": Known(("rate",), ("particle frequency", "particle rate", "number flow rate"), RATE_WORDS),
     "mass": Known(("mass",), MASSES, MASS_WORDS),
     "density": Known(("density",), ("rho", "particle density", "rho p"), r"dens\w*|rho\w?|dichte"),
     "diameter": Known(("length",), ("d", "d p", "particle diameter", "diameter of particle"), SIZE_WORDS),

@@ -32,6 +32,11 @@ SPEED_WORDS = r"[uvw]|v[npt]|[uv](imp|rel|mag|abs|tot|par)\w*|veloc\w*|vel|speed
 ANGLE_WORDS = r"angles?|alpha|theta|inciden\w*|impinge\w*|attack|winkel"
 MASS_WORDS = r"m|mass|masses|masse|weigh\w*|gewicht"
 SIZE_WORDS = r"d|dp|diam\w*|sizes?|radius|durchmesser|korn\w*"
+WEIGHT_WORDS = (
+    r"n|np\w*|num|nr|numbers?|counts?|particles?|parcels?|weigh\w*|wt|factor|scale|multiplicity|hits|impacts|"
+    r"gewicht\w*|anzahl"
+)
+RATE_WORDS = r"rates?|flow\w*|flux|mflow\w*|freq\w*|mdot|strength|massenstrom"
 """Words of names that may be meant, as patterns."""
 
 NO_UNIT = ("", "-", "–", "1")
@@ -171,6 +176,21 @@ def read_heads(
             own[head.name] = text
     unused = [text.strip() for i, text in enumerate(heads) if columns[i] is None and i not in ignored]
     return Heads(tuple(columns), tuple(unused))
+
+
+_WEIGHTS = {
+    "weight": Known(
+        ("rate", "mass flow", "mass flux"),
+        words=rf"{WEIGHT_WORDS}|{RATE_WORDS}|nparticles?|mult|pdf|percent|probab\w*|fractions?|shares?|h\w*figkeit",
+    )
+}
+
+
+def weight_among(heads: Sequence[str], known: Mapping[str, Known]) -> str | None:
+    """The first column that may say how often its row counts, and is none of those that are known."""
+    columns = matching(heads, known)
+    foreign = (text for text, head in zip(heads, columns, strict=True) if head is None)
+    return next((text.strip() for text in foreign if _doubt(text, "", _WEIGHTS, ())), None)
 
 
 def unused_note(unused: Sequence[str]) -> str:
