@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
+from erosion.cfd.map_result import MapSummary
 from erosion.cfd.rows import ImpactBlock, Impacts
 from erosion.cfd.surface import Surface
 
@@ -65,3 +67,8 @@ def sand(surface: Surface, rows: int = 2000, seed: int = 0, **changes: Any) -> T
     columns = {"count": rng.uniform(10.0, 1000.0, rows), "mass": 2650 * np.pi / 6 * diameter**3, "diameter": diameter,
                "velocity": velocity, "face": face, "position": surface.centre[face]}  # fmt: skip
     return Table(**{"duration": 2.0, **columns, **changes})
+
+
+def warnings_of(wear: xr.Dataset) -> list[str]:
+    """What a map warns of, but its amount, which no test finds: the case is a scenario's."""
+    return [sentence for sentence in MapSummary(wear).warnings if "far from what tests" not in sentence]

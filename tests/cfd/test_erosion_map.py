@@ -14,7 +14,7 @@ from erosion.cfd.map_result import MapSummary
 from erosion.cfd.rows import ImpactsError
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
-from tests.cfd.tables import Table, hump, sand
+from tests.cfd.tables import Table, hump, sand, warnings_of
 
 pytestmark = pytest.mark.slow
 
@@ -163,7 +163,7 @@ def test_a_correlation_says_how_much_is_outside_its_range() -> None:
     wear = erosion_map("dnv:duplex", P, table.replace(velocity=velocity), SURFACE)
     mass = table.columns["count"] * table.columns["mass"]
     assert float(wear["beyond_range"]) == pytest.approx(mass[fast].sum() / mass.sum(), rel=1e-12, abs=0)
-    assert "of the mass that hits is outside the range of dnv:duplex." in MapSummary(wear).warnings[0]
+    assert "of the mass that hits is outside the range of dnv:duplex." in warnings_of(wear)[0]
     assert wear["total_erosion_ratio"].attrs["units"] == "kg/kg"
     assert "beyond_range" not in erosion_map("linearized", P, table, SURFACE)
 
@@ -216,7 +216,7 @@ class TestRows:
         assert float(wear["left_out_mass"][1]) == pytest.approx(lost, rel=1e-12, abs=0)
         same = erosion_map("rotating", P, table.only(slice(15, None)), SURFACE)
         assert float(wear["total_volume"]) == pytest.approx(float(same["total_volume"]), rel=1e-12, abs=0)
-        assert MapSummary(wear).warnings == [
+        assert warnings_of(wear) == [
             "5 of 100 rows have no velocity, as parcels that stick to a wall, and are not counted.",
             "10 of 100 rows move along the surface or away from it (n·U ≤ 0), and are not counted.",
         ]
@@ -242,7 +242,7 @@ class TestRows:
         table = table.replace(face=None, position=position)
         wear = erosion_map("rotating", P, table, SURFACE, limit=0.05)
         assert int(wear["total_impacts"]) == 96
-        (sentence,) = MapSummary(wear).warnings
+        (sentence,) = warnings_of(wear)
         assert sentence.startswith(
             "4 of 100 rows lie farther from their face than the limit, and are not counted: 0.09"
         )
@@ -255,7 +255,7 @@ class TestRows:
         meshed = Table(mesh_faces=True, **{**table.columns, "face": np.where(np.arange(100) < 10, 7, face)})
         wear = erosion_map("rotating", P, meshed, surface)
         assert list(wear["left_out"].values) == [0, 0, 0, 10]
-        assert MapSummary(wear).warnings == []  # a table may be of several patches
+        assert warnings_of(wear) == []  # a table may be of several patches
         same = erosion_map("rotating", P, table.only(slice(10, None)), SURFACE)
         np.testing.assert_array_equal(wear["volume"], same["volume"])
         # A surface of another file than the mesh has no such faces: their positions count.
@@ -275,7 +275,7 @@ class TestRows:
         lose = 4
         wear = erosion_map("rotating", P, table, SURFACE)
         assert dict(zip(wear["end"].values, wear["ends"].sum("patch").values, strict=True))["failed"] == 4
-        assert MapSummary(wear).warnings == ["4 impacts could not be computed, and are not counted."]
+        assert warnings_of(wear) == ["4 impacts could not be computed, and are not counted."]
         assert int(wear["total_impacts"]) == 36
         lose = 40
         with pytest.raises(erosion.SimulationError, match="of 40 impacts none could be computed"):

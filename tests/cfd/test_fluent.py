@@ -36,7 +36,7 @@ def test_an_unsteady_sample(tmp_path):
     np.testing.assert_array_equal(block.diameter, [1e-4, 2e-4])
     np.testing.assert_array_equal(block.time, [0.25, 0.5])  # the flow's time, not the particle's age
     assert block.face is None
-    assert impacts.notes == ()
+    assert impacts.warnings == ()
     assert impacts.duration is None
 
 
@@ -53,8 +53,8 @@ def test_rows_of_a_steady_run_hit_for_as_long_as_it_is_said_to_last(tmp_path, du
     np.testing.assert_allclose(block.count, [3000 * seconds], rtol=1e-15)
     assert block.time is None
     assert impacts.duration == seconds
-    assert bool(impacts.notes) == (duration is None)
-    assert all("what hits in 1 s" in note for note in impacts.notes)
+    assert bool(impacts.warnings) == (duration is None)
+    assert all("what hits in 1 s" in note for note in impacts.warnings)
 
 
 @pytest.mark.parametrize(

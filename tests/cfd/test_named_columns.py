@@ -37,7 +37,7 @@ def test_a_csv_file_in_units_of_its_own(tmp_path):
 def test_speeds_and_angles_and_faces_of_the_mesh(tmp_path):
     impacts = read_impacts(written(tmp_path / "a.csv", ANGLES))
     assert impacts.mesh_faces
-    assert impacts.notes[0].startswith("a.csv has no column of the number of particles")
+    assert impacts.warnings[0].startswith("a.csv has no column of the number of particles")
     (block,) = impacts.blocks(10)
     assert (block.velocity, block.position) == (None, None)
     np.testing.assert_allclose(np.asarray(block.speed), [100], rtol=1e-15)
@@ -172,8 +172,8 @@ def test_a_density_of_no_grain_is_said(tmp_path, column, number, sentence):
     impacts.expected = 2650.0 if number in ("4000", "2650,1387.537") else None
     for _ in range(2):
         list(impacts.blocks(10))
-        assert len(impacts.notes) == (sentence is not None)
-    assert sentence is None or sentence in impacts.notes[0]
+        assert len(impacts.warnings) == (sentence is not None)
+    assert sentence is None or sentence in impacts.warnings[0]
 
 
 @pytest.mark.parametrize("first", [0, 1])

@@ -91,7 +91,7 @@ kinds = pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_weights_are_understood(tmp_path, kind, name):
     path = a_table(tmp_path, kind, {**BODY, **MOTION, name: WEIGHTS[name]})
     np.testing.assert_allclose(block_of(path).count, [1300], rtol=1e-12)
-    seconds = 60 if " is of a steady run" in "".join(read_impacts(path).notes) else 1
+    seconds = 60 if " is of a steady run" in "".join(read_impacts(path).warnings) else 1
     np.testing.assert_allclose(block_of(path, duration=60).count, [1300 * seconds], rtol=1e-12)
 
 
@@ -141,7 +141,7 @@ def test_other_columns_are_left_out_and_named(tmp_path, kind, name):
     impacts = read_impacts(a_table(tmp_path, kind, {**BODY, **MOTION, "count": 3, name: 7}))
     (block,) = impacts.blocks(10)
     assert block.count == [3]
-    assert impacts.notes == (f"impacts.{kind}: columns that are not used: {name!r}.",)
+    assert impacts.warnings == (f"impacts.{kind}: columns that are not used: {name!r}.",)
 
 
 def test_units_in_the_metadata_of_parquet_count_as_those_of_a_name(tmp_path):
@@ -166,7 +166,7 @@ def test_v_beside_u_and_w_is_a_component(tmp_path):
         np.testing.assert_array_equal(block.velocity, [(3, 0, -4)])
     path = a_table(tmp_path, "csv", {**BODY, "vx [m/s]": 3, "vy [m/s]": 0, "vz [m/s]": -4, "v [m/s]": 5})
     np.testing.assert_array_equal(block_of(path).velocity, [(3, 0, -4)])
-    assert "columns that are not used: 'v [m/s]'" in read_impacts(path).notes[-1]
+    assert "columns that are not used: 'v [m/s]'" in read_impacts(path).warnings[-1]
     with pytest.raises(ImpactsError, match="others of the vector"):
         read_impacts(a_table(tmp_path, "csv", {**BODY, "angle [deg]": 30, "u [m/s]": 3, "v [m/s]": 5}))
 
@@ -192,7 +192,7 @@ def test_only_columns_that_are_there_can_be_ignored(tmp_path):
     path = a_table(tmp_path, "csv", {**BODY, **MOTION, "Impact Frequency [1/s]": 7, "count": 3})
     for name in ("Impact Frequency [1/s]", "impact_frequency"):
         impacts = read_impacts(path, ignore=(name,))
-        assert (block_of(path, ignore=(name,)).count, impacts.notes) == ([3], ())
+        assert (block_of(path, ignore=(name,)).count, impacts.warnings) == ([3], ())
     with pytest.raises(ImpactsError, match="has no column 'flow', which Argument `ignore` names"):
         read_impacts(path, ignore=("flow",))
     sample = tmp_path / "wall.dpm"

@@ -10,12 +10,11 @@ import xarray as xr
 
 import erosion
 from erosion.cfd.erosion_map import erosion_map
-from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_surface
 from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface, metres_of
 from tests.cfd.parts import PARTS, pipe, plate, polygons, rows_on, write
-from tests.cfd.tables import Table
+from tests.cfd.tables import Table, warnings_of
 
 P = erosion.TABLE_1.to("si")
 SCALES = (0.001, 0.01, 0.0254, 0.1, 0.3048, 1, 2, 10, 39.37, 100, 1000)
@@ -25,7 +24,7 @@ UNITS = {10: "dm", 39.37: "in", 100: "cm", 1000: "mm"}
 
 def wear(table: Table, surface: Surface, **options: Any) -> tuple[xr.Dataset, list[str]]:
     dataset = erosion_map("linearized", P, table, surface, **options)
-    return dataset, MapSummary(dataset).warnings
+    return dataset, warnings_of(dataset)
 
 
 def right(name: str) -> tuple[float, float]:

@@ -98,7 +98,7 @@ def test_what_the_case_says_of_the_run():
     assert impacts.duration == pytest.approx(0.02, rel=1e-15)
     assert impacts.mesh_faces
     assert impacts.rows is None
-    assert impacts.notes == ()
+    assert impacts.warnings == ()
     assert read_impacts(RUNS / "serial", duration=3.0).duration == 3.0
 
 
@@ -395,7 +395,7 @@ def test_a_table_without_weights_counts_particles_and_says_so(tmp_path):
     table = tmp_path / "wall.post"
     table.write_text(HEADER.replace(" nParticle", "") + "\n0.1 0 (1 2 3) 7 1e-4 2650\n")
     impacts = read_impacts(table)
-    assert impacts.notes == (
+    assert impacts.warnings == (
         "wall.post has no column of the number of particles that a row stands for, so each row counts as one particle.",
     )
     (block,) = impacts.blocks(10)

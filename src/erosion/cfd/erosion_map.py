@@ -17,7 +17,7 @@ import xarray as xr
 from erosion.arguments import Progress, no_progress
 from erosion.cfd.bodies import FRACTION, Bodies, outside_range
 from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Nearness
-from erosion.cfd.map_result import MapOptions, MapSource, to_dataset
+from erosion.cfd.map_result import MapOptions, to_dataset
 from erosion.cfd.rows import Impacts, ImpactsError
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally, Portion, portion_of
@@ -28,7 +28,7 @@ from erosion.joint_laws import law_digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
-from erosion.models.identity import code_version, identity, require_code
+from erosion.models.identity import code_version, identity, model_in_words, provenance, require_code
 from erosion.models.own_parameters import quantities, require_one_impact
 from erosion.models.registry import require_loadable
 from erosion.ode.step_control import require_float64
@@ -148,10 +148,20 @@ class MapJob:
         self._require_hits(tally)
         if not tally.impacts.any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
-        notes = self.impacts.notes if nearness is None else (*self.impacts.notes, *nearness.sentences())
-        rows = "" if nearness is None else nearness.far_in_words(far)
-        source = MapSource(task.model, task.options.bodies, self.impacts, self.surface, self._in_words(), notes, rows)
-        return to_dataset(tally, source, ends, task.options.density)
+        table, surface, bodies = self.impacts, self.surface, task.options.bodies
+        attributes = provenance(
+            "a map",
+            bodies.p,
+            **model_in_words(task.model, but={*bodies.laws, *bodies.uncertain}),
+            table=table.title,
+            surface="" if surface is None else surface.title,
+            surface_unit="" if surface is None else surface.unit or "taken in m",
+            options=self._in_words(),
+            far_rows="" if nearness is None else nearness.far_in_words(far),
+            warnings=" ".join([*table.warnings, *([] if nearness is None else nearness.warnings())]),
+        )
+        has_range = isinstance(task.model, Correlated)
+        return to_dataset(tally, task.options, surface, table.duration, ends, attributes, has_range=has_range)
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
         """Compute all portions, and add them in their order."""

@@ -106,30 +106,21 @@ class Column:
     factor: float
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(kw_only=True)
 class NamedImpacts(Impacts):
     """A CSV or Parquet file."""
 
     path: Path
     columns: dict[str, Column]
-    title: str
-    rows: int | None
-    density: float | None
-    duration: float | None
-    notes: tuple[str, ...] = ()
     expected: float | None = None
     """The density of the particle that the user names [kg/m³], where the table has its own."""
-
-    def __post_init__(self) -> None:
-        self.mesh_faces = "mesh_face" in self.columns
-        self._notes = self.notes
 
     def identity(self) -> str:
         """See `Impacts`."""
         return digest_of([self.path], f"{self.density} {self.duration} {self.columns}")
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
-        """See `Impacts`; after the last block `notes` has what is doubtful in its numbers."""
+        """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
         first, densities = 0, _Densities()
         for batch in self._batches():
             columns = {name: self._numbers(batch, name, first) for name in self.columns}
@@ -140,7 +131,8 @@ class NamedImpacts(Impacts):
                 densities.add(block, own)
                 yield block
             first += batch.num_rows
-        self.notes = (*self._notes, *densities.sentences(self.path.name, self.expected))
+        # Each once, as a table may be read again.
+        self.warnings = tuple(dict.fromkeys((*self.warnings, *densities.warnings(self.path.name, self.expected))))
         if not first:
             raise ImpactsError(f"{self.path}: has no rows.")
 
@@ -186,9 +178,17 @@ def open_named(path: Path, density: float | None, duration: float | None, ignore
     require_columns(str(path), columns, has_density=density is not None)
     if rows == 0:
         raise ImpactsError(f"{path}: has no rows.")
-    duration, notes = weigh(str(path), columns, duration)
-    notes += (f"{path.name}: {unused_note(unused)}.",) if unused else ()
-    return NamedImpacts(path, columns, str(path), rows, density, duration, notes)
+    duration, warnings = weigh(str(path), columns, duration)
+    return NamedImpacts(
+        title=str(path),
+        path=path,
+        columns=columns,
+        rows=rows,
+        density=density,
+        duration=duration,
+        mesh_faces="mesh_face" in columns,
+        warnings=(*warnings, f"{path.name}: {unused_note(unused)}.") if unused else warnings,
+    )
 
 
 def gives_density(path: Path, ignore: Sequence[str]) -> bool:
@@ -216,7 +216,7 @@ class _Densities:
         self._least = min(self._least, float(finite.min(initial=math.inf)))
         self._greatest = max(self._greatest, float(finite.max(initial=0.0)))
 
-    def sentences(self, table: str, expected: float | None) -> list[str]:
+    def warnings(self, table: str, expected: float | None) -> list[str]:
         """What is doubtful in them, where `expected` is the density of the particle that the user names [kg/m³]."""
         said, low, high = list[str](), self._least, self._greatest
         if low > high:
@@ -251,7 +251,7 @@ def _head(path: Path, ignore: Sequence[str]) -> tuple[dict[str, Column], tuple[s
     if path.suffix == ".parquet":
         heads, units, rows = _parquet_head(path)
     else:
-        heads, units, rows = _csv_head(path), {}, None
+        heads, units, rows = _csv_header(path)[1], {}, None
     return *_columns(path, heads, units, ignore), rows
 
 
@@ -300,10 +300,6 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
         )
     with about(f"{path}: the unit of column {head!r}", ImpactsError):
         return factor(unit, dimension, "si")
-
-
-def _csv_head(path: Path) -> list[str]:
-    return _csv_header(path)[1]
 
 
 def _csv_header(path: Path) -> tuple[int, list[str]]:
@@ -440,7 +436,7 @@ _COLUMNS = {
 }  # fmt: skip
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(kw_only=True)
 class FluentImpacts(Impacts):
     """A sample of parcels at one surface.
 
@@ -451,11 +447,6 @@ class FluentImpacts(Impacts):
     names: tuple[str, ...]
     skipped: int
     columns: dict[str, str]
-    title: str
-    duration: float | None
-    rows: int | None = None
-    mesh_faces: bool = False
-    notes: tuple[str, ...] = ()
 
     def identity(self) -> str:
         """See `Impacts`."""
@@ -464,8 +455,7 @@ class FluentImpacts(Impacts):
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`."""
         first = 0
-        for batch in batches(self.path, self.skipped, self.names, list(self.columns.values())):
-            columns = {ours: batch[name] for ours, name in self.columns.items()}
+        for columns in batches(self.path, self.skipped, self.names, self.columns):
             yield from blocks(str(self.path), first, columns, rows, duration=self.duration)
             first += len(columns["diameter"])
 
@@ -487,6 +477,14 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Fl
     # Fluent gives the weight in several ways, which agree.
     for weight in [weight for weight in WEIGHTS if weight in columns][1:]:
         del columns[weight]
-    duration, notes = weigh(str(path), columns.keys() - {"time"}, duration)
+    duration, warnings = weigh(str(path), columns.keys() - {"time"}, duration)
     require_columns(str(path), columns)
-    return FluentImpacts(path, names, numbers[0] + 1, columns, str(path), duration, notes=notes)
+    return FluentImpacts(
+        title=str(path),
+        path=path,
+        names=names,
+        skipped=numbers[0] + 1,
+        columns=columns,
+        duration=duration,
+        warnings=warnings,
+    )

@@ -377,7 +377,7 @@ class Nearness:
         if surface.unit is None and smaller and smaller[0] < _ABSURD and self._extent() < self._side():
             raise ImpactsError(f"{surface.title}: may be in another unit. {self._spot(smaller)}")
 
-    def sentences(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What a reader of the map must know of its positions."""
         surface, said = self._surface, list[str]()
         if self._allowed:

@@ -12,14 +12,11 @@ import xarray as xr
 from erosion.arguments import check_path, check_tolerance, check_whole
 from erosion.cfd.bodies import Bodies
 from erosion.cfd.incidence import LEFT_OUT
-from erosion.cfd.rows import Impacts
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
 from erosion.impacts.dataset_files import write_netcdf
-from erosion.models.base import CuttingModel
-from erosion.models.correlated import Correlated
-from erosion.models.identity import code_version, model_in_words, provenance
+from erosion.models.identity import code_version
 from erosion.output.files import write_whole
 from erosion.output.tables import Record, Result, Row, to_csv, to_plain, with_error
 from erosion.parameters.parameters import validate
@@ -104,51 +101,40 @@ Variables = dict[str, tuple[Any, ...]]
 """Dimensions, values and attributes by name."""
 
 
-@dataclasses.dataclass(frozen=True)
-class MapSource:
-    """What a map is made of.
-
-    Args:
-        model: with its own parameters.
-        bodies: the case, and how its body follows a row's particle.
-        impacts: the table.
-        surface: None for totals alone.
-        options: the other options, in words.
-        notes: sentences on what the table and the surface do not say.
-        far: the first rows that are too far, in words.
-    """
-
-    model: CuttingModel
-    bodies: Bodies
-    impacts: Impacts
-    surface: Surface | None
-    options: str
-    notes: tuple[str, ...]
-    far: str
-
-
-def to_dataset(tally: FaceTally, source: MapSource, ends: Sequence[str], density: float | None) -> xr.Dataset:
+def to_dataset(
+    tally: FaceTally,
+    options: MapOptions,
+    surface: Surface | None,
+    duration: float | None,
+    ends: Sequence[str],
+    attributes: Mapping[str, str],
+    *,
+    has_range: bool,
+) -> xr.Dataset:
     """The wear of a surface with its units and its geometry.
 
     Args:
         tally: the sums of all rows.
-        source: what they are sums of.
+        options: of the map.
+        surface: None for totals alone.
+        duration: that the table covers [s], where it is known.
         ends: the outcomes, columns of `tally.ends`.
-        density: of the target [kg/m³], where it is known.
+        attributes: of the Dataset.
+        has_range: whether the model is a correlation, which is made for a range of impacts.
     """
-    units, surface, duration = source.bodies.p.units, source.surface, source.impacts.duration
+    units = options.bodies.p.units
     sums = {**tally.sums, "impacts": tally.impacts.astype(float)}
-    draws = tally.of_draws if source.bodies.uncertain else None
+    draws = tally.of_draws if options.bodies.uncertain else None
     if draws is not None:
         sums["common"] = draws.var(axis=0, ddof=1)
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
     sums["speed"] = sums["speed"] * conversion_factor("speed", "si", units)
-    density = None if density is None else density * conversion_factor("density", "si", units)
+    density = None if options.density is None else options.density * conversion_factor("density", "si", units)
     patches = ("all",) if surface is None else surface.patches
     patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
     variables: Variables = {}
     if surface is not None:
-        _add_geometry(variables, surface, units)
+        variables |= _geometry(surface, units)
         numbers = _numbers(sums, density)
         numbers |= _per_area(numbers, surface.area * conversion_factor("area", "si", units), duration, units)
         for name in (name for name in FACES if name in numbers):
@@ -170,11 +156,11 @@ def to_dataset(tally: FaceTally, source: MapSource, ends: Sequence[str], density
     # An impact may end in another way for another draw: then rows are shared out.
     counts = tally.ends if draws is None else tally.ends / len(draws)
     variables["ends"] = (("patch", "end"), counts, {"long_name": "rows by how their impact ends", "units": "1"})
-    _add_rows(variables, tally, source, units)
+    variables |= _rows(tally, units, has_range=has_range)
     if duration is not None:
         variables["duration"] = ((), duration, {"long_name": "time that the impacts cover", "units": "s"})
     # At once: xarray looks at all variables for each one that is added.
-    return xr.Dataset(variables, attrs=_provenance(source))
+    return xr.Dataset(variables, attrs=attributes)
 
 
 def _numbers(sums: Mapping[str, np.ndarray], density: float | None) -> dict[str, np.ndarray]:
@@ -222,62 +208,44 @@ def _by_patch(values: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarray
     return np.array([math.fsum(values[patch == i]) for i in range(patches)])
 
 
-def _add_geometry(variables: Variables, surface: Surface, units: System) -> None:
+def _geometry(surface: Surface, units: System) -> Variables:
     """Points and corners of the faces, so that the Dataset alone can be drawn and written; in metres, as CFD has it."""
     metres = {"units": "m"}
     names = " ".join(surface.patches)
     flags = {"flag_values": np.arange(len(surface.patches), dtype=np.int32), "flag_meanings": names}
     area = surface.area * conversion_factor("area", "si", units)
-    variables["point"] = (("points", "axis"), surface.points, {"long_name": "points of the surface", **metres})
-    variables["corner"] = ("corners", surface.corners, {"long_name": "points around each face, face after face"})
-    variables["corner_end"] = ("face", surface.ends, {"long_name": "where each face's corners end"})
-    variables["centre"] = (("face", "axis"), surface.centre, {"long_name": "centres of the faces", **metres})
-    variables["face_patch"] = ("face", np.asarray(surface.patch, np.int32), {"long_name": "patch", **flags})
-    variables["area"] = ("face", area, _attributes("area", units))
+    variables: Variables = {
+        "point": (("points", "axis"), surface.points, {"long_name": "points of the surface", **metres}),
+        "corner": ("corners", surface.corners, {"long_name": "points around each face, face after face"}),
+        "corner_end": ("face", surface.ends, {"long_name": "where each face's corners end"}),
+        "centre": (("face", "axis"), surface.centre, {"long_name": "centres of the faces", **metres}),
+        "face_patch": ("face", np.asarray(surface.patch, np.int32), {"long_name": "patch", **flags}),
+        "area": ("face", area, _attributes("area", units)),
+    }
     if surface.mesh_face is not None:
         variables["mesh_face"] = ("face", surface.mesh_face, {"long_name": "number of the face in the mesh"})
+    return variables
 
 
-def _add_rows(variables: Variables, tally: FaceTally, source: MapSource, units: System) -> None:
+def _rows(tally: FaceTally, units: System, *, has_range: bool) -> Variables:
     """What became of the rows of the table."""
-    of_mass, length = QUANTITIES["m"].unit(units), conversion_factor("length", "si", units)
-    reasons = np.array(list(LEFT_OUT), dtype=object)
-    lost = tally.lost_mass[1:] * conversion_factor("mass", "si", units)
-    variables["rows"] = ((), tally.rows, {"long_name": "rows of the table"})
-    variables["reason"] = ("reason", reasons)
-    variables["left_out"] = ("reason", tally.fates[1:], {"long_name": "rows that are left out"})
-    variables["left_out_mass"] = ("reason", lost, {"long_name": "their mass", "units": of_mass})
-    variables["rows_to_nearest"] = ((), tally.unnamed, {"long_name": "rows that name no face"})
-    if tally.unnamed:
-        metre = {"units": QUANTITIES["r"].unit(units)}
-        median, farthest = tally.median_distance * length, tally.farthest * length
-        variables["distance_median"] = ((), median, {"long_name": "their median distance, to 0.3 %", **metre})
-        variables["distance_max"] = ((), farthest, {"long_name": "their greatest distance", **metre})
-    if isinstance(source.model, Correlated):
+    of_mass = {"long_name": "their mass", "units": QUANTITIES["m"].unit(units)}
+    variables: Variables = {
+        "rows": ((), tally.rows, {"long_name": "rows of the table"}),
+        "reason": ("reason", np.array(list(LEFT_OUT), dtype=object)),
+        "left_out": ("reason", tally.fates[1:], {"long_name": "rows that are left out"}),
+        "left_out_mass": ("reason", tally.lost_mass[1:] * conversion_factor("mass", "si", units), of_mass),
+        "rows_to_nearest": ((), tally.unnamed, {"long_name": "rows that name no face"}),
+    }
+    distances = {"distance_median": (tally.median_distance, "their median distance, to 0.3 %"),
+                 "distance_max": (tally.farthest, "their greatest distance")}  # fmt: skip
+    for name, (metres, meaning) in distances.items() if tally.unnamed else ():
+        length = metres * conversion_factor("length", "si", units)
+        variables[name] = ((), length, {"long_name": meaning, "units": QUANTITIES["r"].unit(units)})
+    if has_range:
         share = tally.outside_mass / tally.lost_mass[0] if tally.lost_mass[0] else math.nan
         variables["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})
-
-
-def _provenance(source: MapSource) -> dict[str, str]:
-    """The attributes of a map."""
-    return provenance(
-        "a map",
-        source.bodies.p,
-        **model_in_words(source.model, but={*source.bodies.laws, *source.bodies.uncertain}),
-        table=source.impacts.title,
-        surface="" if source.surface is None else source.surface.title,
-        surface_unit="" if source.surface is None else source.surface.unit or "taken in m",
-        options=source.options,
-        far_rows=source.far,
-        notes=" ".join(source.notes),
-    )
-
-
-def error_meaning(wear: xr.Dataset) -> str:
-    """What the relative errors of a map hold, in words."""
-    if "total_parameter_error" in wear:
-        return "the standard error by sampling the impacts and by uncertain parameters"
-    return "the standard error by sampling the impacts alone, all parameters taken as exact"
+    return variables
 
 
 @dataclasses.dataclass(frozen=True)
@@ -305,8 +273,11 @@ class MapSummary(Result):
 
     def rows(self) -> list[Row]:
         """The totals, the deepest face, each patch, and how impacts end."""
-        data, rows = self.dataset, [Row("impacts", "", f"{int(self.dataset['total_impacts']):,}", "", "rows that hit")]
-        rows[0] = rows[0]._replace(meaning=f"rows that hit; ± of totals is {error_meaning(data)}")
+        data = self.dataset
+        has_uncertain = "total_parameter_error" in data
+        by = "and by uncertain parameters" if has_uncertain else "alone, all parameters taken as exact"
+        meaning = f"rows that hit; ± of totals is the standard error by sampling the impacts {by}"
+        rows = [Row("impacts", "", f"{int(data['total_impacts']):,}", "", meaning)]
         if "face" in data.dims:
             hit = int((data["impacts"] > 0).sum())
             rows.append(Row("faces hit", "", f"{hit:,} of {data.sizes['face']:,}", "", "of the surface"))
@@ -357,7 +328,7 @@ class MapSummary(Result):
     def warnings(self) -> list[str]:
         """Sentences on what is left out or doubtful."""
         data = self.dataset
-        sentences = [data.attrs["notes"]] if data.attrs["notes"] else []
+        sentences = [data.attrs["warnings"]] if data.attrs["warnings"] else []
         total = int(data["rows"])
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
@@ -369,15 +340,11 @@ class MapSummary(Result):
         if "beyond_range" in data and float(data["beyond_range"]) > 0:
             share = f"{100 * float(data['beyond_range']):.3g} %"
             sentences.append(f"{share} of the mass that hits is outside the range of {data.attrs['model']}.")
-        return sentences
-
-    @property
-    def erosion_warning(self) -> str | None:
-        """One sentence where the erosion of the whole is far from what tests find at its mean speed, else None."""
-        return None if self._far is None else str(self._far)
+        return sentences if self._far is None else [*sentences, str(self._far)]
 
     @property
     def _far(self) -> FarFromTests | None:
+        """The erosion of the whole, where it is far from what tests find at its mean speed."""
         data = self.dataset
         specific, speed = float(data["total_erosion"]), float(data["total_v0_mean"])
         density = float(data["total_erosion_ratio"]) / specific if "total_erosion_ratio" in data and specific else None
@@ -453,7 +420,12 @@ def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str]
     """
     path = require_map_path(path, has_surface="face" in dataset.dims)
     if path.suffix == ".vtp":
-        _write_vtp(dataset, path)
+        writer = library("vtkmodules.vtkIOXML", "cfd").vtkXMLPolyDataWriter()
+        # VTK has words of its own for a full disk.
+        writer.WriteToOutputStringOn()
+        writer.SetInputData(to_polydata(dataset))
+        writer.Write()
+        write_whole(path, writer.GetOutputString().encode())
     elif path.suffix == ".csv":
         write_whole(path, _as_csv(dataset).encode())
     else:
@@ -504,16 +476,6 @@ def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
             values = dataset[prefix + name].values
             columns[heading] = values if factor == 1 else values * factor
     return columns
-
-
-def _write_vtp(dataset: xr.Dataset, path: Path) -> None:
-    surface = to_polydata(dataset)
-    writer = library("vtkmodules.vtkIOXML", "cfd").vtkXMLPolyDataWriter()
-    # VTK has words of its own for a full disk.
-    writer.WriteToOutputStringOn()
-    writer.SetInputData(surface)
-    writer.Write()
-    write_whole(path, writer.GetOutputString().encode())
 
 
 def _as_csv(dataset: xr.Dataset) -> str:

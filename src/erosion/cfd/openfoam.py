@@ -258,12 +258,9 @@ def _content(path: Path) -> Any:
         raise ImpactsError(f"{stored}: cannot be read as a file of OpenFOAM ({reason[:120]}).") from error
     if isinstance(content, tuple) and len(content) == 2 and isinstance(content[0], int):
         # The number before a list is part of the list only where it is right.
-        raise ImpactsError(f"{stored}: says that its list has {content[0]} items, but it has {_items(content[1])}.")
+        items = len(content[1]) if hasattr(content[1], "__len__") else "others"
+        raise ImpactsError(f"{stored}: says that its list has {content[0]} items, but it has {items}.")
     return content
-
-
-def _items(content: Any) -> str:
-    return str(len(content)) if hasattr(content, "__len__") else "others"
 
 
 SUFFIXES = (".post", ".dat")
@@ -303,21 +300,13 @@ class Table:
         return columns
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(kw_only=True)
 class OpenFoamImpacts(Impacts):
     """All tables of a function object."""
 
-    title: str
     tables: tuple[Table, ...]
     mesh: Mesh | None
     most_stored: int | None
-    density: float | None
-    duration: float | None
-    rows: int | None = None
-    notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        self.mesh_faces = "mesh_face" in self.tables[0].columns
 
     def identity(self) -> str:
         """See `Impacts`."""
@@ -331,13 +320,18 @@ class OpenFoamImpacts(Impacts):
         last = dict[str, tuple[Path, float]]()  # of each patch, the window before and its last time
         for table in self.tables:
             first, latest, stored = 0, -math.inf, np.zeros(0, np.int64)
-            for columns in _columns(table):
+            for columns in batches(table.path, table.skipped, table.names, table.columns):
                 if is_parallel is None:
                     is_parallel = self._is_parallel(table, columns)
                 if "mesh_face" in columns:
                     columns["mesh_face"] = self._mesh_faces(table, first, columns, is_parallel)
                 if "time" in columns:
-                    _require_later(table, columns["time"], last.get(table.patch))
+                    begins, before = columns["time"].min(), last.get(table.patch)
+                    if before is not None and begins < before[1]:
+                        raise ImpactsError(
+                            f"{table.path}: begins at {begins:g} s, before {before[0]} ends at {before[1]:g} s: a "
+                            "restart repeated this time. Move the windows of one of both runs away."
+                        )
                     latest = max(latest, float(columns["time"].max()))
                 stored = self._require_complete(table, stored, columns)
                 yield from blocks(str(table.path), first, columns, rows, self.density)
@@ -436,8 +430,10 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
     for table in tables:
         if table.names != first.names:
             raise ImpactsError(f"{table.path}: has other columns than {first.path}; read them one by one.")
-    _require_usable(first, density)
-    _, notes = weigh(str(first.path), first.columns, duration)
+    require_columns(str(first.path), first.columns, has_density=density is not None)
+    if not {"mesh_face", POSITION[0]} & first.columns.keys():
+        raise ImpactsError(f"{first.path}: names neither the face (`facei`) nor the position of an impact.")
+    _, warnings_of_weights = weigh(str(first.path), first.columns, duration)
     if duration is None and mesh is not None and (start := _start(mesh.case)) is not None:
         windows = [float(table.window) for table in tables if table.window]
         duration = max(windows) - start if windows and max(windows) > start else None
@@ -448,7 +444,8 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         most_stored=None if mesh is None else _most_stored(mesh.case, first.path),
         density=density,
         duration=duration,
-        notes=notes,
+        mesh_faces="mesh_face" in first.columns,
+        warnings=warnings_of_weights,
     )
 
 
@@ -504,28 +501,6 @@ def _function_object(path: Path) -> Path:
 
 def _plain_name(path: Path) -> Path:
     return path.with_suffix("") if path.suffix == ".gz" else path
-
-
-def _require_usable(table: Table, density: float | None) -> None:
-    columns = table.columns
-    require_columns(str(table.path), columns, has_density=density is not None)
-    if "mesh_face" not in columns and POSITION[0] not in columns:
-        raise ImpactsError(f"{table.path}: names neither the face (`facei`) nor the position of an impact.")
-
-
-def _columns(table: Table) -> Iterator[dict[str, np.ndarray]]:
-    wanted = list(table.columns.values())
-    for columns in batches(table.path, table.skipped, table.names, wanted):
-        yield {ours: columns[name] for ours, name in table.columns.items()}
-
-
-def _require_later(table: Table, times: np.ndarray, before: tuple[Path, float] | None) -> None:
-    """Refuse a window that reaches back into the one before."""
-    if before is not None and times.min() < before[1]:
-        raise ImpactsError(
-            f"{table.path}: begins at {times.min():g} s, before {before[0]} ends at {before[1]:g} s: a restart "
-            "repeated this time. Move the windows of one of both runs away."
-        )
 
 
 def _most_stored(case: Path, table: Path) -> int | None:

@@ -112,9 +112,10 @@ def read_impacts(
       `velocity_z`, or `speed [m/s]` and `angle [deg]`; at will one of `count`, `parcel_mass [kg]`, and of a steady run
       `mass_flow [kg/s]`, `frequency [1/s]`; `position_x [m]`, …, `face` (of the surface) or `mesh_face` (of the mesh),
       from 0, `spin [rad/s]`, `time [s]`. A Parquet file may hold units in its columns' metadata (`units`). A column
-      that may be one of these, but is not understood, is refused; `notes` of the result names those that are left out.
+      that may be one of these, but is not understood, is refused; and `warnings` of the result names
+      the columns that are left out.
 
-    A table without weights counts each row as one particle; `notes` of the result says so.
+    A table without weights counts each row as one particle; `warnings` of the result says so.
 
     Args:
         source: a file or folder.

@@ -12,7 +12,6 @@ import re
 import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -61,23 +60,26 @@ class ImpactBlock:
         return len(self.count)
 
 
+@dataclasses.dataclass(kw_only=True)
 class Impacts(abc.ABC):
     """A table of impacts that can be read again and again; `erosion.read_impacts` opens one.
 
     Attributes:
         title: file or folder, for messages and titles.
         rows: their number, None where only reading all of them tells it.
+        density: of the particles [kg/m³], where no column gives it.
         duration: time that the table covers [s], None where it does not say; rates need it.
         mesh_faces: whether `face` of its blocks counts the faces of the whole mesh (`Surface.face_of_mesh` leads from
             them to the surface's own).
-        notes: sentences on what the table does not say, and what is taken instead.
+        warnings: sentences on what the table does not say, and what is taken instead.
     """
 
     title: str
-    rows: int | None
-    duration: float | None
-    mesh_faces: bool
-    notes: tuple[str, ...] = ()
+    rows: int | None = None
+    density: float | None = None
+    duration: float | None = None
+    mesh_faces: bool = False
+    warnings: tuple[str, ...] = ()
 
     @abc.abstractmethod
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
@@ -218,8 +220,7 @@ def blocks(
 
 def _block(source: str, first: int, columns: Columns, density: float | None) -> ImpactBlock:
     for name, values in columns.items():
-        small = np.abs(values) <= GREATEST
-        if not small.all():
+        if not (small := np.abs(values) <= GREATEST).all():
             row = int(np.argmin(small))
             condition = f"at most {GREATEST:g}" if np.isfinite(values[row]) else "finite"
             raise ImpactsError(
@@ -332,19 +333,21 @@ def header_names(path: Path, line: str) -> tuple[str, ...]:
     return names
 
 
-def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str]) -> Iterator[dict[str, np.ndarray]]:
+def batches(
+    path: Path, skipped: int, names: Sequence[str], columns: Mapping[str, str]
+) -> Iterator[dict[str, np.ndarray]]:
     """The numbers of some columns, some thousand rows at a time.
 
     Args:
         path: of the file.
         skipped: lines before the first row.
         names: of all columns.
-        wanted: of those that are read.
+        columns: those that are read, by the names that they get.
 
     Raises:
         ImpactsError: naming the first row that has another number of fields, or a field that is no number.
     """
-    csv, arrow = library("pyarrow.csv", "cfd"), library("pyarrow", "cfd")
+    csv, arrow, wanted = library("pyarrow.csv", "cfd"), library("pyarrow", "cfd"), list(columns.values())
     with open_table(path) as file:
         for _ in range(skipped):
             file.readline()
@@ -354,7 +357,7 @@ def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str
                 csv.ReadOptions(column_names=list(names), block_size=_CHUNK),
                 csv.ParseOptions(delimiter=" ", quote_char=False),
                 csv.ConvertOptions(
-                    include_columns=list(wanted),
+                    include_columns=wanted,
                     column_types=dict.fromkeys(wanted, arrow.float64()),
                     null_values=[],
                 ),
@@ -362,7 +365,7 @@ def batches(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str
             for batch in reader:
                 yield {
                     name: column.to_numpy(zero_copy_only=False)
-                    for name, column in zip(wanted, batch.columns, strict=True)
+                    for name, column in zip(columns, batch.columns, strict=True)
                 }
         except arrow.ArrowInvalid as error:
             # A file without rows is one, too: pyarrow takes it for an error.
@@ -414,14 +417,8 @@ def _first_wrong_row(path: Path, skipped: int, names: Sequence[str], wanted: Seq
                 return f"row {row:,} has {len(fields)} fields, but the header names {len(names)}"
             for name in wanted:
                 field = fields[names.index(name)].decode(errors="replace")
-                if not _is_number(field):
+                try:
+                    _ = float(field)
+                except ValueError:
                     return f"row {row:,}: column `{name}` must be a number, but is {field[:40]!r}"
     return None if row == 0 else "cannot be read"
-
-
-def _is_number(text: Any) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -358,8 +358,7 @@ def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> N
     from erosion.cfd.map_result import MapSummary
 
     summary = MapSummary(dataset)
-    far = summary.erosion_warning
-    for sentence in (*summary.warnings, *([far] if far else [])):
+    for sentence in summary.warnings:
         output.warn(as_options(sentence))
     if output.json:
         content = summary.to_dict()
