@@ -145,7 +145,7 @@ def test_a_right_model_stays_where_another_fits_six_rows_too_well_by_chance():
 def test_all_models_stay_where_all_miss_the_data():
     ranking = rank_models(P, WEIGHED, ["psi"], models=["tan-alpha", "rotating-tan-alpha"], density=DENSITY, starts=2)
     assert len(ranking.ranked) == 2
-    assert ranking.doubts[0].startswith("None of the models fits")
+    assert ranking.warnings_of_best[0].startswith("None of the models fits")
 
 
 def test_with_uncertainties_the_misfit_decides():
@@ -163,7 +163,7 @@ def test_too_few_rows_for_the_criterion_print_no_nan(rows):
     text = f"{ranking} {ranking.best} {ranking.warnings}"
     assert not any(word in text.lower().split() for word in ("nan", "nan%", "inf", "-inf"))
     assert ranking.best.rows_for_aicc == 6
-    assert any("AICc needs at least 6 rows" in said for said in ranking.doubts)
+    assert any("AICc needs at least 6 rows" in said for said in ranking.warnings_of_best)
     assert [fit["weight"] for fit in ranking.to_dict()["fits"]] == [pytest.approx(np.nan, nan_ok=True)] * 2
     assert ranking.fits[0].variance <= ranking.fits[1].variance
 

@@ -129,17 +129,19 @@ class Fit:
 
     def next_steps(self, ranking: "Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
         """The commands for the best angle, the advice and CFD codes, by the files that are written."""
-        from erosion.fits.export import advice_command, command, export_command
+        from erosion.fits.export import command
 
+        uncertain = [] if draws is None else ["--uncertain", str(draws)]
         if case_file is not None:
+            path = str(case_file)
             return [
-                f"the best angle of this fit: {command(str(case_file))}",
-                f"a nozzle's angle by this fit: {advice_command([str(case_file)], draws)}",
-                f"for CFD codes: {export_command(str(case_file))}",
+                f"the best angle of this fit: {command('optimum', path)}",
+                f"a nozzle's angle by this fit: {command('advise', path, *uncertain)}",
+                f"for CFD codes: {command('export', path, '--fluent', 'angles.csv')}",
             ]
         if draws is not None:
             words = self.options.words(ranking.best.names)
-            return [f"a nozzle's angle by this fit: {advice_command(words, draws)}"]
+            return [f"a nozzle's angle by this fit: {command('advise', *words, *uncertain)}"]
         return ["a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml"]
 
 
@@ -209,7 +211,7 @@ def write_case(path: Path, ranking: "Ranking", options: CaseOptions) -> None:
     from erosion.output.files import write_whole
 
     with user_errors(CalibrationError):
-        text = to_case(ranking.best, str(path), **options.names(), doubts=ranking.doubts)
+        text = to_case(ranking.best, str(path), **options.names(), warnings=ranking.warnings_of_best)
         write_whole(path, text.encode())
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 from erosion.arguments import check_level, check_whole
 from erosion.fits import doubts
-from erosion.fits.doubts import LEVEL, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
+from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
 from erosion.fits.forward import FACTORS, FRACTION, Forward, check_free
 from erosion.fits.least_squares import (
     LOSSES,
@@ -237,7 +237,15 @@ class Calibration(Result):
     @property
     def undecided(self) -> tuple[str, ...]:
         """The parameters whose intervals are so wide, a factor of 20, that their estimates say little."""
-        return doubts.undecided(self)
+        touched, names = self.bounds_touched(), []
+        for at, name in enumerate(self.names):
+            low, high = self.ends(LEVEL)[at]
+            wide = high - low > OPEN
+            if not self.problem.forward.logarithmic[at]:
+                wide = {"interval at lower", "interval at upper"} <= {*touched.get(name, ())}
+            if wide and name not in self.undetermined:
+                names.append(name)
+        return tuple(names)
 
     @functools.cached_property
     def patterns(self) -> tuple[Pattern, ...]:
@@ -263,7 +271,15 @@ class Calibration(Result):
 
     def bounds_touched(self, level: float = LEVEL) -> dict[str, tuple[str, ...]]:
         """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
-        return doubts.bounds_touched(self, level)
+        theta, problem, touched = self.solution.theta, self.problem, {}
+        for at, name in enumerate(self.names):
+            low, high = self.ends(level)[at]
+            sides = (("lower", problem.lower[at], low), ("upper", problem.upper[at], high))
+            marks = [f"estimate at {side}" for side, bound, _ in sides if abs(theta[at] - bound) < TOUCH]
+            marks += [f"interval at {side}" for side, bound, end in sides if abs(theta[at] + end - bound) < TOUCH]
+            if marks and name not in self.undetermined:
+                touched[name] = tuple(marks)
+        return touched
 
     def curve(self, alpha: Any, at: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The fitted erosion at angles α [rad], with its standard error.

@@ -341,15 +341,12 @@ def _over_angle(data: Measurements, residuals: np.ndarray, groups: Sequence[Cond
     first, last = np.rad2deg(data.angle[longest[1][[0, -1]]])
     side = "above" if residuals[longest[1][0]] > 0 else "below"
     where = f" at {longest[2]}" if longest[2] else ""
+    counted = "1 run" if runs == 1 else f"{runs} runs"
     return Pattern("angle", float(statistic), probability, (
-        f"The residuals show a pattern over the angle: {_counted(runs)} of one sign, where noise makes "
+        f"The residuals show a pattern over the angle: {counted} of one sign, where noise makes "
         f"{expected:.0f} ± {np.sqrt(variance):.0f} (probability {probability:.1g}). From {first:.3g}° to {last:.3g}°"
         f"{where} the data lie {side} the fit."
     ))  # fmt: skip
-
-
-def _counted(runs: int) -> str:
-    return "1 run" if runs == 1 else f"{runs} runs"
 
 
 def _over(name: str, values: np.ndarray, residuals: np.ndarray) -> Pattern | None:
@@ -367,39 +364,11 @@ def _over(name: str, values: np.ndarray, residuals: np.ndarray) -> Pattern | Non
 
 LEVEL = 0.95  # of the intervals that standard errors are compared with
 _FACTOR = 1.5  # by which the two may differ without a warning
-_OPEN = np.log(20.0)  # width of an interval in θ, from which on a parameter is not decided
+OPEN = np.log(20.0)  # width of an interval in θ, from which on a parameter is not decided
 _TOGETHER = 0.9  # correlation of parameters that are left open together
-_TOUCH = 1e-6  # of θ, and of an interval
+TOUCH = 1e-6  # of θ, and of an interval
 _ANOTHER_ORDER = 100.0  # by which rows are far from all tests: measured ones may well be outside by a few
 POOR = 1e-3  # probability of a greater χ² by random errors; below it the model does not fit
-
-
-def bounds_touched(fit: "Calibration", level: float) -> dict[str, tuple[str, ...]]:
-    """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
-    theta, problem, touched = fit.solution.theta, fit.problem, {}
-    for at, name in enumerate(fit.names):
-        if name in fit.undetermined:
-            continue
-        ends = fit.ends(level)[at]
-        sides = (("lower", problem.lower[at], ends[0]), ("upper", problem.upper[at], ends[1]))
-        marks = [f"estimate at {side}" for side, bound, _ in sides if abs(theta[at] - bound) < _TOUCH]
-        marks += [f"interval at {side}" for side, bound, end in sides if abs(theta[at] + end - bound) < _TOUCH]
-        if marks:
-            touched[name] = tuple(marks)
-    return touched
-
-
-def undecided(fit: "Calibration") -> tuple[str, ...]:
-    """The parameters whose intervals are so wide that their estimates say little."""
-    touched, names = bounds_touched(fit, LEVEL), []
-    for at, name in enumerate(fit.names):
-        low, high = fit.ends(LEVEL)[at]
-        wide = high - low > _OPEN
-        if not fit.problem.forward.logarithmic[at]:
-            wide = {"interval at lower", "interval at upper"} <= {*touched.get(name, ())}
-        if wide and name not in fit.undetermined:
-            names.append(name)
-    return tuple(names)
 
 
 def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[str, str]:
@@ -415,12 +384,12 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
     if name in fit.undetermined:
         return rounded(estimate, np.inf), "not determined by these data"
     low, high = (end / size for end in fit.intervals(level)[name])
-    touched = bounds_touched(fit, level).get(name, ())
+    touched = fit.bounds_touched(level).get(name, ())
     distances = estimate - low, high - estimate
     alike = _is_alike(np.sqrt(fit.rise(level)) * error, distances)
     # Each end to the digits of its own distance, so that the estimate is seen to lie between them; but the distance to
     # a bound that the estimate touches is rounding.
-    sizes = [high - low if alike or distance < _TOUCH * (high - low) else distance for distance in distances]
+    sizes = [high - low if alike or distance < TOUCH * (high - low) else distance for distance in distances]
     ends = [
         ("not known" if np.isnan(end) else rounded(end, size_of_end, 2))
         + (f" ({side} bound)" if f"interval at {side}" in touched else "")
@@ -545,7 +514,7 @@ def _undecided(fit: "Calibration") -> list[str]:
 
 def _at_bounds(fit: "Calibration") -> list[str]:
     """Bounds that are touched, and standard errors that mislead."""
-    said, touched = [], bounds_touched(fit, LEVEL)
+    said, touched = [], fit.bounds_touched()
     for at, name in enumerate(fit.names):
         if name in fit.undetermined:
             continue

@@ -25,8 +25,7 @@ from erosion.output.files import seen_from
 from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import System, conversion_factor
+from erosion.parameters.units import conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20
@@ -128,7 +127,7 @@ def to_case(
     *,
     particle: str | None = None,
     target: str | None = None,
-    doubts: Sequence[str] | None = None,
+    warnings: Sequence[str] | None = None,
 ) -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
@@ -140,20 +139,23 @@ def to_case(
         path: the file's, for the command in its comment, and where the paths in it begin.
         particle: its name and size, where the case has it by name.
         target: its name, where the case has it by name.
-        doubts: sentences for whoever uses the file; those of the fit without them.
+        warnings: sentences for whoever uses the file; those of the fit without them.
 
     Raises:
         ValueError: for a model without a name or a file, which no verb could load again.
     """
     lines = _origin(calibration)
     lines += calibration.warnings
-    lines.append(f"The best angle of this fit: {command(path)}")
+    lines.append(f"The best angle of this fit: {command('optimum', path)}")
     text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
     case = dump_case(exported_case(calibration), calibration.title)
     names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
     named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n" for name, value in names.items())
-    weighed = dump_per_mass(_per_mass(calibration))
-    said = calibration.warnings if doubts is None else doubts
+    density = calibration.problem.forward.density
+    if density is not None:
+        density *= conversion_factor("density", calibration.p.units, "si")
+    weighed = dump_per_mass(PerMass(density, calibration.cutting_fraction))
+    said = calibration.warnings if warnings is None else warnings
     return commented(text, "#") + case + named + weighed + _model(calibration, path) + _for_advice(calibration, said)
 
 
@@ -175,10 +177,10 @@ def _model(calibration: Calibration, path: str) -> str:
     return named + (f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}\n" if own else "")
 
 
-def _for_advice(calibration: Calibration, doubts: Sequence[str]) -> str:
+def _for_advice(calibration: Calibration, warnings: Sequence[str]) -> str:
     """The table [advise] of a case file; without laws where the data does not determine or decide all parameters."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
-    said = " ".join([of_scale] * calibration.data.free_scale + [*doubts])
+    said = " ".join([of_scale] * calibration.data.free_scale + [*warnings])
     lines = ["", "[advise]"] + ([f"warning = {toml_string(said)}"] if said else [])
     laws = _laws(calibration)
     if laws:
@@ -218,43 +220,9 @@ def _laws(calibration: Calibration) -> dict[str, str]:
     return laws
 
 
-def _per_mass(calibration: Calibration) -> PerMass:
-    density = calibration.problem.forward.density
-    if density is not None:
-        density *= conversion_factor("density", calibration.p.units, "si")
-    return PerMass(density, calibration.cutting_fraction)
-
-
-def command(path: str) -> str:
-    """The command that finds the best angle of the case file that `to_case` has written."""
-    return _typed(["erosion", "optimum", path])
-
-
-def _with_unit(number: str, quantity: Quantity, units: System) -> str:
-    """A number with its unit as programs read it."""
-    unit = quantity.unit(units)
-    return number if unit == "1" else f"{number} {unit}"
-
-
-def export_command(path: str) -> str:
-    """The command that writes the case file that `to_case` has written for CFD codes."""
-    return _typed(["erosion", "export", path, "--fluent", "angles.csv"])
-
-
-def advice_command(case: Sequence[str], draws: Path | None) -> str:
-    """The command that advises a nozzle's angle by a fit.
-
-    Args:
-        case: the file that `to_case` has written, or the options of the fit's own case.
-        draws: that `Posterior.save` has written.
-    """
-    words = ["erosion", "advise", *case, *([] if draws is None else ["--uncertain", str(draws)])]
-    return _typed(words)
-
-
-def _typed(words: Sequence[str]) -> str:
-    """A command as it is typed."""
-    return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in words)
+def command(*words: str) -> str:
+    """A command of the program as it is typed into a shell."""
+    return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in ("erosion", *words))
 
 
 def exported_case(calibration: Calibration) -> Parameters:
@@ -286,7 +254,7 @@ def _origin(calibration: Calibration) -> list[str]:
     return [
         f"erosion {__version__}: {model_name(calibration.model)}, fitted to {len(data)} rows of {data.source}",
         ", ".join(
-            _with_unit(f"{name} = {calibration.estimates[name]:.6g}", quantity, p.units)
+            f"{name} = {calibration.estimates[name]:.6g} {quantity.unit(p.units)}".removesuffix(" 1")
             for name, quantity in calibration.quantities.items()
         )
         + f", at v0 = {float(p.to('si').v0):.6g} m/s",

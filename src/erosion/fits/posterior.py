@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy import stats
+from scipy import special, stats
 
 from erosion.arguments import check_level, check_path, check_whole
 from erosion.extras import library
@@ -17,7 +17,7 @@ from erosion.fits.forward import FRACTION, SCALE
 from erosion.fits.least_squares import identify
 from erosion.fits.measurements import Measurements
 from erosion.fits.posterior_files import SOURCE, own_in_si
-from erosion.fits.tempering import NOISE, Likelihood, Priors, Run, at_ends, sampled_quantities
+from erosion.fits.tempering import NOISE, Likelihood, Priors, Run, sampled_quantities
 from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import impact
 from erosion.joint_laws import Rows
@@ -64,83 +64,6 @@ def _of_each(draws: np.ndarray, name: str) -> np.ndarray:
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
 _END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
-
-
-def doubts_of(posterior: "Posterior") -> tuple[str, ...]:
-    """All of them; none for a good result."""
-    return (*not_converged(posterior), *_ridges(posterior), *_at_ends(posterior), *_poor(posterior))
-
-
-def not_converged(posterior: "Posterior") -> tuple[str, ...]:
-    """What is wrong with the draws, with advice."""
-    said = []
-    bad = {name: rhat for name, rhat in posterior.rhat.items() if not rhat <= RHAT}
-    if bad:
-        greatest = max(bad, key=lambda name: bad[name])
-        said.append(
-            f"Not converged: the populations of draws disagree about {', '.join(bad)} (R̂ of {greatest} is "
-            f"{bad[greatest]:.3f}, good to {RHAT}). Ask for more draws."
-        )
-    least = EFFECTIVE * len(posterior.run.log_evidence)
-    few = {name: count for name, count in posterior.effective.items() if not count >= least}
-    if few:
-        fewest = min(few, key=lambda name: few[name])
-        said.append(
-            f"Not converged: there are too few effective draws of {', '.join(few)} ({few[fewest]:.0f} of {fewest}, "
-            f"good from {least}). Ask for more draws."
-        )
-    if not posterior.log_evidence_error <= _EVIDENCE:
-        said.append(
-            f"Not converged: the populations disagree about the evidence (ln Z to {posterior.log_evidence_error:.2g}). "
-            "Ask for more draws."
-        )
-    return tuple(said)
-
-
-def _ridges(posterior: "Posterior") -> list[str]:
-    """Parameters that the data cannot tell apart, in the words of a fit."""
-    forward, data = posterior.likelihood.forward, posterior.data
-    deviation = data.uncertainty if data.uncertainty is not None else np.full(len(data), np.std(data.erosion))
-    theta = posterior.best
-    predicted, rates = forward.predict(theta, data.conditions)
-    jacobian = rates / deviation[:, None]
-    if len(data) < len(forward.names) or not np.isfinite(jacobian).all():
-        return []
-    exponent = np.where(forward.logarithmic | (theta == 0), 1.0, theta)
-    groups = identify(forward.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
-    return [
-        f"{group.statement} "
-        + ("Its draws are those of the prior." if len(group.names) == 1 else "How far the ridge goes, the priors say.")
-        for group in groups
-    ]
-
-
-def _at_ends(posterior: "Posterior") -> list[str]:
-    """Draws that crowd at an end of their prior."""
-    said = []
-    shares = at_ends(_END, posterior.names, posterior.run.points)
-    for name, (low, high) in shares.items():
-        share, end = max((low, "lowest"), (high, "highest"))
-        if share > _PILED:
-            said.append(
-                f"{share:.0%} of the draws of {name} lie in the {end} hundredth of its prior, "
-                f"{posterior.priors.in_words(name, posterior.quantities[name], posterior.p.units)}: prior and data "
-                "disagree, or the prior is too narrow."
-            )
-    return said
-
-
-def _poor(posterior: "Posterior") -> list[str]:
-    """A sentence where no parameters explain the data."""
-    if posterior.data.uncertainty is None:
-        return []
-    chi2, rows = -2 * posterior.run.log_likelihood, len(posterior.data)
-    if float(stats.chi2.sf(chi2, rows).mean()) >= POOR:
-        return []
-    return [
-        f"The uncertainties do not explain the misfit: χ² is {np.median(chi2):.4g} for {rows:,} rows. The intervals "
-        "hold only if the model were right."
-    ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -315,13 +238,62 @@ class Posterior(Result):
 
     @property
     def not_converged(self) -> tuple[str, ...]:
-        """Sentences on draws that are not good; none for good ones."""
-        return not_converged(self)
+        """Sentences on draws that are not good, with advice; none for good ones."""
+        said = []
+        bad = {name: rhat for name, rhat in self.rhat.items() if not rhat <= RHAT}
+        if bad:
+            greatest = max(bad, key=lambda name: bad[name])
+            said.append(
+                f"the populations of draws disagree about {', '.join(bad)} (R̂ of {greatest} is {bad[greatest]:.3f}, "
+                f"good to {RHAT})"
+            )
+        least = EFFECTIVE * len(self.run.log_evidence)
+        few = {name: count for name, count in self.effective.items() if not count >= least}
+        if few:
+            fewest = min(few, key=lambda name: few[name])
+            said.append(
+                f"there are too few effective draws of {', '.join(few)} ({few[fewest]:.0f} of {fewest}, good from "
+                f"{least})"
+            )
+        if not self.log_evidence_error <= _EVIDENCE:
+            said.append(f"the populations disagree about the evidence (ln Z to {self.log_evidence_error:.2g})")
+        return tuple(f"Not converged: {fault}. Ask for more draws." for fault in said)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what is doubtful; empty for a good result."""
-        return doubts_of(self)
+        said = [*self.not_converged, *self._ridges()]
+        shares = special.ndtr(self.run.points)
+        below, above = (shares < _END).mean(axis=(0, 1)), (shares > 1 - _END).mean(axis=(0, 1))
+        for name, low, high in zip(self.names, below, above, strict=True):
+            share, end = max((low, "lowest"), (high, "highest"))
+            if share > _PILED:
+                law = self.priors.in_words(name, self.quantities[name], self.p.units)
+                said.append(
+                    f"{share:.0%} of the draws of {name} lie in the {end} hundredth of its prior, {law}: prior and "
+                    "data disagree, or the prior is too narrow."
+                )
+        chi2, rows = -2 * self.run.log_likelihood, len(self.data)
+        if self.data.uncertainty is not None and float(stats.chi2.sf(chi2, rows).mean()) < POOR:
+            said.append(
+                f"The uncertainties do not explain the misfit: χ² is {np.median(chi2):.4g} for {rows:,} rows. The "
+                "intervals hold only if the model were right."
+            )
+        return tuple(said)
+
+    def _ridges(self) -> list[str]:
+        """Parameters that the data cannot tell apart, in the words of a fit."""
+        forward, theta = self.likelihood.forward, self.best
+        given = self.data.uncertainty
+        deviation = np.full(len(self.data), np.std(self.data.erosion)) if given is None else given
+        predicted, rates = forward.predict(theta, self.data.conditions)
+        jacobian = rates / deviation[:, None]
+        if len(self.data) < len(forward.names) or not np.isfinite(jacobian).all():
+            return []
+        exponent = np.where(forward.logarithmic | (theta == 0), 1.0, theta)
+        groups = identify(forward.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
+        alone, ridge = "Its draws are those of the prior.", "How far the ridge goes, the priors say."
+        return [f"{group.statement} {alone if len(group.names) == 1 else ridge}" for group in groups]
 
     def some(self, count: int) -> dict[str, np.ndarray]:
         """Draws of all parameters, from all populations alike, each of shape (count,) or, of fewer draws, of all."""

@@ -6,7 +6,7 @@ is not ranked. Nor is one with too many parameters for the criterion.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -102,111 +102,84 @@ class Ranking(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on models that cannot be distinguished, on what is held, on failures, and on the best fit."""
-        return (
-            *self._poor(), *self._tied(), *self._not_ranked(), *self._too_few(), *self._equals(), *self._preference(),
-            *self._held(), *self.failures, *self.best.warnings,
-        )  # fmt: skip
+        said = self._misfit()
+        same = [f"{', '.join(tie[:-1])} and {tie[-1]}" for tie in self.ties]
+        if len(same) == 1:
+            said.append(f"{same[0]} give the same curve: these data cannot tell them apart.")
+        elif same:
+            said.append(f"These data cannot tell models of the same curve apart: {'; '.join(same)}.")
+        reasons = _grouped(zip(self.reasons, self.names[len(self.ranked) :], strict=True))
+        if reasons:
+            said.append(f"Not ranked: {'; '.join(f'{names} ({reason})' for reason, names in reasons.items())}.")
+        said += self._undecided()
+        if self.preferred:
+            name = self.names[self.preferred]
+            said.append(f"AICc prefers {self.names[0]}, the evidence {name}: all that is written is of {name}.")
+        of_models = [own_in_words(fit.model, but=fit.names, units=fit.p.units) for fit in self.ranked]
+        held = _grouped((own, name) for own, name in zip(of_models, self.names, strict=False) if own)
+        if held and len(self.ranked) > 1:
+            listed = "; ".join(f"{own} ({names})" for own, names in held.items())
+            said.append(f"Own parameters that are not free are held: {listed}.")
+        return (*said, *self.failures, *self.best.warnings)
 
     @property
-    def doubts(self) -> tuple[str, ...]:
-        """Those sentences that concern whoever uses the best fit."""
-        return (*self._poor(), *self._too_few(), *self._equals(), *self.best.warnings)
+    def warnings_of_best(self) -> tuple[str, ...]:
+        """Those of the warnings that concern whoever uses the best fit."""
+        return (*self._misfit(), *self._undecided(), *self.best.warnings)
 
-    def _not_ranked(self) -> tuple[str, ...]:
-        """A sentence on the models that are not ranked, with the reason of each."""
-        groups: dict[str, list[str]] = {}
-        for name, reason in zip(self.names[len(self.ranked) :], self.reasons, strict=True):
-            groups.setdefault(reason, []).append(name)
-        parts = [f"{', '.join(names)} ({reason})" for reason, names in groups.items()]
-        return (f"Not ranked: {'; '.join(parts)}.",) if parts else ()
-
-    def _too_few(self) -> tuple[str, ...]:
-        """A sentence where AICc says nothing of any model."""
-        if self.has_aicc or len(self.ranked) < 2:
-            return ()
-        needed = min(fit.rows_for_aicc for fit in self.ranked)
-        return (
-            f"AICc needs at least {needed} rows for so many parameters, but there are {len(self.best.data)}: the "
-            "models are in the order of their residuals' variance. Measure more, or free fewer parameters.",
-        )
-
-    def _preference(self) -> tuple[str, ...]:
-        """A sentence where another model than that of least AICc is the best one."""
-        if self.preferred == 0:
-            return ()
-        name = self.names[self.preferred]
-        return (f"AICc prefers {self.names[0]}, the evidence {name}: all that is written is of {name}.",)
-
-    def _tied(self) -> tuple[str, ...]:
-        """A sentence on the models of the same curve."""
-        groups = [f"{', '.join(tie[:-1])} and {tie[-1]}" for tie in self.ties]
-        if len(groups) < 2:
-            return tuple(f"{group} give the same curve: these data cannot tell them apart." for group in groups)
-        return (f"These data cannot tell models of the same curve apart: {'; '.join(groups)}.",)
-
-    def _held(self) -> tuple[str, ...]:
-        """A sentence on the own parameters of the models that were not fitted."""
-        models: dict[str, list[str]] = {}
-        for name, fit in zip(self.names, self.ranked, strict=False):
-            models.setdefault(own_in_words(fit.model, but=fit.names, units=fit.p.units), []).append(name)
-        held = [f"{own} ({', '.join(names)})" for own, names in models.items() if own]
-        if not held or len(self.ranked) < 2:
-            return ()
-        return (f"Own parameters that are not free are held: {'; '.join(held)}.",)
-
-    def _poor(self) -> tuple[str, ...]:
+    def _misfit(self) -> list[str]:
         """A sentence where no one of several models fits."""
         if len(self.fits) < 2:
-            return ()
+            return []
         if all(is_beyond_scatter(fit) for fit in self.fits):
-            return ("None of the models fits: the residuals of each are greater than the scatter of the rows.",)
+            return ["None of the models fits: the residuals of each are greater than the scatter of the rows."]
         if not all(is_poor(fit) for fit in self.fits):
-            return ()
+            return []
         least = min(fit.chi2 / fit.degrees_of_freedom for fit in self.fits)
-        return (f"None of the models fits within the uncertainties: χ²/dof is {least:.3g} or more.",)
+        return [f"None of the models fits within the uncertainties: χ²/dof is {least:.3g} or more."]
 
-    def _equals(self) -> tuple[str, ...]:
-        """A sentence on the models that fit as well as the best one, with other curves."""
+    def _undecided(self) -> list[str]:
+        """A sentence where AICc says nothing of any model, or where models of other curves fit as well as the best."""
+        if len(self.ranked) < 2:
+            return []
         if not self.has_aicc:
-            return ()
-        differences = self._differences
-        near = [name for name, difference in zip(self.names, differences, strict=False) if difference < _EQUAL]
+            needed = min(fit.rows_for_aicc for fit in self.ranked)
+            return [
+                f"AICc needs at least {needed} rows for so many parameters, but there are {len(self.best.data)}: the "
+                "models are in the order of their residuals' variance. Measure more, or free fewer parameters."
+            ]
+        near = [name for name, diff in zip(self.names, self._differences, strict=False) if diff < _EQUAL]
         if {*near} <= {self.names[0], *self.tied_with(self.names[0])}:
-            return ()
+            return []
         weights = " : ".join(f"{100 * weight:.0f}" for weight in self.weights[: len(near)])
-        return (f"The data do not decide between {', '.join(near[:-1])} and {near[-1]}: their weights are {weights}.",)
+        return [f"The data do not decide between {', '.join(near[:-1])} and {near[-1]}: their weights are {weights}."]
 
     def rows(self) -> list[tuple[str, ...]]:
         """A row for each model."""
-        rows = []
+        rows, size = [], self._scale.size
         numbers = [(f"{difference:.2f}", f"{weight:.1%}") if self.has_aicc else ("–", "–")
                    for difference, weight in zip(self._differences, self.weights, strict=False)]  # fmt: skip
         numbers += [("not ranked", "–")] * len(self.reasons)
-        for name, fit, (difference, weight) in zip(self.names, self.fits, numbers, strict=True):
-            size = self._scale().size
+        for name, fit, of_fit in zip(self.names, self.fits, numbers, strict=True):
             reduced = fit.data.uncertainty is not None
             misfit = format_number(fit.chi2 / fit.degrees_of_freedom, 3) if reduced else format_number(fit.rms, 4, size)
             left_out = format_number(fit.leave_one_out, 4, size) if np.isfinite(fit.leave_one_out) else "–"
-            rows.append((name, difference, weight, misfit, left_out, self._estimates(fit)))
+            # Of models of the same curve, the first one has the estimates.
+            estimates, first = _in_words(fit), next((tie[0] for tie in self.ties if name in tie[1:]), None)
+            if first is not None:
+                same = estimates == _in_words(self.fits[self.names.index(first)])
+                estimates = f"same as {first}" if same else f"{estimates} (curve of {first})"
+            rows.append((name, *of_fit, misfit, left_out, estimates))
         return rows
-
-    def _estimates(self, fit: Calibration) -> str:
-        """The estimates in words; of models of the same curve, the first one that has it."""
-        words, name = _in_words(fit), model_name(fit.model)
-        first = next((tie[0] for tie in self.ties if name in tie[1:]), None)
-        if first is None:
-            return words
-        return f"same as {first}" if words == _in_words(self.fits[self.names.index(first)]) else (
-            f"{words} (curve of {first})"
-        )  # fmt: skip
 
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        unit = f" [{self._scale().unit}]" if self._scale().unit else ""
+        unit = f" [{self._scale.unit}]" if self._scale.unit else ""
         misfit = f"rms{unit}" if self.best.data.uncertainty is None else "χ²/dof"
         return ("model", "ΔAICc", "weight", misfit, f"left out{unit}", "estimates")
 
+    @property
     def _scale(self) -> Scale:
         """The unit in which errors read well."""
         return table_scale(self.best.data.dimension, self.best.p.units, self.best.rms)
@@ -275,7 +248,8 @@ def rank_models(
     # Models of the same curve differ by rounding: they keep their order.
     order = sorted(range(len(fits)), key=lambda at: (reasons[at] != "", round(fits[at].aicc, 3), fits[at].variance))
     fits = [fits[at] for at in order]
-    return Ranking(tuple(fits), _ties(fits), tuple(failures), tuple(reasons[at] for at in order if reasons[at]))
+    ties = tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(fits) if len(group) > 1)
+    return Ranking(tuple(fits), ties, tuple(failures), tuple(reasons[at] for at in order if reasons[at]))
 
 
 def _of_one_noise(fits: list[Calibration]) -> list[Calibration]:
@@ -332,51 +306,42 @@ def models_with_free(
         ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none of them.
     """
     wanted = usable_models() if models is None else list(models)
-    names = [str(model) for model in wanted if isinstance(model, (str, Path))]
-    if not wanted or len(set(names)) != len(names):
+    named = [str(model) for model in wanted if isinstance(model, (str, Path))]
+    if not wanted or len(set(named)) != len(named):
         raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
     loaded = [load_model(source) for source in wanted]
-    return list(zip(loaded, _free_in_each(loaded, free), strict=True))
-
-
-def _free_in_each(models: Sequence[CuttingModel], free: Sequence[str]) -> list[Sequence[str]]:
-    """Of the free parameters, those that each model has; errors as of `models_with_free`."""
-    if len(models) == 1 or isinstance(free, str) or not isinstance(free, Sequence):
-        return [free] * len(models)
-    known = [{*quantities(model), FRACTION} for model in models]
-    names = [model_name(model) for model in models]
+    if len(loaded) == 1 or isinstance(free, str) or not isinstance(free, Sequence):
+        return [(model, free) for model in loaded]
+    known = [{*quantities(model), FRACTION} for model in loaded]
     for name in free:
         if not any(name in has for has in known):
-            raise ValueError(
-                f"Argument `free` must name parameters of the models, but {name!r} is none of {', '.join(names)}."
-            )
-    of_each: list[Sequence[str]] = [[name for name in free if name in has] for has in known]
-    for name, own_free in zip(names, of_each, strict=True):
+            listed = ", ".join(map(model_name, loaded))
+            raise ValueError(f"Argument `free` must name parameters of the models, but {name!r} is none of {listed}.")
+    of_each = [[name for name in free if name in has] for has in known]
+    for model, own_free in zip(loaded, of_each, strict=True):
         if free and not own_free:
-            raise ValueError(f"Argument `free` must name a parameter of each model, but {name} has no {free[0]!r}.")
-    return of_each
+            none = f"{model_name(model)} has no {free[0]!r}"
+            raise ValueError(f"Argument `free` must name a parameter of each model, but {none}.")
+    return list(zip(loaded, of_each, strict=True))
+
+
+def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """The names that share a text, listed, by this text."""
+    groups: dict[str, list[str]] = {}
+    for text, name in pairs:
+        groups.setdefault(text, []).append(name)
+    return {text: ", ".join(names) for text, names in groups.items()}
 
 
 def _in_words(fit: Calibration) -> str:
     """The estimates, then the parameters whose estimates mean nothing: "psi = 0.13, k not determined"."""
     left_open = dict.fromkeys(fit.undetermined, "not determined") | dict.fromkeys(fit.undecided, "not decided")
-    known = [
-        f"{name} = {fit.in_words(name, value)}{_at_bound(fit, name)}"
-        for name, value in fit.estimates.items()
-        if name not in left_open
-    ]
+    touched, known = fit.bounds_touched(), []
+    for name, value in fit.estimates.items():
+        if name not in left_open:
+            sides = [side for side in ("lower", "upper") if f"estimate at {side}" in touched.get(name, ())]
+            known.append(f"{name} = {fit.in_words(name, value)}{f' (at its {sides[0]} bound)' if sides else ''}")
     return ", ".join([*known, *(f"{name} {state}" for name, state in left_open.items())])
-
-
-def _at_bound(fit: Calibration, name: str) -> str:
-    """Which bound the estimate touches, if any."""
-    sides = [side for side in ("lower", "upper") if f"estimate at {side}" in fit.bounds_touched().get(name, ())]
-    return f" (at its {sides[0]} bound)" if sides else ""
-
-
-def _ties(fits: Sequence[Calibration]) -> tuple[tuple[str, ...], ...]:
-    """Groups of two or more models, by name, with the same curve."""
-    return tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(fits) if len(group) > 1)
 
 
 def _curves(fits: Sequence[Calibration]) -> list[list[Calibration]]:

@@ -106,10 +106,9 @@ def make_priors(forward: Forward, given: Mapping[str, Any]) -> Priors:
         if name not in names:
             raise ValueError(f"Argument `priors` must name free parameters ({', '.join(names)}), but has {name!r}.")
     laws = {name: given[name] if name in given else _default(forward, name) for name in names}
-    ranges = {
-        name: _checked(name, law, _least(forward, name), 1.0 if name == FRACTION else np.inf)
-        for name, law in laws.items()
-    }
+    own = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
+    least = {**dict.fromkeys(names, 0.0), **dict.fromkeys(_SIGNED, -np.inf), **own}
+    ranges = {name: _checked(name, law, least[name], 1.0 if name == FRACTION else np.inf) for name, law in laws.items()}
     return Priors(laws, tuple(name for name in names if name in given), ranges)
 
 
@@ -122,29 +121,19 @@ def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
 def _default(forward: Forward, name: str) -> Distribution:
     if name == FRACTION:
         return Uniform(0.0, 1.0)
+    typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
     if name == NOISE:
-        typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
         return LogUniform(_NOISES[0] * typical, _NOISES[1] * typical)
     at = forward.names.index(name)
     start, width = forward.start[at], default_width(forward)[at]
     if name == SCALE:
-        start = np.log(_scale_of(forward))
+        computed = np.nan_to_num(forward.predict_many(forward.start[None], forward.data.conditions)[0])
+        size = float(np.sqrt(np.mean(computed**2)))
+        start = np.log(typical / size if size > 0 else 1.0)
     low, high = forward.limits[at]
     low, high = (start - width if low == -np.inf else low), (start + width if high == np.inf else high)
     law = LogUniform if forward.logarithmic[at] else Uniform
     return law(float(forward.from_theta(name, low)), float(forward.from_theta(name, high)))
-
-
-def _scale_of(forward: Forward) -> float:
-    """Measured over computed erosion of the case."""
-    computed = np.nan_to_num(forward.predict_many(forward.start[None], forward.data.conditions)[0])
-    size = float(np.sqrt(np.mean(computed**2)))
-    return float(np.sqrt(np.mean(forward.data.erosion**2))) / size if size > 0 else 1.0
-
-
-def _least(forward: Forward, name: str) -> float:
-    own = own_parameters(forward.model)
-    return own[name].least if name in own else -np.inf if name in _SIGNED else 0.0
 
 
 def _checked(name: str, law: Any, least: float, greatest: float) -> tuple[float, float]:
@@ -169,19 +158,6 @@ def _checked(name: str, law: Any, least: float, greatest: float) -> tuple[float,
             f"Argument `priors` must give {name} values {wish}, but {below + 1 - above:.1%} of {law} is not."
         )
     return below, above
-
-
-def at_ends(share: float, names: Sequence[str], points: np.ndarray) -> dict[str, tuple[float, float]]:
-    """By parameter, the shares of draws in the lowest and in the highest part of its prior.
-
-    Args:
-        share: of the prior in each of these parts.
-        names: of the parameters.
-        points: standard normal numbers, shape (…, names).
-    """
-    shares = special.ndtr(points).reshape(-1, len(names))
-    below, above = (shares < share).mean(axis=0), (shares > 1 - share).mean(axis=0)
-    return {name: (float(low), float(high)) for name, low, high in zip(names, below, above, strict=True)}
 
 
 _EFFECTIVE = 0.5  # share of the draws that a step of τ leaves effective
