@@ -6,7 +6,7 @@ import pytest
 from erosion.impacts.simulate import SimulationError
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1, Parameters
-from erosion.report.studies import Jet, greatest
+from erosion.report.questions.linearized import Jet, greatest
 
 CLOSED = LinearizedCut()
 

@@ -23,13 +23,14 @@ from erosion.parameters.materials import MATERIALS
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import System, conversion_factor, unit_name
-from erosion.plotting.curves import AngleSeries, ShapeCurve
+from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_family
 from erosion.plotting.labels import broken_at, leaps
+from erosion.plotting.style import new_axes
 from erosion.report.text import number
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.sweep import regimes
 
-_RTOL = 1e-12  # relative tolerance of the report's impacts, with which its other numbers are compared
+RTOL = 1e-12  # relative tolerance of the report's impacts, with which its other numbers are compared
 _SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(
     {"inch-pound": (2000.0, 3500.0, 5000.0, 6500.0, 8000.0), "si": (50.0, 90.0, 125.0, 165.0, 200.0)}
 )
@@ -100,6 +101,10 @@ class Family:
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
+    def best_angles(self, label: str, over: np.ndarray | None = None) -> AngleSeries:
+        """α_max over the values, or over other numbers of each value, for a figure."""
+        return AngleSeries(label, self.values if over is None else over, self.alpha, self.kind == "jump", line=False)
+
     def curves(self) -> list[ShapeCurve]:
         """V(α) of the values shown."""
         return [
@@ -126,7 +131,7 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     cases = dataclasses.replace(p, **columns)
     best = alpha_max(model, cases)
     grid = dataclasses.replace(p, **{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
-    hits = impact(model, grid, derivatives=2, rtol=_RTOL)
+    hits = impact(model, grid, derivatives=2, rtol=RTOL)
     reach = np.asarray(cases.r * cases.rate / cases.v0)
     families, begin = {}, 0
     for name, values in varied.items():
@@ -440,7 +445,7 @@ class ReportCase:
 def _hits(case: ReportCase, model: str) -> Impact:
     # To second order, as `alpha_max` computes V: the page's numbers are the same to the bit.
     p = case.p.replace(alpha=np.append(case.looks, case.alpha))
-    return impact(model, p, derivatives=2, rtol=_RTOL)
+    return impact(model, p, derivatives=2, rtol=RTOL)
 
 
 _COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
@@ -450,3 +455,29 @@ _COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
     "spins": lambda case, model: over_spins(model, case.p),
     "families": lambda case, model: families_of(model, case.p, case.looks),
 }
+
+
+def panel(plot: Callable[..., Any], *content: Any, width: float = 5.4, height: float = 4.1, **options: Any) -> Figure:
+    """A figure of one panel, which a function of `erosion.plotting` fills."""
+    fig, ax = new_axes(width, height)
+    plot(ax, *content, **options)
+    return fig
+
+
+def family_figure(case: ReportCase, family: Family) -> Figure:
+    """V(α) for every value, with a line that joins the maxima."""
+    return panel(plot_family, family.curves(), height=4.2, units=case.units, joined=True)
+
+
+def family_numbers(case: ReportCase, family: Family, model: str) -> Record:
+    """For numbers.json."""
+    return {
+        "values": family.values.tolist(),
+        "labels": [label.strip() for label in family.labels],
+        "alpha_max": family.alpha.tolist(),
+        "volume_max": family.volume.tolist(),
+        "kind": family.kind.tolist(),
+        "ended_by": family.ended_by.tolist(),
+        "spread": family.spread,
+        "sensitivity": case.sensitivity(model, family.name),
+    }

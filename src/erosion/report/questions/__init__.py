@@ -1,4 +1,41 @@
-"""The scenario's questions and their registry; a question has a module that computes and a Markdown file."""
+"""The scenario's questions in three chapters. The Markdown file of a question tells what its chapter computes."""
 
-from erosion.report.questions.registry import QUESTIONS as QUESTIONS
-from erosion.report.questions.registry import text_file as text_file
+import types
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from erosion.report.case import Answer, Need, ReportCase
+from erosion.report.questions import linearized, other_equations, turning
+
+
+class Question(NamedTuple):
+    """The function that answers a question, and the results that it needs, which can be computed before."""
+
+    answer: Callable[[ReportCase], Answer]
+    needs: tuple[Need, ...] = ()
+
+
+QUESTIONS: Mapping[str, Question] = types.MappingProxyType(
+    {
+        "q1": Question(linearized.solutions),
+        "q2": Question(linearized.end_of_cut),
+        "q3": Question(linearized.removed_volume),
+        "q4": Question(linearized.best_angle),
+        "q5": Question(linearized.speeds, linearized.NEEDS),
+        "q6": Question(linearized.sizes_and_masses, linearized.NEEDS),
+        "q7": Question(linearized.materials, linearized.NEEDS),
+        "q8": Question(linearized.guesses, linearized.NEEDS),
+        "a1": Question(turning.body_may_turn, turning.NEEDS),
+        "a2": Question(other_equations.ratio_is_tan_alpha, other_equations.NEEDS_OF_TAN_ALPHA),
+        "a3": Question(other_equations.force_opposes_motion, other_equations.NEEDS_OF_PAIRS),
+        "slips": Question(other_equations.slips, other_equations.NEEDS_OF_READINGS),
+        "models": Question(other_equations.all_models, other_equations.NEEDS_OF_MODELS),
+    }
+)
+"""By key, in the order of the page: a new question is a function, a text in this folder and a line here."""
+
+
+def text_file(key: str) -> Path:
+    """The Markdown file with a question's text."""
+    return Path(__file__).with_name(f"{key}.md")

@@ -1,0 +1,283 @@
+"""Questions 1 to 8: the linearized model, whose solution is known exactly."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from erosion.impacts.impact import impact
+from erosion.impacts.simulate import SimulationError, path
+from erosion.models import load_model
+from erosion.models.base import CuttingModel
+from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters.scales import readable_scale
+from erosion.parameters.units import Dimension, conversion_factor
+from erosion.plotting.curves import plot_best_angles
+from erosion.plotting.motion import plot_end_times, plot_histories, plot_path, plot_removal_rate, plot_volume
+from erosion.plotting.style import new_axes, new_figure
+from erosion.report.case import RTOL, Answer, ReportCase, family_figure, family_numbers, panel
+
+_MODEL = "linearized"
+NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))
+
+_STATE: tuple[tuple[str, str, Dimension], ...] = (
+    ("x", "x", "length"),
+    ("y", "y", "length"),
+    ("vx", "ẋ", "speed"),
+    ("vy", "ẏ", "speed"),
+)
+
+
+def solutions(case: ReportCase) -> Answer:
+    """x(t) and y(t) as formulas and with numbers; Figures 7 and 8."""
+    p, motion = case.p, case.trajectory
+    along, down = float(p.v0 * np.cos(p.alpha)), float(p.v0 * np.sin(p.alpha))
+    exact = case.closed.state(motion.t, p)
+    differences = {
+        name: float(np.abs(getattr(motion, name) - np.asarray(getattr(exact, name))).max()) for name, _, _ in _STATE
+    }
+    try:  # how far the body would turn [rad] if the force could turn it
+        turn_if_free = path(load_model("rotating"), p).turn
+    except SimulationError:
+        turn_if_free = None
+    numbers = {
+        "omega": case.omega,
+        "stiffness": float(p.stiffness),
+        "vx_0": along,
+        "vy_0": down,
+        "x_slope": along - down / float(p.k),
+        "x_amplitude": down / (float(p.k) * case.omega),
+        "y_amplitude": down / case.omega,
+        "vx_amplitude": down / float(p.k),
+        "x_end": float(motion.x[-1]),
+        "y_end": float(motion.y[-1]),
+        "vx_end": float(motion.vx[-1]),
+        "vy_end": float(motion.vy[-1]),
+        "largest_difference": differences,
+        "turn_if_free": turn_if_free,
+    }
+    checks = [
+        (symbol, dimension, float(np.abs(getattr(motion, name)).max()), differences[name])
+        for name, symbol, dimension in _STATE
+    ]
+    figures = {}
+    if case.ended_by != "no-cut":
+        histories, (tip_path, ax) = new_figure(5.6, 4.5), new_axes(5.6, 3.4)
+        plot_histories(histories, motion, case.closed)
+        plot_path(motion, ax=ax)
+        figures = {"figure-7-histories": histories, "figure-8-path": tip_path}
+    return Answer(numbers, figures, {"warnings": motion.warnings, "checks": checks})
+
+
+def end_of_cut(case: ReportCase) -> Answer:
+    """t_c as the smaller of two candidates; Figure 9."""
+    times = {name: float(time) for name, time in case.closed.end_times(case.p).items()}
+    numbers = {
+        "t_c": case.t_c,
+        "ended_by": case.ended_by,
+        "candidates": {name: time if np.isfinite(time) else None for name, time in times.items()},
+        "cusp": case.cusp,
+        "t_c_numerical": case.trajectory.t_c,
+        "ended_by_numerical": case.trajectory.ended_by,
+    }
+    end = case.closed.state(case.t_c, case.p)
+    fields = {"vx_end": float(end.vx), "y_end": float(end.y), "k_cot_alpha": float(case.p.k) / np.tan(case.alpha)}
+    over_angles = case.over_angles()
+    figure = panel(
+        plot_end_times,
+        case.angles,
+        {name: np.asarray(times) for name, times in case.closed.end_times(over_angles).items()},
+        np.asarray(case.closed.t_c(over_angles)),
+        units=case.units,
+        # The real part of the complex root of cos ωt = 1 - k cot α is π/ω wherever 1 - k cot α < -1.
+        real_part=np.where(case.angles <= case.cusp, np.pi / case.omega, np.nan),
+        marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
+    )
+    return Answer(numbers, {"figure-9-end-of-cut": figure}, fields)
+
+
+_PANELS = (10, 100, 1000)
+
+
+def midpoint_rule(case: ReportCase, panels: int) -> float:
+    """B ∫ y ẋ dt by the midpoint rule on the closed forms of question 1."""
+    width = case.t_c / panels
+    state = case.closed.state((np.arange(panels) + 0.5) * width, case.p)
+    return float(case.p.b) * float(np.sum(np.asarray(state.y * state.vx))) * width
+
+
+def removed_volume(case: ReportCase) -> Answer:
+    """V by closed form, by the integrator, by the midpoint rule and from the speeds at both ends."""
+    p, motion = case.p, case.trajectory
+    to_si = conversion_factor("volume", case.units, "si")
+    scale = readable_scale("volume", "si", case.volume * to_si)
+    numbers = {
+        "volume": case.volume,
+        "volume_si": case.volume * to_si,
+        "volume_numerical": motion.volume,
+        "volume_from_speeds": float(p.m / (2 * p.sigma * p.psi)) * float(motion.vx[0] ** 2 - motion.vx[-1] ** 2),
+        "volume_midpoint": {str(panels): midpoint_rule(case, panels) for panels in _PANELS},
+        "volume_scale": float(p.volume_scale),
+    }
+    figures = {}
+    if case.ended_by != "no-cut":
+        figures = {"rate-of-removal": panel(plot_removal_rate, motion, height=3.5, bars=_PANELS[0])}
+    return Answer(numbers, figures, {"bars": _PANELS[0], "si_unit": scale.unit, "to_si_unit": to_si / scale.size})
+
+
+def best_angle(case: ReportCase) -> Answer:
+    """α_max by Newton's method on the derivative of the solver, checked against ½ arctan k."""
+    steps = greatest(volume_jet(case.model, case.p))
+    last, exact = steps[-1], float(case.closed.alpha_max(case.p))
+    numbers = {
+        "alpha_max": last.alpha,
+        "volume_max": last.volume,
+        "d2volume": last.d2volume,
+        "alpha_max_closed_form": exact,
+        "volume_max_closed_form": float(case.closed.volume(case.p.replace(alpha=exact))),
+        **case.weighed(case.volume),
+        **{f"{name}_max": value for name, value in case.weighed(last.volume).items()},
+        "iterates": [step._asdict() for step in steps],
+    }
+    over_angles = case.over_angles()
+    marks = {
+        "branch": (case.cusp, float(case.closed.volume(over_angles.replace(alpha=case.cusp)))),
+        "case": (case.alpha, case.volume),
+        "best": (last.alpha, last.volume),
+    }
+    volume, ended_by = np.asarray(case.closed.volume(over_angles)), case.closed.ended_by(over_angles)
+    figure = panel(plot_volume, case.angles, volume, ended_by, height=4.0, units=case.units, marks=marks)
+    return Answer(numbers, {"volume-over-angle": figure}, {"far": case.per_mass.far_from_tests(last.volume, case.p)})
+
+
+def speeds(case: ReportCase) -> Answer:
+    """V(α) for several speeds: α_max is constant and V ∝ v₀². The reason holds for questions 5 to 8."""
+    family = case.families(_MODEL)["v0"]
+    numbers = family_numbers(case, family, _MODEL) | {"departure_from_square": family.departure(2)}
+    return Answer(numbers, {"speeds": family_figure(case, family)}, {"family": family})
+
+
+def sizes_and_masses(case: ReportCase) -> Answer:
+    """R is absent from the equations; V ∝ m."""
+    masses, sizes = (case.families(_MODEL)[name] for name in ("m", "r"))
+    numbers = {
+        "m": family_numbers(case, masses, _MODEL) | {"departure_from_proportion": masses.departure(1)},
+        "r": family_numbers(case, sizes, _MODEL) | {"largest_difference": float(np.ptp(sizes.volumes, axis=0).max())},
+    }
+    return Answer(numbers, {"masses": family_figure(case, masses)}, {"masses": masses})
+
+
+def materials(case: ReportCase) -> Answer:
+    """All metals of Table 2 and the case's own σ; V ∝ 1/σ."""
+    family = case.families(_MODEL)["sigma"]
+    numbers = family_numbers(case, family, _MODEL) | {"departure_from_inverse": family.departure(-1)}
+    return Answer(numbers, {"materials": family_figure(case, family)}, {"family": family})
+
+
+def guesses(case: ReportCase) -> Answer:
+    """Of the guessed parameters ψ does not matter; k does: α_max = ½ arctan k."""
+    contacts, ratios = (case.families(_MODEL)[name] for name in ("psi", "k"))
+    k = float(case.p.k)
+    differences = np.abs(ratios.alpha - np.arctan(ratios.values) / 2)
+    numbers = {
+        "psi": family_numbers(case, contacts, _MODEL) | {"departure_from_inverse": contacts.departure(-1)},
+        "k": family_numbers(case, ratios, _MODEL) | {"largest_difference_from_law": float(differences.max())},
+    }
+    law = np.geomspace(ratios.values[0], ratios.values[-1], 200)
+    over_k = panel(
+        plot_best_angles,
+        [ratios.best_angles("computed")],
+        height=3.7,
+        xlabel=QUANTITIES["k"].label(case.units),
+        log=True,
+        exact=("½ arctan k", law, np.arctan(law) / 2),
+    )
+    figures = {
+        "contact-heights": family_figure(case, contacts),
+        "force-ratios": family_figure(case, ratios),
+        "best-angle-over-k": over_k,
+    }
+    return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios, "by_law": k / (1 + k**2) / 2})
+
+
+_STEEPEST = np.pi / 2
+_CLOSE = 1e-11  # [rad]: what V′ of a numerical volume can resolve near its root
+_NEAR = 1e-7  # [rad]: Newton's step from a zero of V′ is below this, whatever the rounding
+_MOST = 60  # bisection alone gains 18 digits in as many
+
+
+class Iterate(NamedTuple):
+    """One step: V and its derivatives at `alpha`, and the move made from there.
+
+    Args:
+        alpha: angle of attack [rad].
+        volume, dvolume, d2volume: V, V′ and V″ there.
+        step: to the next angle [rad].
+        kind: "Newton", or "bisection" where Newton's step would have left the bracket.
+    """
+
+    alpha: float
+    volume: float
+    dvolume: float
+    d2volume: float
+    step: float
+    kind: str
+
+
+Jet = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def volume_jet(model: CuttingModel, p: Parameters) -> Jet:
+    """Angles -> V, V′ and V″ there, by automatic differentiation of the solver."""
+
+    def jet(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        result = impact(model, p.replace(alpha=angles), derivatives=2, wrt="alpha", rtol=RTOL)
+        return np.asarray(result.volume), np.asarray(result.dvolume), np.asarray(result.d2volume)
+
+    return jet
+
+
+def greatest(jet: Jet, looks: int = 17) -> list[Iterate]:
+    """Climb to the greatest V in (0, π/2), for a V with one maximum.
+
+    A scan of `looks` angles gives the start and, to either side of it, a bracket in which V′
+    changes sign. Each step is Newton's, -V′/V″; where that would leave the bracket, or V″
+    has the sign of a valley, the bracket is halved instead. Every look shrinks the bracket,
+    so the climb ends whatever the shape of V: V″ jumps where cuts change their end.
+
+    Args:
+        jet: angles -> V, V′, V″.
+        looks: angles in the scan.
+
+    Returns:
+        The steps; the last one's `alpha` is the answer, and its `step` is below 1e-11 rad.
+
+    Raises:
+        SimulationError: where an impact fails, or V′ has no zero near the greatest V seen.
+    """
+    scan = _STEEPEST * np.arange(1, looks + 1) / (looks + 1)
+    alpha = float(scan[np.argmax(_finite(scan, jet(scan)[0]))])
+    low, high = alpha - scan[0], alpha + scan[0]
+    steps: list[Iterate] = []
+    while len(steps) < _MOST:
+        value, d1, d2 = (float(_finite([alpha], of)[0]) for of in jet(np.array([alpha])))
+        low, high = (alpha, high) if d1 > 0 else (low, alpha)
+        newton = alpha - d1 / d2 if d2 < 0 else np.nan
+        # The end just moved to may itself be the root, to rounding.
+        inside = low < newton < high or abs(newton - alpha) <= _CLOSE
+        step = (newton if inside else (low + high) / 2) - alpha
+        steps.append(Iterate(alpha, value, d1, d2, float(step), "Newton" if inside else "bisection"))
+        if abs(step) <= _CLOSE:
+            break
+        alpha = float(alpha + step)
+    # A bracket that held no zero of V′ shrinks to one of its ends, far from where V′ points.
+    if abs(steps[-1].dvolume) > _NEAR * abs(steps[-1].d2volume):
+        raise SimulationError(f"No angle was found where dV/dα vanishes; the search ended at {np.rad2deg(alpha):.6g}°.")
+    return steps
+
+
+def _finite(angles: Sequence[float] | np.ndarray, values: np.ndarray) -> np.ndarray:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise SimulationError(f"The impact at α = {np.rad2deg(angles[bad[0]]):.6g}° could not be computed.")
+    return values

@@ -1,0 +1,160 @@
+"""Additional question 1: the body may turn."""
+
+import dataclasses
+
+import numpy as np
+
+from erosion.impacts.alpha_max import alpha_max
+from erosion.impacts.simulate import SimulationError, path
+from erosion.models import load_model
+from erosion.output.tables import Record
+from erosion.parameters.parameters import QUANTITIES
+from erosion.plotting.curves import plot_best_angles, plot_family, plot_turn
+from erosion.plotting.sweeps import plot_regimes
+from erosion.report.case import TORQUES, Answer, ReportCase, family_figure, family_numbers, panel
+
+MODEL = "rotating"
+NEEDS = (
+    *((kind, model) for model in TORQUES for kind in ("optimum", "hits", "spins")),
+    ("families", MODEL),
+    ("optimum", "linearized"),
+    ("hits", "linearized"),
+    ("sensitivities", MODEL),
+    ("sensitivities", "linearized"),
+)
+_LEAST_SEEN = 0.01  # of the greatest volume; a figure shows a jump that is larger
+_TURN_ANGLES = np.deg2rad(np.arange(3.0, 90.0, 4.0))
+_IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
+_ON_LINE = 41
+
+
+def body_may_turn(case: ReportCase) -> Answer:
+    """α_max for both torques, over the spin; the turn; questions 5 to 8 again."""
+    spins, best = [case.spins(model) for model in TORQUES], [case.optimum(model) for model in TORQUES]
+    torques = [
+        {
+            "alpha_max": float(optimum.alpha),
+            "volume_max": float(optimum.volume),
+            "kind": str(optimum.kind),
+            "ended_by": str(optimum.ended_by),
+            "volume_at_case": float(case.hits(model).volume[-1]),
+            "jumps": [jump.alpha for jump in optimum.jumps],
+            "over_spin": spin.numbers(),
+        }
+        for model, optimum, spin in zip(TORQUES, best, spins, strict=True)
+    ]
+    families, turn, over_reach = case.families(MODEL), turns(case), _over_reach(case)
+    again = {name: family_numbers(case, family, MODEL) for name, family in families.items()}
+    numbers = {
+        **dict(zip(TORQUES, torques, strict=True)),
+        "turn": turn,
+        "again": again | {"over_reach": {name: column.tolist() for name, column in over_reach.items()}},
+    }
+    curves = [case.curve("linearized", "no rotation"), *(case.curve(model, label) for model, label in TORQUES.items())]
+    over_spin = [spin.best_angles(label) for spin, label in zip(spins, TORQUES.values(), strict=True)]
+    changed = [
+        families[name].best_angles(f"{QUANTITIES[name].symbol} changed", families[name].reach) for name in _IN_REACH
+    ]
+    ratios = families["k"]
+    law = np.geomspace(ratios.values[0], ratios.values[-1], 200)
+    figures = {
+        "rotation": panel(plot_family, curves, units=case.units, columns=2),
+        "best-angle-over-spin": panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
+        "regimes": plot_regimes(spins[0].map),
+        "turn": panel(plot_turn, *(np.array(turn[name]) for name in ("alpha", "turn", "ended_by")), height=3.6),
+        "rotating-speeds": family_figure(case, families["v0"]),
+        "best-angle-over-reach": panel(
+            plot_best_angles,
+            changed,
+            height=4.2,
+            xlabel="Ω = r ω/v₀",
+            log=True,
+            exact=("any of them changed", over_reach["reach"], over_reach["alpha_max"]),
+            columns=3,
+        ),
+        "rotating-best-angle-over-k": panel(
+            plot_best_angles,
+            [ratios.best_angles("with rotation")],
+            height=3.9,
+            xlabel=QUANTITIES["k"].label(case.units),
+            log=True,
+            exact=("without: ½ arctan k", law, np.arctan(law) / 2),
+        ),
+    }
+    at_both = ((turn["at_case"], case.alpha), (turn["at_best"], torques[0]["alpha_max"]))
+    turned = [(angle, alpha) for angle, alpha in at_both if angle is not None]
+    fields = {
+        "without": case.optimum("linearized"),
+        "simple": torques[0],
+        "full": torques[1],
+        "greatest_volume": max(torque["volume_max"] for torque in torques),
+        "turned": turned,
+        "least_sine": min((float(np.cos(angle)) for angle, _ in turned), default=1.0),
+        "farthest": max((abs(angle) for angle, _ in turned), default=0.0),
+        "jumps": [
+            (label, jump) for label, optimum in zip(TORQUES.values(), best, strict=True) for jump in optimum.jumps
+        ],
+        "is_seen_to_jump": any(
+            abs(jump.above - jump.below) > _LEAST_SEEN * float(optimum.volume)
+            for optimum in best
+            for jump in optimum.jumps
+        ),
+        "torques": list(TORQUES.values()),
+        "spins": spins,
+        "most": spins[0].at(int(spins[0].volume.argmax())),
+        "least": spins[0].at(int(spins[0].volume.argmin())),
+        "spin_rows": list(zip(*(spin.rows for spin in spins), strict=True)),
+        "reach": float(case.p.r) * case.omega / float(case.p.v0),
+        # The best angles where something is cut, how many are at a jump, and how many values there are.
+        "ranges": {
+            name: {
+                "angles": family.alpha[family.kind != "none"].tolist(),
+                "jumps": int(np.sum(family.kind == "jump")),
+                "size": family.alpha.size,
+            }
+            for name, family in families.items()
+        },
+        "sensitivities": sensitivities(case),
+    }
+    return Answer(numbers, figures, fields)
+
+
+def turns(case: ReportCase) -> Record:
+    """How far the body turns, over the angle of attack and at the case's own [rad]."""
+    best = float(case.optimum(MODEL).alpha)
+    turned: list[tuple[float, float, str]] = []
+    for alpha in [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]:
+        try:
+            cut = path(load_model(MODEL), case.p.replace(alpha=alpha))
+        except SimulationError:
+            continue
+        turned.append((float(alpha), float(cut.turn), cut.ended_by))
+    alpha, turn, ended_by = zip(*sorted(turned), strict=True)
+    own = dict(zip(alpha, turn, strict=True))
+    return {
+        "alpha": list(alpha),
+        "turn": list(turn),
+        "ended_by": list(ended_by),
+        "at_case": own.get(case.alpha),
+        "at_best": own.get(best),
+    }
+
+
+def _over_reach(case: ReportCase) -> dict[str, np.ndarray]:
+    """Ω over all that the families cover, α_max [rad] and its kind, by changing r at the case's s and k."""
+    reaches = np.concatenate([case.families(MODEL)[name].reach for name in _IN_REACH])
+    reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
+    r = reach * float(case.p.v0) / case.omega
+    optimum = alpha_max(MODEL, dataclasses.replace(case.p, r=r, phidot0=float(case.p.spin * case.p.v0) / r))
+    return {"reach": reach, "alpha_max": optimum.alpha, "kind": optimum.kind}
+
+
+def sensitivities(case: ReportCase) -> dict[str, list[float | None]]:
+    """Moves of the best angle [rad] by parameter, without rotation and with rotation; None without a derivative."""
+    rates = {
+        name: [case.sensitivity(model, name) for model in ("linearized", MODEL)]
+        for name in QUANTITIES
+        # Where nothing spins, "ten per cent more spin" is none.
+        if name != "alpha" and (name != "phidot0" or case.p.spin != 0)
+    }
+    return {name: [rate if np.isfinite(rate) else None for rate in pair] for name, pair in rates.items()}
