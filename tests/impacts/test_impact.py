@@ -67,7 +67,10 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [n for n in AT_20_DEGREES if n.startswith("rotating")])
+# Each force and each torque once: the contract of models has both engines for every model, at one impact.
+@pytest.mark.parametrize(
+    "name", ["rotating-full-torque", "rotating-tan-alpha", "rotating-velocity-aligned-full-torque"]
+)
 def test_both_engines_agree(name):
     import warnings
 

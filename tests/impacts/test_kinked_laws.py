@@ -11,7 +11,10 @@ P = erosion.TABLE_1
 
 
 def _brute_force(model, p) -> tuple[float, float]:
-    angles = np.linspace(0.01, 1.57, 20_001)
+    angles = np.linspace(0.01, 1.57, 2001)
+    volumes = erosion.impact(model, p.replace(alpha=angles)).volume
+    best = angles[np.argmax(volumes)]
+    angles = np.linspace(best - 1e-3, best + 1e-3, 201)
     volumes = erosion.impact(model, p.replace(alpha=angles)).volume
     return angles[np.argmax(volumes)], np.max(volumes)
 

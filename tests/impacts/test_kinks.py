@@ -71,7 +71,7 @@ def test_volumes_are_scipys_started_anew_at_the_kinks(law):
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [*CONTINUOUS, Breaking], ids=lambda law: law.__name__)
 def test_every_impact_has_its_volume_to_every_order(law):
-    p = random_impacts(10_000, seed=1)
+    p = random_impacts(2000 if law is Table else 10_000, seed=1)  # of seven knots each takes as long as ten others
     exact = erosion.impact(model_of(law), p, rtol=1e-12)
     assert set(exact.ended_by) == {"rebound", "stop", "no-cut"}
     for order in (0, 1, 2):

@@ -1,7 +1,8 @@
 """A model is what it computes: stores and programs tell apart what computes something else, and only that."""
 
+import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -330,9 +331,9 @@ SAME = {
 }
 
 
-def test_there_are_enough_pairs() -> None:
-    assert len(DIFFERENT) >= 40
-    assert len(SAME) >= 40
+def a_few_at_once(names: Iterable[str], each: int) -> list[Any]:
+    """The names; all but one in `each` are slow."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (i % each > 0)) for i, name in enumerate(names)]
 
 
 @pytest.fixture(autouse=True)
@@ -341,6 +342,8 @@ def _the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "helpers_of_test", None)
 
 
+# Many pairs share a model.
+@functools.cache
 def digests(text: str) -> tuple[str, Any]:
     """What a store, and what the programs know a model by."""
     model = model_of(text)
@@ -348,21 +351,22 @@ def digests(text: str) -> tuple[str, Any]:
     return store, split(model, P)[0]
 
 
-@pytest.mark.parametrize("name", DIFFERENT)
+@pytest.mark.parametrize("name", a_few_at_once(DIFFERENT, 4))
 def test_stores_and_programs_tell_apart(name: str) -> None:
     one, other = map(digests, DIFFERENT[name])
     assert one[0] != other[0]
     assert one[1] != other[1]
 
 
-@pytest.mark.parametrize("name", SAME)
+@pytest.mark.parametrize("name", a_few_at_once(SAME, 4))
 def test_stores_and_programs_do_not_tell_apart(name: str) -> None:
     one, other = map(digests, SAME[name])
     assert one[0] == other[0]
     assert one[1] == other[1]
 
 
-@pytest.mark.parametrize("name", ["jnp.square", "computed twice", "the order of statements", "a loop of Python"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["computed twice", "the order of statements"])
 def test_models_of_one_digest_have_the_same_bits(name: str) -> None:
     from erosion.ode import batch
 
@@ -473,7 +477,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize("name", a_few_at_once(CHANGES, 4))
 def test_what_is_defined_anew_counts_at_once(name: str) -> None:
     before, ratio, change = CHANGES[name]
     scope: dict[str, Any] = {"__name__": "__main__"}
