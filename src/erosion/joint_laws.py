@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked
-from erosion.distributions import Distribution, Samples, read_columns
+from erosion.distributions import MOST_OUTSIDE, Distribution, Samples, read_columns, shares_within
 from erosion.output.files import digest
 from erosion.parameters.headings import unused_note
 from erosion.parameters.quantities import Quantity
@@ -34,7 +34,6 @@ SHARE = (0.0, 1.0)
 """The range of the share of the particles that cut."""
 
 _DRAWN = 4096  # draws that tell laws apart
-_MOST_OUTSIDE = 0.01  # of a law that is cut off without a word
 
 
 class JointLaw(Mapping[str, Any], abc.ABC):
@@ -347,7 +346,7 @@ class LawSet:
             # A row is taken as it is; of a law, what is out of range can be cut off.
             in_rows = isinstance(law, Member) and isinstance(law.joint, Rows)
             low, high = self._part(name)
-            if low + 1 - high > (0.0 if in_rows else _MOST_OUTSIDE):
+            if low + 1 - high > (0.0 if in_rows else MOST_OUTSIDE):
                 alone = law.joint.marginals[law.name] if isinstance(law, Member) else law
                 outside = f"{low + 1 - high:.1%} of {alone} is not"
                 raise ValueError(f"Argument `{name}` must be {self._range_in_words(name)}, but {outside}.")
@@ -396,8 +395,7 @@ class LawSet:
 
     def _part(self, name: str) -> tuple[float, float]:
         """From which share of a law to which it is within the parameter's range."""
-        law, (low, high) = self.laws[name], self.ranges[name]
-        return (0.0 if low == -np.inf else law.cdf(low)), (1.0 if high == np.inf else law.cdf(high))
+        return shares_within(self.laws[name], *self.ranges[name])
 
     def _range_in_words(self, name: str) -> str:
         low, high = self.ranges[name]

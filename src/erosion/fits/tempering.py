@@ -33,7 +33,7 @@ import numpy as np
 from scipy import optimize, special
 
 from erosion.arguments import Progress
-from erosion.distributions import Distribution, LogUniform, Uniform
+from erosion.distributions import MOST_OUTSIDE, Distribution, LogUniform, Uniform, shares_within
 from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width
 from erosion.models.own_parameters import own_parameters, quantities
@@ -44,7 +44,6 @@ NOISE = "noise"
 
 _SIGNED = "alpha", "phidot0"
 _NOISES = 1e-4, 10.0  # of the typical erosion: from the digits of a balance to a model that explains nothing
-_OUTSIDE = 0.01  # share of a law that may lie outside of a parameter's range
 _MIDDLE = 0.5
 
 
@@ -150,9 +149,8 @@ def _checked(name: str, law: Any, least: float, greatest: float) -> tuple[float,
     middle = np.asarray(law.ppf(np.array([_MIDDLE])), float)
     if middle.shape != (1,) or not np.isfinite(middle[0]):
         raise ValueError(f"Argument `priors` must give {name} one finite number for each share, but {law} does not.")
-    below = 0.0 if least == -np.inf else float(law.cdf(least))
-    above = 1.0 if greatest == np.inf else float(law.cdf(greatest))
-    if below + (1 - above) > _OUTSIDE:
+    below, above = shares_within(law, least, greatest)
+    if below + (1 - above) > MOST_OUTSIDE:
         wish = f"above {least:g}" if greatest == np.inf else f"in ({least:g}, {greatest:g}]"
         raise ValueError(
             f"Argument `priors` must give {name} values {wish}, but {below + 1 - above:.1%} of {law} is not."
