@@ -161,7 +161,7 @@ class Calibration(Result):
     @property
     def noise(self) -> float:
         """The typical standard deviation of a row over the greatest fitted erosion."""
-        deviation = float(np.median(self.problem.deviation)) * np.sqrt(self.variance)
+        deviation = float(np.median(self.problem.data.deviation)) * np.sqrt(self.variance)
         return deviation / float(np.abs(self.fitted).max())
 
     @property
@@ -222,7 +222,7 @@ class Calibration(Result):
     @functools.cached_property
     def identifiability(self) -> Identifiability:
         """The parameters and combinations that the data determines."""
-        return self._identify(self.solution.theta, self.solution.jacobian, self.fitted / self.problem.deviation)
+        return self._identify(self.solution.theta, self.solution.jacobian, self.fitted / self.problem.data.deviation)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -253,7 +253,7 @@ class Calibration(Result):
         if not are_noise(self.residuals, self.data.erosion):
             return ()
         groups = conditions(self.data)
-        tests = find_patterns(self.data, self.residuals / self.problem.deviation, groups)
+        tests = find_patterns(self.data, self.residuals / self.problem.data.deviation, groups)
         scatter = None
         # A robust loss lets rows be far off, which a test of variances takes for a miss.
         if self.data.uncertainty is None and self.problem.loss == "linear":
@@ -423,7 +423,7 @@ class Calibration(Result):
         residuals, jacobian = self.problem.residuals(start)
         if not np.all(np.isfinite(jacobian)):
             return 0
-        return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.deviation).rank
+        return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.data.deviation).rank
 
     def ends(self, level: float) -> list[tuple[float, float]]:
         """The intervals as distances of θ from the estimates."""

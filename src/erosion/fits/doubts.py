@@ -460,7 +460,7 @@ def _of_speed(fit: "Calibration") -> list[str]:
     data, groups = fit.data, conditions(fit.data)
     if "m" in data.conditions or len(groups) < 2:
         return []
-    weight = fit.fitted / fit.problem.deviation**2
+    weight = fit.fitted / fit.problem.data.deviation**2
     heights = [weight[group.rows] @ data.erosion[group.rows] / (weight[group.rows] @ fit.fitted[group.rows])
                for group in groups]  # fmt: skip
     if not min(heights) > 0:

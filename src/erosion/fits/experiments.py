@@ -159,18 +159,17 @@ def next_experiment(
     if candidates is not None and not isinstance(candidates, Mapping):
         raise ValueError(f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {shown(candidates)}.")
     conditions = _conditions(posteriors, candidates)
-    others = {name: values for name, values in conditions.items() if name != "alpha"}
     predictions, noises = [], []
     for posterior in posteriors:
         sampled = posterior.some(draws)
-        predicted = posterior.likelihood.predict(sampled, {"alpha": conditions["alpha"], **others})
-        # A draw whose impact fails at a candidate predicts nothing there.
-        predictions.append(predicted)
+        predictions.append(posterior.likelihood.predict(sampled, conditions))
         own = posterior.noise(sampled)
         noises.append(np.full(len(own), noise) if noise is not None else own)
     information, discrimination = np.zeros((2, len(conditions["alpha"])))
     for i in range(len(information)):
-        shares = [_of_candidate(values[:, i], errors) for values, errors in zip(predictions, noises, strict=True)]
+        # A draw whose impact fails at a candidate predicts nothing there.
+        known = [np.isfinite(values[:, i]) for values in predictions]
+        shares = [(values[of, i], errors[of]) for values, errors, of in zip(predictions, noises, known, strict=True)]
         information[i], discrimination[i] = _gains(shares, weights)
     return NextExperiment(
         conditions,
@@ -222,12 +221,6 @@ def _numbers(name: str, values: Any) -> np.ndarray:
     if numbers.dtype.kind not in "iuf":
         raise ValueError(f"Argument `candidates` must give numbers for {shown(name)}, but gives {shown(values)}.")
     return numbers.astype(float)
-
-
-def _of_candidate(predicted: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The draws that predict something at one candidate, and their noise."""
-    known = np.isfinite(predicted)
-    return predicted[known], noise[known]
 
 
 def _gains(shares: Sequence[tuple[np.ndarray, np.ndarray]], weights: np.ndarray) -> tuple[float, float]:

@@ -231,17 +231,10 @@ class FitProblem:
     loss: Loss = "linear"
     noise: float = 1.0
 
-    @property
-    def deviation(self) -> np.ndarray:
-        """The divisor of residuals, shape (rows,): the uncertainties, or the typical erosion without them."""
-        if self.data.uncertainty is not None:
-            return self.data.uncertainty
-        return np.full(len(self.data), np.sqrt(np.mean(self.data.erosion**2)))
-
     def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(prediction - measurement)/deviation, shape (rows,), and its Jacobian, shape (rows, names)."""
         predicted, rates = self.forward.predict(theta, self.data.conditions)
-        deviation = self.deviation
+        deviation = self.data.deviation
         return (predicted - self.data.erosion) / deviation, rates / deviation[:, None]
 
     def cost(self, residuals: np.ndarray) -> np.ndarray:
@@ -253,7 +246,7 @@ class FitProblem:
     def costs(self, thetas: np.ndarray) -> np.ndarray:
         """The cost at several θ, shape (points, names) -> (points,); infinite where impacts fail."""
         predicted = self.forward.predict_many(thetas, self.data.conditions)
-        return self.cost((predicted - self.data.erosion) / self.deviation)
+        return self.cost((predicted - self.data.erosion) / self.data.deviation)
 
     def thinned(self) -> "FitProblem":
         """The same problem with at most as many rows as are needed to choose among valleys."""
@@ -413,7 +406,7 @@ def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol
 
 def _modes(problem: FitProblem, solution: FitSolution) -> np.ndarray:
     """The determined directions of θ, each one standard error long, shape (names, rank)."""
-    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.deviation))
+    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.data.deviation))
     return identify(names, solution.jacobian, np.ones(len(names)), size).modes
 
 
@@ -519,7 +512,7 @@ def _of_data_size(problem: FitProblem, thetas: np.ndarray, together: np.ndarray 
     thetas, at = thetas.copy(), names.index(name)
     for _ in range(_SIZED):
         predicted = problem.forward.predict_many(thetas, problem.data.conditions)
-        weight = predicted / problem.deviation**2
+        weight = predicted / problem.data.deviation**2
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             step = np.log((weight @ problem.data.erosion) / np.sum(weight * predicted, axis=1)) / _SIZES[name]
         moved = np.clip(thetas[:, at] + np.where(np.isfinite(step), step, 0.0), problem.lower[at], problem.upper[at])

@@ -247,6 +247,13 @@ class Measurements:
         return ascii_unit(unit_name(self.dimension, self.units))
 
     @property
+    def deviation(self) -> np.ndarray:
+        """The divisor of residuals, shape (n,): the uncertainties, or the typical erosion without them."""
+        if self.uncertainty is not None:
+            return self.uncertainty
+        return np.full(len(self), np.sqrt(np.mean(self.erosion**2)))
+
+    @property
     def free_scale(self) -> bool:
         """Whether the erosion is known up to a factor only."""
         return self.dimension == "1"

@@ -284,8 +284,7 @@ class Posterior(Result):
     def _ridges(self) -> list[str]:
         """Parameters that the data cannot tell apart, in the words of a fit."""
         forward, theta = self.likelihood.forward, self.best
-        given = self.data.uncertainty
-        deviation = np.full(len(self.data), np.std(self.data.erosion)) if given is None else given
+        deviation = self.data.deviation
         predicted, rates = forward.predict(theta, self.data.conditions)
         jacobian = rates / deviation[:, None]
         if len(self.data) < len(forward.names) or not np.isfinite(jacobian).all():

@@ -284,7 +284,7 @@ def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> str:
     linear = fit.data.uncertainty is None and fit.problem.loss == "linear"
     if not linear or fit.rms <= _FEW_PER_CENT * float(np.abs(fit.data.erosion).max()):
         return ""
-    erosion, curves = fit.data.erosion / fit.problem.deviation, _curves(fits)
+    erosion, curves = fit.data.erosion / fit.data.deviation, _curves(fits)
     tests = [
         (*variances_differ(
             (fit.variance, fit.degrees_of_freedom), (other.variance, other.degrees_of_freedom), erosion

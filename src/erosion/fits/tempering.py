@@ -414,19 +414,16 @@ def _way(populations: _Populations, first: float) -> float:
 
 
 def _forget(populations: _Populations) -> None:
-    """Sweeps until the draws hardly remember where they were."""
-    before = populations.draws.points.copy()
+    """Sweeps until the draws hardly remember where they were, by the correlation of each parameter with its past."""
+    old = populations.draws.points - populations.draws.points.mean(axis=1, keepdims=True)
     for sweep in range(_MOST):
         populations.sweep()
-        if sweep + 1 >= _FEWEST and _remembered(before, populations.draws.points) < _FORGOTTEN:
+        after = populations.draws.points
+        new = after - after.mean(axis=1, keepdims=True)
+        norm = np.sqrt((old**2).sum(axis=(0, 1)) * (new**2).sum(axis=(0, 1)))
+        correlation = (old * new).sum(axis=(0, 1)) / np.where(norm > 0, norm, 1.0)
+        if sweep + 1 >= _FEWEST and correlation.max() < _FORGOTTEN:
             break
-
-
-def _remembered(before: np.ndarray, after: np.ndarray) -> float:
-    """The greatest correlation, over parameters, of points with what they were."""
-    old, new = (points - points.mean(axis=1, keepdims=True) for points in (before, after))
-    norm = np.sqrt((old**2).sum(axis=(0, 1)) * (new**2).sum(axis=(0, 1)))
-    return float(np.max((old * new).sum(axis=(0, 1)) / np.where(norm > 0, norm, 1.0)))
 
 
 IMPACTS = 2**20
@@ -470,18 +467,10 @@ class Likelihood(Misfit):
     forward: Forward
     priors: Priors
 
-    @functools.cached_property
-    def deviation(self) -> np.ndarray:
-        """The divisor of residuals, shape (rows,): the uncertainties, or the typical erosion without them."""
-        data = self.forward.data
-        if data.uncertainty is not None:
-            return data.uncertainty
-        return np.full(len(data), float(np.sqrt(np.mean(data.erosion**2))))
-
     @property
     def constant(self) -> float:
-        """What squares over `deviation` leave out of the log-likelihood."""
-        return -float(np.sum(np.log(self.deviation) + 0.5 * np.log(2 * np.pi)))
+        """What squares over the data's `deviation` leave out of the log-likelihood."""
+        return -float(np.sum(np.log(self.forward.data.deviation) + 0.5 * np.log(2 * np.pi)))
 
     @functools.cached_property
     def parts(self) -> list["_RowPart"]:
@@ -489,7 +478,7 @@ class Likelihood(Misfit):
         data = self.forward.data
         values, places = np.unique(np.stack(list(data.conditions.values())), axis=1, return_inverse=True)
         count = values.shape[1]
-        weights = self.deviation**-2
+        weights = data.deviation**-2
         weight = np.bincount(places.ravel(), weights, count)
         mean = np.bincount(places.ravel(), weights * data.erosion, count) / weight
         spread = np.bincount(places.ravel(), weights * (data.erosion - mean[places.ravel()]) ** 2, count)
@@ -526,7 +515,7 @@ class Likelihood(Misfit):
         """The variance of a row over that of `deviation`, shape (n,)."""
         if self.forward.data.uncertainty is not None:
             return np.ones(len(points))
-        return (self.priors.values(points)[NOISE] / self.deviation[0]) ** 2
+        return (self.priors.values(points)[NOISE] / self.forward.data.deviation[0]) ** 2
 
     def predict(self, values: dict[str, np.ndarray], conditions: dict[str, np.ndarray]) -> np.ndarray:
         """The erosion without noise, shape (points, rows), in batches that the memory holds.

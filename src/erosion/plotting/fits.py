@@ -55,8 +55,11 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     for i, group in enumerate(groups):
         label = group.label or ("measured" if data.source == "data" else data.source)
         look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": MARKS[i]}
-        _draw_data(upper, best, data.erosion, group.rows, scale, {**look, "label": label})
-        _draw_data(lower, best, best.residuals, group.rows, scale, look)
+        angle, errors = data.angle[group.rows], None
+        if data.uncertainty is not None:
+            errors = data.uncertainty[group.rows] / scale.size
+        _draw_rows(upper, angle, data.erosion[group.rows] / scale.size, errors, {**look, "label": label})
+        _draw_rows(lower, angle, best.residuals[group.rows] / scale.size, errors, look)
     lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
     lowest = data.erosion - (0.0 if data.uncertainty is None else data.uncertainty)
     upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
@@ -117,16 +120,14 @@ def _draw_curves(
             ax.plot([], [], color=INK, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0, label=name)
 
 
-def _draw_data(
-    ax: Axes, fit: Calibration, values: np.ndarray, rows: np.ndarray, scale: Scale, look: Mapping[str, Any]
+def _draw_rows(
+    ax: Axes, angle: np.ndarray, erosion: np.ndarray, errors: np.ndarray | None, look: Mapping[str, Any]
 ) -> None:
-    """Rows with their uncertainties."""
-    data = fit.data
-    errors = None if data.uncertainty is None else data.uncertainty[rows] / scale.size
-    many = len(data) > 500
-    ax.errorbar(np.rad2deg(data.angle[rows]), values[rows] / scale.size, yerr=None if many else errors, elinewidth=0.9,
-                markersize=2 if many else 4, capsize=2, alpha=0.3 if many else 0.9, zorder=2,
-                **{**look, "fmt": "."} if many else look)  # fmt: skip
+    """Rows with their errors; of very many rows points alone."""
+    many = len(angle) > 500
+    ax.errorbar(np.rad2deg(angle), erosion, yerr=None if many else errors, elinewidth=0.9, markersize=2 if many else 4,
+                capsize=2, alpha=0.3 if many else 0.9, zorder=2,
+                **{**look, "linestyle": "", **({"fmt": "."} if many else {})})  # fmt: skip
 
 
 def _color(index: int, count: int = 1) -> Any:
@@ -174,7 +175,13 @@ def plot_pairs(posterior: Posterior) -> Figure:
             if j > i:
                 ax.remove()
                 continue
-            _draw_histogram(ax, row) if i == j else _draw_cloud(ax, column, row)
+            if i == j:
+                ax.hist(row.values, row.bins, color=PALETTE["blue"], alpha=0.8)
+                ax.set_yticks([])
+                ax.grid(visible=False)
+            else:
+                ax.plot(column.values, row.values, ".", color=PALETTE["blue"], markersize=2, alpha=0.25)
+                row.scale_axis(ax.yaxis)
             column.scale_axis(ax.xaxis)
             ax.tick_params(labelbottom=i == len(names) - 1, labelleft=0 == j < i, labelsize=8)
             if i == len(names) - 1:
@@ -226,6 +233,7 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
     curves = [posterior.predict(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
     scale = readable_scale(data.dimension, data.units, max(float(np.nanmax(np.abs(curve))) for curve in curves))
     ends = [posterior.ends(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
+    noise = posterior.noise(posterior.some(_DRAWS)).mean()
     is_alone, are_same = len(groups) == 1, all(np.array_equal(ends[0], other) for other in ends)
     panels = (1.15,) if are_same else (0.72,) * len(groups)
     fig = new_figure(6.2, 4.2 + sum(panels))
@@ -240,7 +248,10 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
         if not is_alone:
             look = {"color": color, "fmt": mark, "label": group.label}
         _draw_bands(upper, curve / scale.size, color, labelled=is_alone)
-        _draw_rows(upper, posterior, group.rows, scale, look)
+        if group.rows.size:
+            errors = noise if data.uncertainty is None else data.uncertainty[group.rows]
+            rows = data.erosion[group.rows] / scale.size
+            _draw_rows(upper, data.angle[group.rows], rows, errors / scale.size, look)
     if not is_alone:
         # One entry for a band, whatever its colour.
         for level, opacity in _BANDS:
@@ -310,12 +321,13 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     fig = new_figure(6.2, 1.2 + 2.6 * len(panels))
     axes = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
+    best_in_words = ", ".join(answer.condition_in_words(name, value) for name, value in answer.best.items())
     for ax, (meaning, information) in zip(axes, panels.items(), strict=True):
         for (label, candidates), (color, line) in zip(_by_conditions(answer), cycle(STYLES)):
             order = candidates[np.argsort(degrees[candidates])]
             ax.plot(degrees[order], information[order], color=color, linestyle=line, marker=".", label=label)
         ax.plot(degrees[best], information[best], "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
-                markeredgewidth=0.7, zorder=5, label=_best_in_words(answer))  # fmt: skip
+                markeredgewidth=0.7, zorder=5, label=f"best: {best_in_words}")  # fmt: skip
         ax.set_ylabel(f"{meaning}  [bit]")
         # What is less than the accuracy of the sums is not shown at large.
         ax.set_ylim(0, max(1.05 * float(np.nanmax(information)), _LEAST_BITS))
@@ -337,11 +349,6 @@ def _by_conditions(answer: NextExperiment) -> list[tuple[str, np.ndarray]]:
         for kind in kinds
     ]
     return [(words[i] or "_one condition", np.flatnonzero(number.ravel() == i)) for i in range(len(kinds))]
-
-
-def _best_in_words(answer: NextExperiment) -> str:
-    """The best candidate's conditions."""
-    return "best: " + ", ".join(answer.condition_in_words(name, value) for name, value in answer.best.items())
 
 
 class _Column:
@@ -371,17 +378,6 @@ class _Column:
             axis._set_axes_scale("log")
 
 
-def _draw_histogram(ax: Axes, column: _Column) -> None:
-    ax.hist(column.values, column.bins, color=PALETTE["blue"], alpha=0.8)
-    ax.set_yticks([])
-    ax.grid(visible=False)
-
-
-def _draw_cloud(ax: Axes, column: _Column, row: _Column) -> None:
-    ax.plot(column.values, row.values, ".", color=PALETTE["blue"], markersize=2, alpha=0.25)
-    row.scale_axis(ax.yaxis)
-
-
 def _draw_bands(ax: Axes, curves: np.ndarray, color: str, *, labelled: bool) -> None:
     """The quantiles of curves, shape (draws, angles), and their median."""
     degrees = np.rad2deg(_BAND_ANGLES)
@@ -390,16 +386,6 @@ def _draw_bands(ax: Axes, curves: np.ndarray, color: str, *, labelled: bool) -> 
         low, high = np.nanquantile(curves, [(1 - level) / 2, (1 + level) / 2], axis=0)
         ax.fill_between(degrees, low, high, color=color, alpha=opacity, linewidth=0, label=label)
     ax.plot(degrees, np.nanmedian(curves, axis=0), color=color, label="median" if labelled else "")
-
-
-def _draw_rows(ax: Axes, posterior: Posterior, rows: np.ndarray, scale: Scale, look: Mapping[str, Any]) -> None:
-    """The measurements, with their uncertainties or the mean of the sampled noise."""
-    if not rows.size:
-        return
-    data = posterior.data
-    errors = posterior.noise(posterior.some(_DRAWS)).mean() if data.uncertainty is None else data.uncertainty[rows]
-    angle, erosion = np.rad2deg(data.angle[rows]), data.erosion[rows] / scale.size
-    ax.errorbar(angle, erosion, yerr=errors / scale.size, markersize=3.5, linestyle="", elinewidth=0.9, **look)
 
 
 def _draw_ends(ax: Axes, ends: np.ndarray) -> None:
