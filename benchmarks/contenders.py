@@ -60,14 +60,13 @@ def _pooled(pool: Pool, name: str, group: str, lanes: int, factory: Callable[...
     return Contender(name, group, lanes, prepare, lambda: pool.run(name), lambda: pool.answers(name))
 
 
-def contenders(gpu: bool, quick: bool, pool: Callable[[], Pool], old: Pool | None, only: list[str]) -> list[Contender]:
+def contenders(gpu: bool, quick: bool, pool: Callable[[], Pool], only: list[str]) -> list[Contender]:
     """Those that `only` selects (all if empty); the engine's rows come first of their group, and always.
 
     Args:
         gpu: the engine and diffrax alone.
         quick: fewer impacts, and not all of diffrax.
         pool: makes one process per core, or gives those there are.
-        old: the old engine's process.
         only: parts of names.
     """
     scale = 8 if quick else 1
@@ -78,12 +77,10 @@ def contenders(gpu: bool, quick: bool, pool: Callable[[], Pool], old: Pool | Non
     def wanted(name: str) -> bool:
         return not only or any(word.lower() in name.lower() for word in only)
 
-    rows = []
-    for group, lanes, order in ((V, big[0], 0), (V2, big[1], 2)):
-        rows.append(_here(f"erosion.impact, {group}", group, lanes, engine.prepare, order=order))
-        name = f"old engine, {group}"
-        if old is not None and wanted(name):
-            rows.append(_pooled(old, name, group, lanes, engine.prepare, order=order))
+    rows = [
+        _here(f"erosion.impact, {group}", group, lanes, engine.prepare, order=order)
+        for group, lanes, order in ((V, big[0], 0), (V2, big[1], 2))
+    ]
     peers: list[tuple[str, str, int, Any, dict[str, Any], bool]] = []
     if not gpu:
         for group, order in ((V, 0), (V2, 2)):

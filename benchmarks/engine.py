@@ -1,4 +1,4 @@
-"""This package's engine, through its public functions alone: the same file serves the old engine."""
+"""This package's engine, through its public functions alone."""
 
 from collections.abc import Callable
 

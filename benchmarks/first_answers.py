@@ -1,6 +1,6 @@
 """Times to a first answer, in fresh processes and after a model's edit in a running one.
 
-    python -m benchmarks.first_answers [--rounds 9] [--no-old] [--no-peers]
+    python -m benchmarks.first_answers [--rounds 9] [--no-peers]
 
 A fresh process is timed from its start to its end, with an empty home and an empty cache folder: nothing
 is kept from another process.
@@ -14,13 +14,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmarks.old_engine import NEW, OLD, both, unpacked
-from benchmarks.timing import Process, by_turns, spread_text, table_text
+from benchmarks.timing import by_turns, spread_text, table_text
 
 JAX = "import jax"
 IMPORTS = "import jax, equinox, llvmlite.binding"
@@ -31,6 +30,7 @@ RUN, RUN_OPTIMUM = "erosion run", "erosion optimum"
 
 _ROOT = Path(__file__).parents[1]
 _VOLUME, _ANGLE = "0.00010140", "25.57182"  # in³ at Table 1; °: what the answers begin with
+_ANGLE_IN_TABLE = "25.572"  # as `erosion optimum` rounds it
 
 
 class Start(NamedTuple):
@@ -39,21 +39,19 @@ class Start(NamedTuple):
     Args:
         arguments: of Python.
         answer: must be in what it prints.
-        both: whether the old engine is measured too.
     """
 
     arguments: tuple[str, ...]
     answer: str = ""
-    both: bool = False
 
 
-def _code(text: str, answer: str = "", both: bool = False) -> Start:
-    return Start(("-c", text), answer, both)
+def _code(text: str, answer: str = "") -> Start:
+    return Start(("-c", text), answer)
 
 
 def _impact(order: int) -> Start:
     code = f'import erosion; print(erosion.impact("rotating", erosion.TABLE_1, derivatives={order}).volume)'
-    return _code(code, _VOLUME, both=True)
+    return _code(code, _VOLUME)
 
 
 def _peer(module: str, arguments: str, before: str = "") -> Start:
@@ -69,10 +67,10 @@ STARTS = {
     IMPACT[0]: _impact(0),
     IMPACT[2]: _impact(2),
     OPTIMUM: _code('import erosion, math; print(math.degrees(erosion.alpha_max("rotating", erosion.TABLE_1).alpha))',
-                   _ANGLE, both=True),
+                   _ANGLE),
     SCIPY: Start(("benchmarks/scipy_optimum.py",), _ANGLE),
-    RUN: Start(("-m", "erosion", "run", "--model", "rotating", "--json"), _VOLUME, both=True),
-    RUN_OPTIMUM: Start(("-m", "erosion", "optimum", "--model", "rotating"), _ANGLE, both=True),
+    RUN: Start(("-m", "erosion", "run", "--model", "rotating", "--json"), _VOLUME),
+    RUN_OPTIMUM: Start(("-m", "erosion", "optimum", "--model", "rotating"), _ANGLE_IN_TABLE),
 }  # fmt: skip
 PEERS = {
     "heyoka scalar, V": _peer("heyoka_scalar", "order=0", _NOT_KEPT),
@@ -89,48 +87,31 @@ class First(NamedTuple):
     """Seconds of every round.
 
     Args:
-        starts: of fresh processes, by name and engine (`NEW`, `OLD`).
-        edits: from a model file's change to its first volume, by engine and order of derivatives (0, 2).
+        starts: of fresh processes, by name.
+        edits: from a model file's change to its first volume, by order of derivatives (0, 2).
     """
 
-    starts: dict[tuple[str, str], list[float]]
-    edits: dict[tuple[str, int], list[float]]
-
-    def start(self, name: str, engine: str = NEW) -> float:
-        """The median of a fresh process."""
-        return statistics.median(self.starts[name, engine])
-
-    def edit(self, order: int, engine: str = NEW) -> float:
-        """The median of a model's edit."""
-        return statistics.median(self.edits[engine, order])
+    starts: dict[str, list[float]]
+    edits: dict[int, list[float]]
 
 
-def first_answers(source: Path | None, peers: bool, rounds: int, say: Callable[[str], None]) -> First:
-    """Measure both engines and, if asked, their peers; `source` is the old engine's folder."""
+def first_answers(peers: bool, rounds: int, say: Callable[[str], None]) -> First:
+    """Measure the package and, if asked, its peers."""
     starts = {**STARTS, **(PEERS if peers else {})}
-    measures = {
-        (name, engine): partial(_fresh, name, start, folder)
-        for name, start in starts.items()
-        for engine, folder in ((NEW, None), (OLD, source))
-        if engine == NEW or (start.both and source is not None)
-    }
+    measures = {name: partial(_fresh, name, start) for name, start in starts.items()}
     say("Fresh processes")
     for measure in measures.values():
         measure()  # the system then has the files in memory
-    slow = [(name, engine) for name, engine in measures if engine == OLD or name in PEERS]
-    seconds = by_turns(measures, rounds, say, seldom=slow)
+    seconds = by_turns(measures, rounds, say, seldom=PEERS)
     say("A model's edits")
-    with both(source) as engines:
-        return First(seconds, _edits(engines, rounds, say))
+    return First(seconds, _edits(rounds, say))
 
 
-def _fresh(name: str, start: Start, source: Path | None) -> float:
+def _fresh(name: str, start: Start) -> float:
     """Seconds of a process from its start to its end."""
     with tempfile.TemporaryDirectory(prefix="nothing-kept-") as home:
         environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
         environment |= {"HOME": home, "XDG_CACHE_HOME": str(Path(home, ".cache"))}
-        if source is not None:
-            environment["PYTHONPATH"] = str(source)
         begin = time.perf_counter()
         done = subprocess.run(
             [sys.executable, *start.arguments], cwd=_ROOT, env=environment, capture_output=True, text=True, check=False
@@ -164,32 +145,25 @@ model = erosion.models.Rotating(force=GrowingLip())
 '''
 
 
-def _edits(
-    engines: Mapping[str, Process], rounds: int, say: Callable[[str], None]
-) -> dict[tuple[str, int], list[float]]:
+def _edits(rounds: int, say: Callable[[str], None]) -> dict[int, list[float]]:
     """Change a number in a model's code, load it, compute: V, and after another change V, V′, V″."""
-    seconds: dict[tuple[str, int], list[float]] = {(name, order): [] for order in (0, 2) for name in engines}
+    seconds: dict[int, list[float]] = {0: [], 2: []}
     with tempfile.TemporaryDirectory(prefix="edited-") as folder:
         path, before = Path(folder, "growing_lip.py"), 0.0
-        for process in engines.values():
-            process.call(_volume, "rotating", 0)
-            process.call(_volume, "rotating", 2)
+        for order in seconds:
+            _volume("rotating", order)
         for edit in range(2 * (rounds + 1)):
             order = 0 if edit % 2 else 2
             say(f"  edit {edit + 1} of {2 * (rounds + 1)}")
             path.write_text(MODEL.format(number=1 + edit / 16), encoding="utf-8")
             # Python tells versions of a file apart by whole seconds.
             os.utime(path, (edit, edit))
-            answers = {name: process.call(_volume, str(path), order) for name, process in engines.items()}
-            volumes = [volume for _, volume in answers.values()]
-            agree = all(math.isclose(volume, volumes[0], rel_tol=1e-8) for volume in volumes)
-            if not agree or math.isclose(volumes[0], before, rel_tol=1e-5):
-                raise RuntimeError(f"After an edit the volumes were {volumes}; before it {before}.")
-            before = volumes[0]
-            if edit < 2:  # the file is new, not edited
-                continue
-            for name, (took, _) in answers.items():
-                seconds[name, order].append(took)
+            took, volume = _volume(str(path), order)
+            if math.isclose(volume, before, rel_tol=1e-5):
+                raise RuntimeError(f"After an edit the volume was {volume}; before it {before}.")
+            before = volume
+            if edit >= 2:  # before, the file is new, not edited
+                seconds[order].append(took)
     return seconds
 
 
@@ -204,56 +178,44 @@ def _volume(model: str, order: int) -> tuple[float, float]:
 
 def first_answers_text(first: First) -> str:
     """The tables of fresh processes and of edits."""
-    jax = first.start(JAX)
+    jax = statistics.median(first.starts[JAX])
     rows = []
-    for (name, engine), seconds in first.starts.items():
-        if engine == NEW:
-            old = first.starts.get((name, OLD))
-            after = "" if name == JAX else f"{statistics.median(seconds) - jax:+.2f}"
-            rows.append([name, spread_text(seconds), after, *_compared(seconds, old)])
-    edits = []
-    for order, group in ((0, "V"), (2, "V, V′, V″")):
-        new, old = first.edits[NEW, order], first.edits.get((OLD, order))
-        edits.append([group, spread_text(new), *_compared(new, old)])
+    for name, seconds in first.starts.items():
+        after = "" if name == JAX else f"{statistics.median(seconds) - jax:+.2f}"
+        rows.append([name, spread_text(seconds), after])
+    edits = [[group, spread_text(first.edits[order])] for order, group in ((0, "V"), (2, "V, V′, V″"))]
     return "\n".join(
         [
             "## Fresh processes",
             "",
             "Seconds from the start of a process to its end, with one answer printed: median (min–max). Home and",
             "cache folder are empty, so that nothing is kept from another process. `alpha_max`, `erosion optimum` and",
-            "the script `benchmarks/scipy_optimum.py` look for the same angle, 25.571827°. The old engine and the",
-            "peers take part in every third round.",
+            "the script `benchmarks/scipy_optimum.py` look for the same angle, 25.571827°. The peers take",
+            "part in every third round.",
             "",
-            table_text("process | s | after `import jax` | old engine, s | ×", rows),
+            table_text("process | s | after `import jax`", rows),
             "",
             "## A model's edit in a running process",
             "",
             "A number in the code of a plug-in changes; seconds until the file is loaded and one impact computed:",
             "median (min–max). The process has computed other impacts before.",
             "",
-            table_text("first answer | s | old engine, s | ×", edits),
+            table_text("first answer | s", edits),
         ]
     )
-
-
-def _compared(new: list[float], old: list[float] | None) -> list[str]:
-    return [spread_text(old), f"{statistics.median(old) / statistics.median(new):.3g}"] if old else ["", ""]
 
 
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.first_answers", description="First answers.")
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--no-old", action="store_true", help="without the old engine")
     parser.add_argument("--no-peers", action="store_true", help="without heyoka, diffrax and scipy")
     arguments = parser.parse_args()
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    with unpacked(not arguments.no_old) as source:
-        first = first_answers(source, not arguments.no_peers, arguments.rounds, say)
-    print(first_answers_text(first))
+    print(first_answers_text(first_answers(not arguments.no_peers, arguments.rounds, say)))
     return 0
 
 

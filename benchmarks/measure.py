@@ -5,9 +5,7 @@ import dataclasses
 import functools
 import statistics
 from collections.abc import Callable
-from pathlib import Path
 
-from benchmarks import old_engine
 from benchmarks.contenders import LIMIT, V2, Contender, contenders
 from benchmarks.pool import Pool
 from benchmarks.reference import Reference, reference
@@ -52,19 +50,11 @@ class Table:
         return rows[f"erosion.impact, {rows[name].group}"].rate / rows[name].rate
 
 
-def tables(
-    gpu: bool, quick: bool, repeats: int, only: list[str], source: Path | None, say: Callable[[str], None]
-) -> list[Table]:
-    """The random work and the ordered work; `source` is the old engine's folder."""
+def tables(gpu: bool, quick: bool, repeats: int, only: list[str], say: Callable[[str], None]) -> list[Table]:
+    """The random work and the ordered work."""
     with contextlib.ExitStack() as stack:
-
-        def closed_in_the_end(pool: Pool) -> Pool:
-            stack.callback(pool.close)
-            return pool
-
-        pool = functools.cache(lambda: closed_in_the_end(Pool()))
-        old = None if source is None else closed_in_the_end(Pool([old_engine.worker(source)]))
-        rows = contenders(gpu, quick, pool, old, only)
+        pool = functools.cache(lambda: stack.enter_context(contextlib.closing(Pool())))
+        rows = contenders(gpu, quick, pool, only)
         most = max(row.lanes for row in rows if row.group != LIMIT)
         kinds = [("Random angles and spins", random_work(most))]
         if not quick:

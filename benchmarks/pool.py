@@ -2,10 +2,8 @@
 
 import multiprocessing
 import os
-import sys
 import traceback
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,17 +19,12 @@ def cores() -> list[int]:
 
 
 class Worker:
-    """A spawned process (never forked: JAX runs here) that calls functions it is sent.
+    """A spawned process (never forked: JAX runs here) that calls functions it is sent, on the given cores."""
 
-    Args:
-        cores: those it may use.
-        source: a folder of packages that it prefers to the installed ones.
-    """
-
-    def __init__(self, cores: Sequence[int], source: Path | None = None) -> None:
+    def __init__(self, cores: Sequence[int]) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, there = context.Pipe()
-        self._process = context.Process(target=_serve, args=(there, list(cores), source), daemon=True)
+        self._process = context.Process(target=_serve, args=(there, list(cores)), daemon=True)
         self._process.start()
         there.close()
 
@@ -58,14 +51,14 @@ class Worker:
 
 
 class Pool:
-    """Workers that share the work; by default one to each core, pinned to it.
+    """Workers that share the work, one to each core, pinned to it.
 
     The shares are interleaved, so that every worker gets the same mixture. Preparing (compile,
     copy, warm up) and fetching the answers are not part of `run`, which is timed.
     """
 
-    def __init__(self, workers: Sequence[Worker] | None = None) -> None:
-        self._workers = list(workers) if workers is not None else [Worker([core]) for core in cores()]
+    def __init__(self) -> None:
+        self._workers = [Worker([core]) for core in cores()]
         self._counts: dict[str, int] = {}
 
     def prepare(self, key: str, factory: Callable[..., Runner], work: Work, **options: Any) -> None:
@@ -124,11 +117,9 @@ def _fetch(key: str) -> Answers:
     return as_answers(_answers[key])
 
 
-def _serve(pipe: Any, cores: list[int], source: Path | None) -> None:
+def _serve(pipe: Any, cores: list[int]) -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, cores)
-    if source is not None:
-        sys.path.insert(0, str(source))
     while True:
         try:
             request = pipe.recv()  # imports the function's module

@@ -4,7 +4,7 @@ import importlib.metadata
 import platform
 from pathlib import Path
 
-from benchmarks import diffrax_vmap, heyoka_taylor, old_engine, scipy_dop853
+from benchmarks import diffrax_vmap, heyoka_taylor, scipy_dop853
 from benchmarks.contenders import V2
 from benchmarks.measure import Row, Table
 from benchmarks.reference import Reference
@@ -16,8 +16,8 @@ _PACKAGES = ("jax", "jaxlib", "diffrax", "optimistix", "heyoka", "scipy", "numpy
 METHOD = f"""\
 ## Method
 
-- One program, one process group, the same cores. Every contender gets all cores: the engine, the
-  old engine and the blocks of diffrax by threads, heyoka and scipy by one spawned process per core,
+- One program, one process group, the same cores. Every contender gets all cores: the engine
+  and the blocks of diffrax by threads, heyoka and scipy by one spawned process per core,
   pinned to it, with interleaved shares. Rates are of compiled and warm code, without the start of
   processes and without the data that moves between them; first answers are with both.
 - The work: the rotating model at Table 1. Random: α evenly in (0.05, 1.5) rad and
@@ -38,8 +38,6 @@ METHOD = f"""\
 
 ## How each peer was set up, and what its answers needed
 
-- **The old engine** is this package at commit {old_engine.COMMIT}, where XLA compiled the kernels. It is
-  unpacked from git's history and runs in processes that import it instead of the present package.
 - **heyoka** integrates the equations without units and without x, which nothing here needs
   (the engine takes the model as it is). `fast_math` on, `compact_mode` and `high_accuracy` off,
   parameters at run time, one integrator for all impacts. A start at depth exactly 0 makes it lose

@@ -1,6 +1,6 @@
 """The benchmark: `python -m benchmarks.run`, or `make bench`.
 
-The engine beside the old engine, heyoka, diffrax, scipy and the closed form: the same work, on the
+The engine beside heyoka, diffrax, scipy and the closed form: the same work, on the
 same cores, at the same verified accuracy. Then first answers in fresh processes, growth with the
 number of impacts, and optima. `--device gpu` needs JAX's own CUDA plugin beside the package.
 """
@@ -10,10 +10,6 @@ import datetime as dt
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from benchmarks.measure import Table
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 
@@ -44,18 +40,14 @@ def _measure(arguments: argparse.Namespace, gpu: bool) -> None:
     import jax
 
     from benchmarks import measure, report
-    from benchmarks.old_engine import COMMIT, unpacked
     from benchmarks.pool import cores
 
     load = os.getloadavg()[0]
     if load > 1:
         _say(f"The machine is busy (load {load:.1f}): do not quote these numbers.")
     repeats = arguments.repeats or (2 if arguments.quick else 9)
-    with unpacked(wanted=not gpu) as source:
-        if source is None and not gpu:
-            _say(f"Git has no commit {COMMIT} here: the old engine is not measured.")
-        tables = measure.tables(gpu, arguments.quick, repeats, arguments.only, source, _say)
-        sections = [] if arguments.only else _sections(gpu, arguments.quick, repeats, source, tables[0])
+    tables = measure.tables(gpu, arguments.quick, repeats, arguments.only, _say)
+    sections = [] if arguments.only else _sections(gpu, arguments.quick, repeats)
     device = jax.devices()[0].device_kind if gpu else f"{len(cores())} cores"
     parts = [
         "# Results of `make bench`",
@@ -74,27 +66,21 @@ def _measure(arguments: argparse.Namespace, gpu: bool) -> None:
         _say(f"written: {path.name}")
 
 
-def _sections(gpu: bool, quick: bool, repeats: int, source: Path | None, random: "Table") -> list[str]:
+def _sections(gpu: bool, quick: bool, repeats: int) -> list[str]:
     """Everything but the rates of many impacts."""
     from benchmarks.first_answers import first_answers, first_answers_text
-    from benchmarks.goals import goals, goals_text
     from benchmarks.growth import growth, growth_text
-    from benchmarks.old_engine import NEW, both
-    from benchmarks.timing import Here
     from benchmarks.verbs import verbs, verbs_text
 
     most, rounds = 10**4 if quick else 10**7, repeats // 2 + 1
     _say("Growth")
+    sizes = growth_text(growth(most, rounds, _say))
     if gpu:
-        # A second process would find the GPU's memory taken.
-        return [growth_text(growth({NEW: Here()}, most, rounds, _say))]
-    with both(source) as engines:
-        sizes = growth(engines, most, rounds, _say)
-        _say("Warm calls")
-        calls = verbs(engines, 20 if quick else 1, rounds, _say)
-    first = first_answers(source, not quick, 1 if quick else repeats, _say)
-    reached = goals_text(goals(first, random, calls))
-    return [first_answers_text(first), growth_text(sizes), verbs_text(calls), reached]
+        return [sizes]
+    _say("Warm calls")
+    calls = verbs(20 if quick else 1, rounds, _say)
+    first = first_answers(not quick, 1 if quick else repeats, _say)
+    return [first_answers_text(first), sizes, verbs_text(calls)]
 
 
 def _arguments() -> argparse.Namespace:

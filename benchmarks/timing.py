@@ -4,25 +4,9 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Collection, Hashable, Mapping
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 _Key = TypeVar("_Key", bound=Hashable)
-
-
-class Process(Protocol):
-    """Whoever calls functions: a `Worker`, or `Here`."""
-
-    def call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """Call a function and wait."""
-        ...
-
-
-class Here:
-    """This process."""
-
-    def call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """Call a function and wait."""
-        return function(*arguments, **options)
 
 
 def seconds_of(run: Callable[[], Any], calls: int = 1) -> float:

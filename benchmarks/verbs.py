@@ -1,7 +1,4 @@
-"""Warm calls, one impact, many optima, `erosion.volume` in JAX: `python -m benchmarks.verbs`.
-
-The old engine by turns with the new one, each in a process of its own.
-"""
+"""Warm calls, one impact, many optima, `erosion.volume` in JAX: `python -m benchmarks.verbs`."""
 
 import argparse
 import statistics
@@ -12,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.old_engine import NEW, OLD, both, unpacked
-from benchmarks.timing import Process, by_turns, rate_text, seconds_of, table_text, time_text
+from benchmarks.timing import by_turns, rate_text, seconds_of, table_text, time_text
 from benchmarks.work import ALPHAS, SPINS
 
 ONE = {0: "impact, V", 2: "impact, V, V′, V″"}
@@ -33,19 +29,14 @@ class Verb(NamedTuple):
 
     Args:
         size: optima or impacts of a call.
-        seconds: of a call, by engine (`NEW`, `OLD`).
+        seconds: of a call.
     """
 
     size: int
-    seconds: dict[str, float]
-
-    @property
-    def rate(self) -> float:
-        """A second, by the new engine."""
-        return self.size / self.seconds[NEW]
+    seconds: float
 
 
-def verbs(engines: Mapping[str, Process], scale: int, rounds: int, say: Callable[[str], None]) -> dict[str, Verb]:
+def verbs(scale: int, rounds: int, say: Callable[[str], None]) -> dict[str, Verb]:
     """Medians of every verb; `scale` divides the numbers of optima and impacts."""
     counts = {
         ONE[0]: 1,
@@ -57,32 +48,14 @@ def verbs(engines: Mapping[str, Process], scale: int, rounds: int, say: Callable
         TIGHTER: _LANES // scale,
         EAGER: 1,
     }
-    measures: dict[tuple[str, str], Callable[[], float]] = {}
+    measures: dict[str, Callable[[], float]] = {}
     for name, count in counts.items():
-        for engine, process in engines.items():
-            say(f"  prepare {name}, {count:,}: {engine} engine")
-            process.call(_prepare, name, count)
-            measures[name, engine] = partial(process.call, _turn, name)
+        say(f"  prepare {name}, {count:,}")
+        run = _run(name, count)
+        run()
+        measures[name] = partial(seconds_of, run, max(1, min(500, int(_TURN / seconds_of(run)))))
     seconds = by_turns(measures, rounds, say)
-    return {
-        name: Verb(count, {engine: statistics.median(seconds[name, engine]) for engine in engines})
-        for name, count in counts.items()
-    }
-
-
-# Of an engine's process: what to call, and how often in a turn.
-_runs: dict[str, tuple[Callable[[], Any], int]] = {}
-
-
-def _prepare(name: str, count: int) -> None:
-    run = _run(name, count)
-    run()
-    _runs[name] = run, max(1, min(500, int(_TURN / seconds_of(run))))
-
-
-def _turn(name: str) -> float:
-    """Seconds of a call, warm."""
-    return seconds_of(*_runs[name])
+    return {name: Verb(count, statistics.median(seconds[name])) for name, count in counts.items()}
 
 
 def _run(name: str, count: int) -> Callable[[], Any]:
@@ -115,20 +88,19 @@ def _run(name: str, count: int) -> Callable[[], Any]:
 
 def verbs_text(results: Mapping[str, Verb]) -> str:
     """A table, one row a verb."""
-    rows = []
-    for name, verb in results.items():
-        new, old = verb.seconds[NEW], verb.seconds.get(OLD)
-        compared = [time_text(old), f"{old / new:.3g}"] if old else ["", ""]
-        rows.append([name, f"{verb.size:,}", time_text(new), rate_text(verb.rate), *compared])
+    rows = [
+        [name, f"{verb.size:,}", time_text(verb.seconds), rate_text(verb.size / verb.seconds)]
+        for name, verb in results.items()
+    ]
     return "\n".join(
         [
             "## Warm calls: one impact, optima, `erosion.volume` inside JAX",
             "",
             "Table 1, `rotating`, in a warm process: one impact; certified optima of one call over k from 0.5 to 5 and",
             "over s from −0.5 to 0.5; volumes over ordered angles (`volume` integrates at rtol = 1e-11); and",
-            "`erosion.volume` called without `jit`. The old engine in a process of its own, by turns.",
+            "`erosion.volume` called without `jit`.",
             "",
-            table_text("call | at once | new engine | a second | old engine | ×", rows),
+            table_text("call | at once | time | a second", rows),
         ]
     )
 
@@ -138,10 +110,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.verbs", description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--scale", type=int, default=1, help="divides the numbers of optima and impacts")
-    parser.add_argument("--no-old", action="store_true", help="without the old engine")
     arguments = parser.parse_args()
-    with unpacked(not arguments.no_old) as source, both(source) as engines:
-        print(verbs_text(verbs(engines, arguments.scale, arguments.rounds, print)))
+    print(verbs_text(verbs(arguments.scale, arguments.rounds, print)))
     return 0
 
 
