@@ -215,7 +215,7 @@ class MapJob:
                 hits = incidence.hits(block)
                 far += incidence.too_far(block, hits, _NAMED - len(far))
                 if nearness is not None:
-                    nearness.add(block, hits)
+                    nearness.add(hits)
                 begin = 0
                 while begin < hits.rows:
                     part = hits.part(slice(begin, begin + rows - count))

@@ -49,6 +49,7 @@ class Hits:
         spin: φ̇₀ of the table [rad/s], NaN where it has none.
         distance: from the position to the face [m], NaN where the row has no position or is elsewhere.
         named: whether the row names its face, which else is the nearest.
+        position: shape (rows, 3) [m], NaN where the row has none.
     """
 
     fate: np.ndarray
@@ -62,6 +63,7 @@ class Hits:
     spin: np.ndarray
     distance: np.ndarray
     named: np.ndarray
+    position: np.ndarray
 
     @property
     def rows(self) -> int:
@@ -119,7 +121,10 @@ class Incidence:
         fate[meets & (speed == 0)] = STUCK
         spin = np.full(block.rows, np.nan) if block.spin is None else block.spin
         patch = np.zeros(block.rows, np.int64) if self.surface is None else self.surface.patch[face]
-        return Hits(fate, face, patch, speed, alpha, block.count, block.mass, block.diameter, spin, distance, named)
+        position = np.full((block.rows, 3), np.nan) if block.position is None else np.asarray(block.position, float)
+        return Hits(
+            fate, face, patch, speed, alpha, block.count, block.mass, block.diameter, spin, distance, named, position
+        )
 
     def too_far(self, block: ImpactBlock, hits: Hits, most: int) -> list[str]:
         """The first rows of a block that are too far, in words."""
@@ -287,22 +292,6 @@ _OF_METRES = {0.5, *METRES.values()}
 """The factors of a surface that nobody gave a unit: its numbers are of one of these units, or it is large."""
 
 
-@dataclasses.dataclass(frozen=True)
-class _Sample:
-    """Rows with a position: where they are, the face that they name or -1, and their diameter."""
-
-    position: np.ndarray
-    named: np.ndarray
-    diameter: np.ndarray
-
-    def part(self, rows: slice) -> "_Sample":
-        return _Sample(self.position[rows], self.named[rows], self.diameter[rows])
-
-    def joined(self, more: "_Sample") -> "_Sample":
-        pairs = ((getattr(self, field.name), getattr(more, field.name)) for field in dataclasses.fields(self))
-        return _Sample(*(np.concatenate(pair) for pair in pairs))
-
-
 class Nearness:
     """How the rows that were read so far lie on the surface.
 
@@ -315,32 +304,33 @@ class Nearness:
         self._surface, self._limit = surface, limit
         self._rows, self._far, self._least, self._greatest = 0, 0, math.inf, 0.0
         self._allowed, self._farthest_allowed = 0, 0.0
-        self._sample = _Sample(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0))
+        self._kept: list[Hits] = []
         self._stride = 1
         self._known: tuple[int, Mapping[float, float]] | None = None
 
-    def add(self, block: ImpactBlock, hits: Hits) -> None:
-        """Take note of the rows of a block."""
-        rows = np.flatnonzero(np.isfinite(hits.distance))
-        if not rows.size or block.position is None:
+    def add(self, hits: Hits) -> None:
+        """Take note of some rows."""
+        compared = hits.part(np.isfinite(hits.distance))
+        if not compared.rows:
             return
-        compared = hits.part(rows)
-        face, distance, diameter, far = compared.face, compared.distance, compared.diameter, compared.fate == TOO_FAR
+        distance, far = compared.distance, compared.fate == TOO_FAR
         if far.any():
             self._far += int(far.sum())
             self._least = min(self._least, float(distance[far].min()))
             self._greatest = max(self._greatest, float(distance[far].max()))
         if self._limit is not None:
-            allowed = ~far & (distance > limit_of(self._surface, face, distance, diameter))
+            allowed = ~far & (distance > limit_of(self._surface, compared.face, distance, compared.diameter))
             self._allowed += int(allowed.sum())
             self._farthest_allowed = max(self._farthest_allowed, float(distance[allowed].max(initial=0.0)))
-        some = slice(-self._rows % self._stride, None, self._stride)
-        position = np.asarray(block.position, float)[rows]
-        kept = _Sample(position, np.where(compared.named, face, -1), diameter).part(some)
-        self._sample = self._sample.joined(kept)
-        self._rows += len(rows)
-        while len(self._sample.diameter) > _SAMPLE:
-            self._sample, self._stride = self._sample.part(slice(None, None, 2)), 2 * self._stride
+        self._kept.append(compared.part(slice(-self._rows % self._stride, None, self._stride)))
+        self._rows += compared.rows
+        while (sample := self._sample).rows > _SAMPLE:
+            self._kept, self._stride = [sample.part(slice(None, None, 2))], 2 * self._stride
+
+    @property
+    def _sample(self) -> Hits:
+        """Rows with a position, evenly from all of them."""
+        return Hits.joined(self._kept)
 
     def require(self, table: str) -> None:
         """Refuse a surface on which the rows do not lie.
@@ -453,14 +443,14 @@ class Nearness:
         within = ((position >= low - margin) & (position <= high + margin)).all(axis=1)
         if not within.any():
             return 0.0
-        position, named, diameter = position[within], self._sample.named[within], self._sample.diameter[within]
+        position, sample = position[within], self._sample.part(within)
         face, distance = surface.nearest(position)
-        if (has_name := named >= 0).any():
-            face[has_name] = named[has_name]
-            distance[has_name] = surface.distance(face[has_name], position[has_name])
+        if sample.named.any():
+            face[sample.named] = sample.face[sample.named]
+            distance[sample.named] = surface.distance(face[sample.named], position[sample.named])
         limit = limit_of(surface, face, distance, np.zeros(len(face)))
-        near = factor * distance <= diameter + np.minimum(factor * limit, _OF_EXTENT * self._extent())
-        return float(near.sum() / len(self._sample.diameter))
+        near = factor * distance <= sample.diameter + np.minimum(factor * limit, _OF_EXTENT * self._extent())
+        return float(near.sum() / within.size)
 
 
 def _between(least: float, greatest: float) -> str:
