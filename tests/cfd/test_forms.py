@@ -38,7 +38,7 @@ def test_the_coefficients_of_finnie_are_those_of_the_case():
     assert pytest.approx(2.0, rel=1e-9) == form.K
     assert form.p == pytest.approx(float(SI.sigma), rel=1e-9)
     assert form.psi == 0.04
-    assert form.warning is None
+    assert form.warnings == ()
     assert "finnie" in form.text()
     # K = 3k and p = σ/3 for a body that does not turn.
     other = erosion.to_openfoam("linearized", P)
@@ -50,9 +50,8 @@ def test_what_openfoam_loses_at_other_speeds_is_said_and_refused_if_asked_for():
     # The shape over the angle changes with rω/v₀.
     assert 0.05 < form.misfit < 0.1
     assert 0.4 < form.losses.worst < 0.8
-    assert form.warning is not None
-    assert form.warning.startswith("OpenFOAM knows Finnie's curve only: it is off by up to 7.1% of the maximum. ")
-    assert "At half and at twice this speed it is off by up to 59" in form.warning
+    assert form.warnings[0].startswith("OpenFOAM knows Finnie's curve only: it is off by up to 7.1% of the maximum.")
+    assert "At half and at twice this speed it is off by up to 59" in form.warnings[1]
     assert form.losses.statement in form.text()
     with pytest.raises(
         erosion.ExportError, match=r"OpenFOAM is made at 111\.8 m/s, and at 223\.5 m/s and 2032 µm it is"
@@ -80,7 +79,7 @@ def test_fluent_gets_the_exponent_that_the_model_has(model, exponent):
     assert table.exponent == pytest.approx(exponent, abs=1e-9)
     # f and C v^b are those of the model, at every speed.
     assert table.losses.worst == pytest.approx(table.misfit, abs=1e-9)
-    assert table.warning is None
+    assert table.warnings == ()
     steep = np.deg2rad(30.0)
     exact = float(erosion.impact(model, SI.replace(alpha=steep, v0=40.0)).volume)
     form = float(SI.m) * table.factor * np.interp(steep, table.angle, table.f) * 40.0**table.exponent
@@ -109,8 +108,7 @@ def test_speeds_alone_leave_the_diameter_function_and_diameters_the_exponent():
 def test_what_fluent_loses_at_other_speeds_is_said_and_refused_if_asked_for():
     table = erosion.to_fluent("rotating", P)
     assert table.losses.worst > 0.4
-    assert table.warning is not None
-    assert table.warning.startswith(
+    assert table.warnings[0].startswith(
         "Fluent: The form is made at 111.76 m/s. At half and at twice this speed it is off by"
     )
     with pytest.raises(erosion.ExportError, match=r"Fluent is made at 111\.8 m/s"):

@@ -56,9 +56,9 @@ class AngleTable:
     comment: str
 
     @property
-    def warning(self) -> str | None:
-        """What is clearly lost at other speeds; None where little is."""
-        return f"Fluent: {self.losses.statement}" if self.losses.worst > NEAR else None
+    def warnings(self) -> tuple[str, ...]:
+        """What is clearly lost at other speeds."""
+        return (f"Fluent: {self.losses.statement}",) if self.losses.worst > NEAR else ()
 
     def text(self) -> str:
         """A CSV table, one point a line, angles in degrees."""
@@ -179,13 +179,13 @@ class ParticleErosion:
     comment: str
 
     @property
-    def warning(self) -> str | None:
-        """What is clearly lost, at the case's speed and at others; None where little is."""
+    def warnings(self) -> tuple[str, ...]:
+        """What is clearly lost, at the case's speed and at others."""
         shape = f"OpenFOAM knows Finnie's curve only: it is off by up to {self.misfit:.1%} of the maximum."
-        sentences = [shape] if self.misfit > NEAR else []
+        sentences = (shape,) if self.misfit > NEAR else ()
         if self.losses.worst > max(NEAR, self.misfit):
-            sentences.append(self.losses.statement if sentences else f"OpenFOAM: {self.losses.statement}")
-        return " ".join(sentences) or None
+            sentences += (f"OpenFOAM: {self.losses.statement}",)
+        return sentences
 
     def text(self) -> str:
         """An entry for the `cloudFunctions` of a case's cloud properties."""

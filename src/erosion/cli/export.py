@@ -1,7 +1,7 @@
 """`erosion export`: a model and a case in the forms that CFD codes take."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -48,7 +48,7 @@ class _Part(NamedTuple):
     text: str
     line: str
     numbers: dict[str, Any]
-    warning: str | None
+    warnings: Sequence[str] = ()
 
 
 def export(
@@ -104,8 +104,8 @@ def export(
                 write_whole(part.path, part.text.encode())
     output = Output("export", p, options.case, json=json)
     for part in parts.values():
-        if part.warning is not None:
-            output.warn(part.warning)
+        for sentence in part.warnings:
+            output.warn(sentence)
     if json:
         result = {name: {"file": str(part.path), **part.numbers} for name, part in parts.items()}
         output.document(result, {name: chosen}, {"p": "Pa"})
@@ -132,32 +132,32 @@ def _parts(
         numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
         line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
         numbers["misfit_over_speeds"] = form.losses.worst
-        parts["openfoam"] = _Part(outputs.openfoam, form.text(), line, numbers, form.warning)
+        parts["openfoam"] = _Part(outputs.openfoam, form.text(), line, numbers, form.warnings)
     if outputs.fluent is not None:
         shape = to_fluent(model, p, **reach, **particles)
         numbers = {"exponent": shape.exponent, "factor": shape.factor, "misfit": shape.misfit}
         numbers["misfit_over_speeds"] = shape.losses.worst
         line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.factor:.6g} x density"
-        parts["fluent"] = _Part(outputs.fluent, shape.text(), line, numbers, shape.warning)
+        parts["fluent"] = _Part(outputs.fluent, shape.text(), line, numbers, shape.warnings)
     if outputs.table is not None:
         volumes = volume_table(model, p, **axes, **particles)
-        parts["table"] = _table(outputs.table, volumes, "V", None)
+        parts["table"] = _table(outputs.table, volumes, "V")
     if outputs.restitution is not None:
         rebounds = restitution(model, p, alpha=axes["alpha"], v0=axes["v0"])
         lost = int(rebounds.e_n.isnull().sum())
         if lost == rebounds.e_n.size:
             raise RuntimeError(f"of {lost:,} impacts none has a rebound: nothing is cut, or they fail.")
         warning = f"{lost:,} of {rebounds.e_n.size:,} impacts have no rebound (nan): nothing is cut, or they fail."
-        parts["restitution"] = _table(outputs.restitution, rebounds, "e_n, e_t and spin", warning if lost else None)
+        parts["restitution"] = _table(outputs.restitution, rebounds, "e_n, e_t and spin", [warning] * bool(lost))
     return parts
 
 
-def _table(path: Path, dataset: "xr.Dataset", content: str, warning: str | None) -> _Part:
+def _table(path: Path, dataset: "xr.Dataset", content: str, warnings: Sequence[str] = ()) -> _Part:
     from erosion.cfd.exports import to_csv
 
     sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
     line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
-    return _Part(path, to_csv(dataset), line, sizes, warning)
+    return _Part(path, to_csv(dataset), line, sizes, warnings)
 
 
 def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:

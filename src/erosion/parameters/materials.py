@@ -8,7 +8,7 @@ import re
 import sys
 import tomllib
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,12 +41,13 @@ _FIELDS: Mapping[str, Mapping[str, Dimension]] = types.MappingProxyType(
         "targets": {"density": "density", "vickers": "1", "flow_stress": "stress", "psi": "1"},
     }
 )
-_TEXTS: Mapping[str, Sequence[str]] = types.MappingProxyType(
-    {"particles": ("hardness", "shape", "source"), "targets": ("source",)}
+_WORDS: Mapping[str, Mapping[str, Any]] = types.MappingProxyType(
+    {
+        "particles": {"hardness": "", "shape": "", "source": "", "also": []},
+        "targets": {"source": "", "also": [], "correlations": []},
+    }
 )
-_LISTS: Mapping[str, Sequence[str]] = types.MappingProxyType(
-    {"particles": ("also",), "targets": ("also", "correlations")}
-)
+"""Fields of text, and of lists of texts, as they are without an entry of their own."""
 _RANGED = ("density", "vickers", "flow_stress")
 
 
@@ -346,18 +347,24 @@ def _in_one_line(name: str) -> str:
 
 
 def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
-    numbers, texts, lists = _FIELDS[kind], _TEXTS[kind], _LISTS[kind]
-    ranges = [f"{name}_range" for name in numbers if name in _RANGED]
-    known = (*numbers, *ranges, *texts, *lists)
+    numbers, words = _FIELDS[kind], _WORDS[kind]
+    known = (*numbers, *(f"{name}_range" for name in numbers if name in _RANGED), *words)
     for name in entry:
         if name not in known:
             raise ValueError(f"field `{_in_one_line(name)}` is unknown; they are {', '.join(known)}")
-    fields: dict[str, Any] = {name: _number(name, entry.get(name), numbers[name]) for name in numbers}
-    for name in numbers:
+    fields: dict[str, Any] = {}
+    for name, dimension in numbers.items():
+        fields[name] = _number(name, entry.get(name), dimension)
         if name in _RANGED:
-            fields[f"{name}_range"] = _range(name, entry.get(f"{name}_range"), fields[name], numbers[name])
-    fields |= {name: _text(name, entry.get(name, "")) for name in texts}
-    fields |= {name: _texts(name, entry.get(name, [])) for name in lists}
+            fields[f"{name}_range"] = _range(name, entry.get(f"{name}_range"), fields[name], dimension)
+    for name, default in words.items():
+        value = entry.get(name, default)
+        if isinstance(default, list) and not isinstance(value, list):
+            raise ValueError(f"field `{name}` must be a list of texts, but is {shown(value)}")
+        for text in value if isinstance(default, list) else [value]:
+            if not isinstance(text, str):
+                raise ValueError(f"field `{name}` must be text in quotes, but is {shown(text)}")
+        fields[name] = tuple(value) if isinstance(default, list) else value
     if kind == "particles" and fields["density"] is None:
         raise ValueError("field `density` is missing")
     if kind == "targets" and fields["flow_stress"] is None and fields["vickers"] is None:
@@ -371,10 +378,8 @@ def _number(name: str, value: Any, dimension: Dimension) -> float | None:
     if value is None:
         return None
     if isinstance(value, str):
-        try:
+        with about(f"field `{name}`"):
             value = read_quantity(value, dimension, "si")
-        except ValueError as error:
-            raise ValueError(f"field `{name}` {error}") from error
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= sys.float_info.max:
         value = math.inf if isinstance(value, int) and value > sys.float_info.max else value  # of too many digits
         raise ValueError(f"field `{name}` must be a positive number, or a quantity in quotes, but is {shown(value)}")
@@ -390,15 +395,3 @@ def _range(name: str, ends: Any, value: float | None, dimension: Dimension) -> t
     if value is None or low is None or high is None or not low <= value <= high:
         raise ValueError(f"field `{name}_range` must hold `{name}`, but is {shown(ends)}")
     return low, high
-
-
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise ValueError(f"field `{name}` must be text in quotes, but is {shown(value)}")
-    return value
-
-
-def _texts(name: str, values: Any) -> tuple[str, ...]:
-    if not isinstance(values, list):
-        raise ValueError(f"field `{name}` must be a list of texts, but is {shown(values)}")
-    return tuple(_text(name, value) for value in values)
