@@ -564,3 +564,45 @@ def test_a_motion_that_dies_away_is_not_integrated_again_for_digits_that_do_not_
     assert np.all(np.abs(end.y["x"] - np.exp(-damping * 100) * (np.cos(100) + damping * np.sin(100))) < 1e-16)
     early = ode.solve(oscillator, damping, t1=5.0)
     assert early.y["x"] == pytest.approx(np.exp(-damping * 5) * (np.cos(5) + damping * np.sin(5)), rel=2e-9)
+
+
+def thrown(path, *, smooth=None):
+    """A throw up to its apex, the path by an integral."""
+    problem = ode.Problem(
+        y0=lambda args: {"v": args["v0"]},
+        vector_field=lambda t, y, args: {"v": -args["g"]},
+        events={"apex": ode.Event(lambda t, y, args: y["v"], direction=-1)},
+        integrals={"path": lambda t, y, args: path(y["v"])},
+    )
+    v0 = np.linspace(5.0, 15.0, 5)
+    return v0, ode.solve(problem, {"v0": v0, "g": 9.81}, t1=50.0, wrt=("v0", "g"), derivatives=2, smooth=smooth)
+
+
+@pytest.mark.parametrize(
+    "path", [jnp.abs, lambda v: jnp.maximum(v, 0.0), lambda v: jnp.where(v <= 0, -v, v), lambda v: jnp.hypot(v, 0.0)]
+)
+def test_of_a_kink_at_the_event_only_the_side_before_it_counts(path):
+    v0, end = thrown(path)
+    g = 9.81  # the path is v0²/(2 g)
+    for by, exact in {
+        ("v0",): v0 / g,
+        ("g",): -(v0**2) / (2 * g**2),
+        ("v0", "v0"): 1 / g + 0 * v0,
+        ("v0", "g"): -v0 / g**2,
+        ("g", "g"): v0**2 / g**3,
+    }.items():
+        np.testing.assert_allclose(end.along(*by).integrals["path"], exact, rtol=1e-10)
+    np.testing.assert_allclose(end.along("g").t, -v0 / g**2, rtol=1e-10)
+
+
+def test_of_a_jump_at_the_event_only_the_side_before_it_counts():
+    rubbed = ode.Problem(
+        y0=lambda args: {"x": 0.0, "v": args["v0"]},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": -args["friction"] * jnp.sign(y["v"])},
+        events={"rest": ode.Event(lambda t, y, args: y["v"], direction=-1)},
+    )
+    v0 = np.linspace(5.0, 15.0, 5)
+    end = ode.solve(rubbed, {"v0": v0, "friction": 2.0}, t1=50.0, wrt=("v0", "friction"), derivatives=2)
+    np.testing.assert_allclose(end.y["x"], v0**2 / 4, rtol=1e-12)
+    np.testing.assert_allclose(end.along("v0").y["x"], v0 / 2, rtol=1e-10)
+    np.testing.assert_allclose(end.along("friction", "friction").y["x"], v0**2 / 8, rtol=1e-10)

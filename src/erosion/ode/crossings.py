@@ -280,11 +280,15 @@ def decide(
     flat = jnp.where(uncertainty <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
     near = jnp.maximum(_NEAR * size, _ROUGH_NEAR * scale) if rough else _NEAR * size
     ended = fits & (jnp.abs(left) <= jnp.where(steep, near, flat))
+    if rough:
+        ended = ended & ~past  # beyond the event the rates may be others
     # A lane that locates moves on as well, or it would look at both sides of a dip for ever.
     accepted = fits & ~past & ~ended
 
     step = jnp.where(locating, control.step, next_step(control, trial.error, good))
-    aim = jnp.where(past, expected, _SHORT_OF_IT * left if rough else left)
+    aim = jnp.where(past, expected, left)
+    if rough:
+        aim = _SHORT_OF_IT * aim
     length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
     after = counted(control, trial.lowest, good | too_long, accepted | ended)._replace(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),

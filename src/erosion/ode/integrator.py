@@ -18,7 +18,7 @@ from erosion.ode import crossings, step_control
 from erosion.ode.crossings import Ends, Watched
 from erosion.ode.extended import Extended
 from erosion.ode.problem import OTHER_ENDS
-from erosion.ode.reduction import Rows, corrected, is_broken
+from erosion.ode.reduction import Rows, corrected, is_broken, is_kinked
 from erosion.ode.step_control import (
     ARRIVED,
     B_CHECK,
@@ -50,6 +50,7 @@ _SOON = 1e-3  # of the time scale: what a row changes within it counts as its si
 _MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start is taken this much later
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
 _INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
+_BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
 )
@@ -117,7 +118,7 @@ def integrate_lane(
         return _chain(problem, rtol)
     until = problem.until
     motion = _to_its_event(problem, problem.initial, until.value, rtol)
-    end = at_event(problem.equations, motion.members, motion.event, motion.time, _outputs, until)
+    end = at_event(problem.equations, motion.members, motion.event, motion.time, _outputs, until, motion.rest)
     return _finish(problem, motion, end, rtol)
 
 
@@ -136,6 +137,7 @@ class _Motion(NamedTuple):
         count: events so far, of all motions of a chain.
         at_once: for each event whether it happens there.
         greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
+        rest: time from the members to the event; None where it is always zero.
     """
 
     control: Control
@@ -145,6 +147,7 @@ class _Motion(NamedTuple):
     count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
     at_once: Sequence[Flag]
     greatest: Rows
+    rest: Scalar | None = None
 
 
 def _to_its_event(
@@ -220,7 +223,9 @@ def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
         # An event function may bend more than the motion: one more short step before Newton's last.
         more = sum(jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events))
         more = jnp.where(
-            (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + _SOON * scale), more, 0.0
+            moves & (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + _SOON * scale),
+            more,
+            0.0,
         )
         state, left = _short_step(problem, state, slope, more), left + more
         slope, events = problem.rate_and_events(state)
@@ -239,7 +244,8 @@ def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
     near = crossings.at_once(events, remaining, scale) if options.clock else [jnp.asarray(False)] * len(events)
     at_once = [happened & (there | (event == i)) for i, there in enumerate(near)]
     count = lax.convert_element_type(happened, np.int32)
-    return _Motion(control, problem.members(rows), event, time, count, at_once, lane.greatest)
+    rest = jnp.where(moves, 0.0, remaining) if problem.rough else None
+    return _Motion(control, problem.members(rows), event, time, count, at_once, lane.greatest, rest)
 
 
 def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
@@ -478,7 +484,7 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
         before = chain.motion
         rest = end_of(until, equations.unpack(chain.elapsed))
         motion = _to_its_event(problem, jax.tree.leaves(before.members), rest.value, rtol, before)
-        end = at_event(equations, motion.members, motion.event, motion.time, lambda at, _: at, rest)
+        end = at_event(equations, motion.members, motion.event, motion.time, lambda at, _: at, rest, motion.rest)
         members = equations.pack(end.outputs)
         elapsed = tuple(map(jnp.add, chain.elapsed, equations.pack(end.time)))
         last, count, happens = _in_turn(problem, members[0], motion, before.count)
@@ -502,7 +508,7 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
         members = _chosen(goes_on, after, met)
         control = motion.control._replace(mode=mode)
         amplification = jnp.maximum(chain.amplification, end.amplification)
-        motion = motion._replace(control=control, members=members, event=last, count=count)
+        motion = motion._replace(control=control, members=members, event=last, count=count, rest=None)
         return _Chain(goes_on, motion, elapsed, amplification)
 
     zero = 0.0 * problem.time_scale
@@ -548,8 +554,8 @@ def _chosen(condition: Flag, this: PyTree, that: PyTree) -> PyTree:
 def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
     """The time from the last trial to the end, the state there, and whether it may move to the event itself.
 
-    A force such as depth^1.5 is not defined above the surface. Where the step to the end would find that, Newton's
-    method for the event ends a little before it.
+    A force such as depth^1.5 is not defined above the surface, and |v| has another slope beyond v = 0. At such an event
+    only the side from which the motion comes counts: Newton's method ends a little before it.
     """
     left = lane.control.left
     state = _short_step(problem, lane.state, lane.slope, left)
@@ -569,13 +575,16 @@ def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, R
 
     def inside() -> tuple[Scalar, Rows, Flag]:
         start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
-        passed, rows, *_ = lax.while_loop(lambda at: at[-1] > _INSIDE * scale, nearer, start)
+        beside = jnp.where(defined, _BESIDE, _INSIDE) * scale
+        passed, rows, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
         return passed, rows, jnp.asarray(False)
 
     slope, events = problem.rate_and_events(state)
     event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
     defined = _all_finite([*state, *slope, *problem.rate(event)])
-    return lax.cond(defined, lambda: (left, state, jnp.asarray(True)), inside)
+    happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
+    kinked = happens & is_kinked(problem, event, slope, scale)
+    return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
 
 
 def _short_step(problem: Extended, state: Rows, slope: Rows, h: Scalar) -> Rows:

@@ -314,7 +314,10 @@ def _evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Sca
 
 _SHORT = 1e-2  # of the time scale: longer steps cross no kink that matters
 _TWO_VALUED = 0.1  # of the change of a rate: so near one of both its ends are its values at the stages
+_NOISE = 1e-12  # of a rate: so small a change of one such as √(v²) is rounding
 _ABRUPT = 100.0  # times what a rate that changes within the time scale would: it jumps
+_MOMENT = 1e-8  # of the time scale: so soon before and after an event a smooth rate is the same
+_OTHER = 1e-6  # of its size, and of what it does within the time scale: a rate so different has a kink
 
 Rows = list[Scalar]
 """The state with its derivatives, as plain numbers, one member after the other."""
@@ -351,6 +354,26 @@ def is_broken(problem: Equations, before: Rows, stages: list[Rows], h: Scalar, s
         size = jnp.maximum(jnp.abs(before[row]), scale * jnp.maximum(jnp.abs(stages[row][0]), jnp.abs(stages[row][-1])))
         broken = broken | (change * scale * scale > _ABRUPT * h * size)
     return broken & (h < _SHORT * scale)
+
+
+def is_kinked(problem: Equations, event: Rows, slope: Rows, scale: Scalar) -> Flag:
+    """Whether a rate, of the motion or of its derivatives, is another one after an event than before it.
+
+    Args:
+        problem: the equations.
+        event: the state at the event.
+        slope: its rate near the event.
+        scale: the time scale.
+    """
+    moment = _MOMENT * scale
+    before, after = (
+        problem.rate([u + time * k for u, k in zip(event, slope, strict=True)]) for time in (-moment, moment)
+    )
+    kinked: Flag = jnp.asarray(False)
+    for u, one, other in zip(event, before, after, strict=True):
+        size = jnp.maximum(jnp.maximum(jnp.abs(one), jnp.abs(other)), jnp.abs(u) / scale)
+        kinked = kinked | (jnp.abs(other - one) > _OTHER * size)
+    return kinked
 
 
 def corrected(
@@ -400,7 +423,8 @@ def _jump(slopes: Sequence[Scalar]) -> Scalar:
     near = jnp.zeros(())
     for slope in slopes[1:-1]:
         near = jnp.maximum(near, jnp.minimum(jnp.abs(slope - start), jnp.abs(slope - end)))
-    return jnp.where(near <= _TWO_VALUED * jnp.abs(change), change, 0.0)
+    jumps = (near <= _TWO_VALUED * jnp.abs(change)) & (jnp.abs(change) > _NOISE * jnp.abs(start))
+    return jnp.where(jumps, change, 0.0)
 
 
 def _bend(problem: Equations, state: Rows, slope: Rows) -> Rows:

@@ -397,6 +397,7 @@ def at_event(
     time: Scalar,
     outputs: OfMotion,
     until: Derivatives,
+    rest: Scalar | None = None,
 ) -> AtEvent:
     """Derivatives at the event, whose time depends on the parameters as well.
 
@@ -413,6 +414,8 @@ def at_event(
         time: since the start.
         outputs: what is wanted there, numbers.
         until: the time at which a lane without an event ends, with its derivatives.
+        rest: time from that state to the event, where the rates are known only before it; so short that
+            derivatives are the same.
     """
 
     def event_function(at: Augmented, motion: Motion) -> Scalar:
@@ -423,7 +426,11 @@ def at_event(
 
     each = jax.tree.map
     here = equations.at(equations.numbers)
+    rate = _along_flow(outputs)
     wanted = equations.of(outputs, members)
+    if rest is not None:
+        flow = rate(members[0], here)
+        wanted = wanted._replace(value=each(lambda v, k: v + rest * k, wanted.value, flow))
     g_rate = equations.of(_along_flow(event_function), members)
     # Where no event ended the motion its time is given.
     g_rate = g_rate._replace(value=jnp.where(event < 0, 1.0, g_rate.value))
@@ -431,7 +438,6 @@ def at_event(
     amplification = jnp.maximum(1.0, jnp.abs(g_curve * time / g_rate.value))
     if equations.order == 0:
         return AtEvent(Derivatives(time, None, None, None), wanted, amplification)
-    rate = _along_flow(outputs)
     g, r = equations.of(event_function, members), equations.of(rate, members)
 
     def or_given(of_event: Scalar, given: Scalar | None) -> Scalar:
