@@ -74,7 +74,7 @@ def test_a_store_of_the_same_identity_passes() -> None:
 @pytest.mark.parametrize(
     ("there", "message"),
     [
-        ('{"case": "k = 3", "models": "m"}', r"another result \(of another case\)"),
+        ('{"case": "k = 3", "models": "m"}', r"another result \(of another case\); k is 3 there, and 2 here;"),
         ('{"case": "k = 3"}', r"another result \(of another case and models\)"),
         ("{", "holds something else"),
         ("[1]", "holds something else"),

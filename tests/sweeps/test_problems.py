@@ -77,19 +77,28 @@ def test_a_store_is_filled_block_by_block_and_goes_on(tmp_path, swept) -> None:
         BALL, ARGS, AXES, store=store, chunks={"angle": 75}, progress=lambda *done: rest.append(done[1]), **OPTIONS
     )
     assert rest == [11_250, 22_500]
+    assert list(whole) == list(swept)
     for name in swept:
         assert np.array_equal(whole[name], swept[name]), name
 
 
-@pytest.mark.parametrize("change", ["problem", "args", "axes", "options"])
-def test_a_store_of_something_else_is_refused(tmp_path, change: str) -> None:
+@pytest.mark.parametrize(
+    ("change", "number"),
+    [
+        ("problem", ""),
+        ("args", "v0 is 100.0 there, and 101.0 here"),
+        ("axes", "angle is 3 numbers from 0.1 to 1.4"),
+        ("options", "rtol is not there, and 1e-06 here"),
+    ],
+)
+def test_a_store_of_something_else_is_refused(tmp_path, change: str, number: str) -> None:
     axes = {"angle": np.linspace(0.1, 1.4, 3)}
     erosion.sweep_problem(BALL, ARGS, axes, store=tmp_path / "ball.nc", **OPTIONS)
     problem = thrown(1.62) if change == "problem" else BALL
     args = ARGS | {"v0": 101.0} if change == "args" else ARGS
     other = {"angle": np.linspace(0.1, 1.5, 3)} if change == "axes" else axes
     options: Any = OPTIONS | {"rtol": 1e-6} if change == "options" else OPTIONS
-    with pytest.raises(StoreError, match=change):
+    with pytest.raises(StoreError, match=f"{change}.*{number}"):
         erosion.sweep_problem(problem, args, other, store=tmp_path / "ball.nc", **options)
 
 

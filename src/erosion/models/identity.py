@@ -4,9 +4,12 @@ import contextlib
 import functools
 import importlib.metadata
 import json
+import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
@@ -20,6 +23,8 @@ from erosion.version import __version__
 
 _PACKAGE = Path(__file__).parents[1]
 _WITHOUT_NUMBERS = ("cli", "explorer", "plotting", "report")  # they show what the other folders compute
+
+_SHOWN = 3  # numbers that a message names
 
 IDENTITY = "identity"
 """The attribute that holds a stored result's identity, as JSON."""
@@ -108,7 +113,40 @@ def require_same(path: Path, stored: Any, wanted: Mapping[str, str]) -> None:
         raise StoreError(f"{path}: is there already and holds something else; it is left as it is.")
     differing = [name for name in wanted if stored_identity.get(name) != wanted[name]]
     if differing:
+        known = "".join(_differences(str(stored_identity.get(name)), wanted[name]) for name in differing)
         raise StoreError(
-            f"{path}: is there already and holds another result (of another {' and '.join(differing)}); "
+            f"{path}: is there already and holds another result (of another {' and '.join(differing)}){known}; "
             "it is left as it is."
         )
+
+
+def _differences(stored: str, wanted: str) -> str:
+    """Which numbers of a part of an identity differ, as clauses."""
+    there, here = _numbers_in(stored), _numbers_in(wanted)
+    names = [name for name in {**there, **here} if there.get(name) != here.get(name)]
+    shown = [f"; {name} is {there.get(name, 'not')} there, and {here.get(name, 'not')} here" for name in names]
+    return "".join(shown[:_SHOWN]) + (f"; {len(shown) - _SHOWN} more differ" if len(shown) > _SHOWN else "")
+
+
+def _numbers_in(part: str) -> dict[str, str]:
+    """The numbers in a part of an identity, by name; none where it is a digest."""
+    for read in (json.loads, tomllib.loads):
+        with contextlib.suppress(ValueError):
+            content = read(part)
+            return {name: str(value) for name, value in content.items()} if isinstance(content, dict) else {}
+    return {}
+
+
+def numbers_in_words(numbers: Mapping[str, Any]) -> str:
+    """Named numbers and arrays as a part of an identity, to their last bit."""
+    return json.dumps({name: _in_words(value) for name, value in numbers.items()})
+
+
+def _in_words(value: Any) -> str:
+    if not isinstance(value, (int, float, np.ndarray, np.generic)):
+        return repr(value)
+    array = np.asarray(value)
+    if array.ndim == 0:
+        return repr(array.item())
+    ends = f" from {array.flat[0]!s} to {array.flat[-1]!s}" if array.size else ""
+    return f"{' × '.join(map(str, array.shape))} numbers{ends} ({digest(array.tobytes())})"

@@ -21,10 +21,9 @@ from erosion.impacts.impact import end_names, impact
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.equations import model_digest
-from erosion.models.identity import identity, provenance
+from erosion.models.identity import identity, numbers_in_words, provenance
 from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
 from erosion.models.registry import BUILT_IN, require_loadable
-from erosion.output.files import digest
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import System, ascii_unit, derivative_unit
@@ -348,7 +347,7 @@ class Grid:
         return identity(
             self.loaded(),
             self.p,
-            axes=f"{self.dims} " + " ".join(f"{name} {digest(v.tobytes())}" for name, v in self.axes.items()),
+            axes=numbers_in_words({"their order": self.dims, **self.axes}),
             derivatives=f"{self.outputs.derivatives} by {self.outputs.wrt}",
             optimum=str(self.outputs.optimum),
             tolerance=repr(self.outputs.rtol),

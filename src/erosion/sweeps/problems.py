@@ -13,13 +13,12 @@ import xarray as xr
 from jaxtyping import PyTree
 
 from erosion.arguments import Progress, no_progress
-from erosion.models.identity import code_version
+from erosion.models.identity import code_version, numbers_in_words
 from erosion.ode.problem import OTHER_ENDS, Problem, is_number
 from erosion.ode.solution import Part, Solution, path_of
 from erosion.ode.solve import lanes_of, solve
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Options
-from erosion.output.files import digest
 from erosion.parameters.quantities import Quantity
 from erosion.sweeps.grid import Region, Variable
 from erosion.sweeps.sweep import prepare_sweep
@@ -127,7 +126,14 @@ class ProblemGrid:
         Raises:
             ValueError: for a problem that computes by what only this process knows.
         """
-        numbers = [np.asarray(leaf) for leaf in jax.tree.leaves(self.args) if is_number(leaf)]
+        leaves = jax.tree_util.tree_flatten_with_path(self.args)[0]
+        numbers: dict[str, Any] = {}
+        for keys, leaf in leaves:
+            if is_number(leaf):
+                name = ".".join(path_of(keys))
+                # Names that are joined may be equal.
+                numbers[name if name not in numbers else jax.tree_util.keystr(keys)] = np.asarray(leaf)
+        options = {name: np.asarray(value) if is_number(value) else value for name, value in self.options.items()}
         clock = Clock(0.0, 1.0, math.inf, math.inf)
         lanes = lanes_of(self.problem, self.args, clock, Options(clock=True), self.options.get("shared", ()))
         equations = lanes.layout.equations
@@ -138,15 +144,10 @@ class ProblemGrid:
         return {
             "version": code_version(),
             "problem": equations.digest,
-            "args": " ".join(digest(str(number.shape).encode() + number.tobytes()) for number in numbers),
-            "axes": " ".join(f"{name} {digest(values.tobytes())}" for name, values in self.axes.items()),
-            "options": " ".join(f"{name} {_in_digits(value)}" for name, value in sorted(self.options.items())),
+            "args": numbers_in_words(numbers),
+            "axes": numbers_in_words(self.axes),
+            "options": numbers_in_words(dict(sorted(options.items()))),
         }
-
-
-def _in_digits(value: Any) -> str:
-    """An option, to its last bit."""
-    return digest(np.asarray(value).tobytes()) if is_number(value) else repr(value)
 
 
 def _numbers(label: str, part: Part | Solution) -> dict[str, np.ndarray]:
