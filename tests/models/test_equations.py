@@ -607,4 +607,10 @@ class Own(Linearized):
 model = Own()
 """
     for names in (("a", "b", "c", "d"), ("e", "f", "g", "h")):
-        assert set(path(model_of(HEAD + text.format(*names)), P).states) == set(names)
+        cut = path(model_of(HEAD + text.format(*names)), P)
+        assert set(cut.states) == set(names)
+        printed, given = str(cut), cut.to_dict()
+        assert "nan" not in printed
+        assert "turn" not in given
+        assert given["state"].keys() == set(names)
+        assert given["state"][names[1]] == cut.states[names[1]][-1]

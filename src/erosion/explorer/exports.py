@@ -1,5 +1,6 @@
 """The exports of a tab: figures, data, the case, and Python lines that compute the same numbers."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -76,7 +77,7 @@ def results_json(answers: Answers, state: PageState) -> bytes:
     shown = {
         "model": state.shown,
         "sensitivities": dict(answers.sensitivities(state.shown, over_angles)),
-        "turn": answers.cut(state.shown, state.case).turn,
+        **({"turn": turn} if math.isfinite(turn := answers.cut(state.shown, state.case).turn) else {}),
         "warnings": list(answers.cut(state.shown, state.case).warnings),
     }
     parameters = {name: float(getattr(state.case.parameters(), name)) for name in QUANTITIES}

@@ -187,17 +187,13 @@ class Trajectory(Result):
         """How far a rigid body turned; of a state of the model's own, each part at the end."""
         if isinstance(self.states, State):
             return [result_row("turn", self.turn, self.p.units)]
+        said = "of the model's own state, at the end"
+        return [Row(name, "", format_number(number), "", said) for name, number in self._own_state().items()]
+
+    def _own_state(self) -> dict[str, np.ndarray]:
+        """Each part of a state of the model's own, at the end."""
         parts = jax.tree_util.tree_flatten_with_path(self.states)[0]
-        return [
-            Row(
-                ".".join(path_of(keys)) or "state",
-                "",
-                format_number(values[-1]),
-                "",
-                "of the model's own state, at the end",
-            )
-            for keys, values in parts
-        ]
+        return {".".join(path_of(keys)) or "state": values[-1] for keys, values in parts}
 
     def __repr__(self) -> str:
         return (
@@ -211,10 +207,15 @@ class Trajectory(Result):
         return f"{model_name(self.model)}: one impact at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
 
     def to_dict(self) -> Record:
-        """Model and case, how the cut ends and what it removes, and the units; without the histories."""
-        names = ("t_c", "volume", "volume_at_contact", "dvolume", "max_depth", "turn")
+        """Model and case, how the cut ends and what it removes, and the units; without the histories.
+
+        A model with a state of its own has its parts at the end, by name, in place of the turn.
+        """
+        is_rigid = isinstance(self.states, State)
+        names = ("t_c", "volume", "volume_at_contact", "dvolume", "max_depth", *(["turn"] if is_rigid else []))
         numbers = {name: getattr(self, name) for name in names}
         units = {name: RESULTS[name].unit(self.p.units) for name in names}
+        numbers |= {} if is_rigid else {"state": self._own_state()}
         content = {**numbers, "ended_by": self.ended_by, "units": units, "warnings": self.warnings}
         return impact_to_dict(self.model, self.p) | to_plain(content)
 
