@@ -356,7 +356,7 @@ def read_column(path: str | Path, name: str, dimension: Dimension, system: Syste
     if len(columns) != 1:
         there = shown(", ".join(table[0])).strip("'") or "none"
         raise ValueError(f"must have one column `{name}` in {path}, whose columns are {there}")
-    of_parameter = {parameter: quantity.dimension for parameter, quantity in QUANTITIES.items()}
+    of_parameter: dict[str, Dimension] = {parameter: quantity.dimension for parameter, quantity in QUANTITIES.items()}
     _require_no_weights(path, table, {**of_parameter, name: dimension})
     return _numbers(path, table, columns[0], heads[columns[0]], dimension, system)
 
