@@ -123,3 +123,13 @@ def test_the_density_of_another_metal_is_named_by_where_it_stands(capsys: pytest
     )
     assert _status(["run", *SI, "--model", "dnv", "--target", "aluminium 6061", "--set", "density=5000"]) == 2
     assert "the density of `--target` is 2700 kg/m³: leave one of them out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("units", ["si", "inch-pound"])
+def test_own_parameters_of_correlations_have_their_units(units: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _status(["run", "--model", "oka:aluminium", "--v0", "100 m/s", "--units", units, "--json"]) == 0
+    own = json.loads(capsys.readouterr().out)["model"]["own_parameters"]
+    assert {name: parameter["unit"] for name, parameter in own.items()} == {
+        "density": "kg/m^3",
+        "particle_density": "kg/m^3",
+    }

@@ -10,7 +10,7 @@ from erosion.arguments import Broadcast, Number, Scalar
 from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
 from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
-from erosion.models.own_parameters import own_parameter
+from erosion.models.own_parameters import fixed_parameter
 from erosion.parameters.materials import ANOTHER_METAL, Particle, Target
 from erosion.parameters.materials import particle as read_particle
 from erosion.parameters.materials import target as read_target
@@ -33,7 +33,7 @@ class Correlated(CuttingModel):
 
     name: str = eqx.field(static=True)
     material: str | None = eqx.field(static=True, default=None)
-    density: float = own_parameter(7800.0, "ρ", "density of the target [kg/m³]")
+    density: float = fixed_parameter(7800.0, "ρ", "density of the target", "kg/m^3")
 
     @property
     def label(self) -> str:
@@ -88,7 +88,7 @@ class CorrelatedBySize(Correlated):
         particle_density: of the erodent [kg/m³], whatever the units of the case; 2650 is quartz.
     """
 
-    particle_density: float = own_parameter(2650.0, "ρ_p", "density of the erodent [kg/m³]")
+    particle_density: float = fixed_parameter(2650.0, "ρ_p", "density of the erodent", "kg/m^3")
 
     def _factors(self, p: Parameters) -> dict[str, object]:
         return {**super()._factors(p), "diameter": self._diameter(p)}
@@ -108,7 +108,7 @@ class CorrelatedByFlowStress(Correlated):
         flow_stress: p of the target at ψ = 2, its hardness [Pa], whatever the units of the case.
     """
 
-    flow_stress: float = own_parameter(FINNIE_MATERIALS["steel"].flow_stress, "p", "flow stress of the target [Pa]")
+    flow_stress: float = fixed_parameter(FINNIE_MATERIALS["steel"].flow_stress, "p", "flow stress of the target", "Pa")
 
     @property
     def _density_of_ratio(self) -> Number:

@@ -67,6 +67,12 @@ def own_parameter(
     return eqx.field(default=default, metadata={"quantity": _declared(symbol, meaning, dimension), "least": least})
 
 
+def fixed_parameter(default: float, symbol: str, meaning: str, unit: str) -> Any:
+    """The same for a number that is in one unit, "kg/m^3", whatever the units of the case."""
+    quantity = Quantity(symbol, f"{meaning} [{unit.replace('^3', '³')}]", "1", unit)
+    return eqx.field(default=default, metadata={"quantity": quantity, "least": -math.inf})
+
+
 def own_quantity(symbol: str, meaning: str, dimension: Dimension = "1") -> Callable[[_Method], _Method]:
     """Declare a method of a model as the rate of a quantity that is integrated along the cut, beside the volume.
 

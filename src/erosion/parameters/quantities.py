@@ -37,11 +37,16 @@ ANGLE_DIGITS = 5  # 31.717°
 
 @dataclass(frozen=True)
 class Quantity:
-    """A symbol, its meaning and its dimension."""
+    """A symbol, its meaning and its dimension.
+
+    Args:
+        fixed: the unit of what is in the same one in both unit systems, and so converted by none; its dimension is "1".
+    """
 
     symbol: str
     meaning: str
     dimension: Dimension
+    fixed: str = ""
 
     def label(self, units: System) -> str:
         """An axis label: "v₀  impact speed [in/s]"."""
@@ -50,7 +55,7 @@ class Quantity:
 
     def unit(self, units: System) -> str:
         """The unit as programs read it: "in^3", "1" for a pure number."""
-        return ascii_unit(unit_name(self.dimension, units))
+        return self.fixed or ascii_unit(unit_name(self.dimension, units))
 
     def in_words(self, value: float, units: System, digits: int = 4) -> str:
         """A number of it with the unit in which it reads well: "30 m/s", "40°", "110.2·10⁻⁶ lb"."""
