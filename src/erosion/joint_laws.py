@@ -309,6 +309,20 @@ def unused_columns(laws: Mapping[str, Any]) -> list[str]:
     return [f"{source}: {unused_note(unused)}." for source, unused in tables.items()]
 
 
+def columns_apart(laws: Mapping[str, Any]) -> list[str]:
+    """Sentences on tables of which several columns are drawn, each by itself."""
+    names: dict[str, list[str]] = {}
+    for name, law in laws.items():
+        if isinstance(law, Samples):
+            names.setdefault(law.source, []).append(name)
+    return [
+        f"{source}: {' and '.join(of)} are drawn independently of each other, so rows come apart; whole rows "
+        f"are drawn by Option `--rows {source}`."
+        for source, of in names.items()
+        if len(of) > 1
+    ]
+
+
 def require_units(laws: Mapping[str, Any], units: System) -> None:
     """Refuse rows in other units than those of the case that takes them.
 

@@ -129,3 +129,15 @@ def test_what_is_no_weight_may_stand_beside_samples(
     (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
     assert _status(["stream", "--n", "64", "--no-best-angle", "--v0", "samples(a.csv)"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_columns_of_one_table_that_come_apart_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").write_text("v0 [m/s],alpha [deg]\n100,20\n300,40\n")
+    stream = ["stream", "--n", "64", "--no-best-angle"]
+    assert _status([*stream, "--v0", "samples(a.csv)", "--alpha", "samples(a.csv)"]) == 0
+    assert "are drawn independently of each other" in capsys.readouterr().err
+    assert _status([*stream, "--rows", "a.csv"]) == 0
+    assert capsys.readouterr().err == ""

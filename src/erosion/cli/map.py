@@ -271,7 +271,7 @@ def map_(
             require_map_path(output, has_surface=target.surface is not None)
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
     start_engine()
-    from erosion.joint_laws import unused_columns
+    from erosion.joint_laws import columns_apart, unused_columns
 
     varied, uncertain, draws = sand.read_laws()
     abrasive = abrasive or PerMassOptions()
@@ -292,7 +292,7 @@ def map_(
             write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
     printed = Output("map", sand.p, options.case, json=json, seed=made.bodies.seed_used)
-    printed.warn_all([unused_columns({**varied, **uncertain})])
+    printed.warn_all([unused_columns({**varied, **uncertain}), columns_apart(varied)])
     printed.warn_all(part.doubts(sand.model, sand.p, per_mass.cutting_fraction) for part in draws)
     _show(dataset, job, printed, sand.name)
     if not json:

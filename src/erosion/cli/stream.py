@@ -74,7 +74,7 @@ def stream(
     number = section.get("seed", 0) if seed is None else seed
     printed = Output("stream", jet.p, options.case, json=json, seed=number)
     start_engine()
-    from erosion.joint_laws import unused_columns
+    from erosion.joint_laws import columns_apart, unused_columns
     from erosion.streams.stream import StreamOptions, prepare_stream
 
     varied, uncertain, draws = jet.read_laws()
@@ -84,7 +84,7 @@ def stream(
         made = StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
         job = prepare_stream(jet.model, jet.p, varied, made, uncertain)
     per_mass = weighing(jet.model, abrasive, options)
-    printed.warn_all([unused_columns({**varied, **uncertain})])
+    printed.warn_all([unused_columns({**varied, **uncertain}), columns_apart(varied)])
     printed.warn_all(part.doubts(jet.model, jet.p, per_mass.cutting_fraction) for part in draws)
     result = _weighed(_run(job, jet.name, printed, per_mass), per_mass)
     if plot is not None:
