@@ -67,7 +67,6 @@ def test_a_scale_is_best_measured_at_the_greatest_volume():
     assert "about the parameters [bit]" in str(answer)
 
 
-@pytest.mark.slow
 def test_a_jump_whose_place_is_not_known_is_the_place_to_measure():
     # With k = 1 V(α) falls to half at 40°; the data leave 30° to 50° open.
     data = measured("rotating", np.array([10.0, 20.0, 30.0, 50.0, 60.0]), 1.0)
@@ -81,7 +80,6 @@ def test_a_jump_whose_place_is_not_known_is_the_place_to_measure():
     assert twice.information[3] > twice.information[2]
 
 
-@pytest.mark.slow
 def test_two_models_are_told_apart_where_they_differ():
     data = measured("linearized", np.array([10.0, 15.0, 20.0, 25.0]), 2.0)
     priors = {"k": Uniform(0.5, 10.0), "psi": Uniform(0.001, 0.2)}
@@ -118,6 +116,11 @@ def test_a_candidate_without_a_prediction_is_not_the_best():
     assert answer.best == answer.best_to_discriminate == {"alpha": 0.2}
 
 
+@pytest.fixture(scope="module")
+def drawn():
+    return posterior("linearized", TABLE_1, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"], draws=125)
+
+
 @pytest.mark.parametrize(
     ("candidates", "message"),
     [
@@ -135,9 +138,11 @@ def test_a_candidate_without_a_prediction_is_not_the_best():
         ({"alpha": [0.1, 0.2], "v0": [1.0, 2.0, 3.0]}, "must be arrays that broadcast"),
     ],
 )
-def test_candidates_that_make_no_sense(candidates, message):
-    drawn = posterior("linearized", TABLE_1, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"], draws=125)
+def test_candidates_that_make_no_sense(drawn, candidates, message):
     with pytest.raises(ValueError, match=message):
         next_experiment(drawn, candidates)
+
+
+def test_a_noise_of_zero_makes_no_sense(drawn):
     with pytest.raises(ValueError, match="`noise` must be positive"):
         next_experiment(drawn, noise=0.0)

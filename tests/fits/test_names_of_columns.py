@@ -53,16 +53,24 @@ def read(table, head, cells, **options):
     return read_measurements(table(f"{head}\n{cells}\n"), "si", **options)
 
 
-@pytest.mark.parametrize("name", SPEEDS)
-def test_speeds_are_understood(table, name):
-    measured = read(table, f"angle [deg],mass_loss [mg/kg],{name}", f"30,5,{SPEEDS[name]}")
-    assert measured.speed == pytest.approx(80)
+def cases() -> list[tuple[str, str, object]]:
+    """A heading and a cell, the field that has it, and its value."""
+    masses = ["mass [mg]", "particle mass [mg]", "mass_mg", "mass of erodent (mg)", "grain mass [mg]"]
+    errors = ["uncertainty [mg/g]", "std [mg/g]", "Standard deviation (mg/g)", "std_dev [mg/g]"]
+    rest = "angle [deg],mass_loss [mg/kg],{}\n30,5,{}"
+    return [
+        *((rest.format(name, number), "speed", 80.0) for name, number in SPEEDS.items()),
+        *((f"{name},mass_loss [mg/kg]\n{number},5", "angle", math.pi / 6) for name, number in ANGLES.items()),
+        *((rest.format(name, 7), "mass", 7e-6) for name in masses),
+        *((rest.format(name, 7), "uncertainty", 7e-3) for name in errors),
+    ]
+
+
+@pytest.mark.parametrize(("text", "field", "value"), cases())
+def test_conditions_and_errors_are_understood(table, text, field, value):
+    measured = read(table, *text.split("\n"))
+    assert getattr(measured, field) == pytest.approx(value)
     assert measured.unused == ()
-
-
-@pytest.mark.parametrize("name", ANGLES)
-def test_angles_are_understood(table, name):
-    assert read(table, f"{name},mass_loss [mg/kg]", f"{ANGLES[name]},5").angle == pytest.approx(math.pi / 6)
 
 
 @pytest.mark.parametrize("name", AMOUNTS)
@@ -72,23 +80,11 @@ def test_amounts_are_understood(table, name):
     assert (measured.dimension, measured.erosion) == (dimension, pytest.approx(1))
 
 
-@pytest.mark.parametrize(
-    "name", ["mass [mg]", "particle mass [mg]", "mass_mg", "mass of erodent (mg)", "grain mass [mg]"]
-)
-def test_masses_are_understood(table, name):
-    assert read(table, f"angle [deg],volume [mm^3],{name}", "30,5,7").mass == pytest.approx(7e-6)
-
-
 def test_the_mass_of_the_sand_of_a_test_is_no_mass_of_an_erodent(table):
     with pytest.raises(
         MeasurementError, match=r"column 3 \(mass \[kg\]\) must be the mass of one erodent, .* but is 0.5"
     ):
         read(table, "angle [deg],mass_loss [mg],mass [kg]", "30,5,0.5")
-
-
-@pytest.mark.parametrize("name", ["uncertainty [mg/g]", "std [mg/g]", "Standard deviation (mg/g)", "std_dev [mg/g]"])
-def test_uncertainties_are_understood(table, name):
-    assert read(table, f"angle [deg],mass_loss [mg/kg],{name}", "30,5,7").uncertainty == pytest.approx(7e-3)
 
 
 @pytest.mark.parametrize("name", DOUBTFUL)
