@@ -324,7 +324,7 @@ Rows = list[Scalar]
 
 
 @runtime_checkable
-class Equations(Protocol):
+class Flow(Protocol):
     """What is needed of the integrated equations.
 
     Args:
@@ -338,7 +338,7 @@ class Equations(Protocol):
     motion_rate: Callable[[Rows], Rows]
 
 
-def is_broken(problem: Equations, before: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Flag:
+def is_broken(problem: Flow, before: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Flag:
     """Whether a rate of the motion itself jumps within a step.
 
     Args:
@@ -356,7 +356,7 @@ def is_broken(problem: Equations, before: Rows, stages: list[Rows], h: Scalar, s
     return broken & (h < _SHORT * scale)
 
 
-def is_kinked(problem: Equations, event: Rows, slope: Rows, scale: Scalar) -> Flag:
+def is_kinked(problem: Flow, event: Rows, slope: Rows, scale: Scalar) -> Flag:
     """Whether a rate, of the motion or of its derivatives, is another one after an event than before it.
 
     Args:
@@ -377,7 +377,7 @@ def is_kinked(problem: Equations, event: Rows, slope: Rows, scale: Scalar) -> Fl
 
 
 def corrected(
-    problem: Equations,
+    problem: Flow,
     before: tuple[Rows, Rows],
     after: tuple[Rows, Rows],
     stages: list[Rows],
@@ -427,7 +427,7 @@ def _jump(slopes: Sequence[Scalar]) -> Scalar:
     return jnp.where(jumps, change, 0.0)
 
 
-def _bend(problem: Equations, state: Rows, slope: Rows) -> Rows:
+def _bend(problem: Flow, state: Rows, slope: Rows) -> Rows:
     """The second time derivative of the motion itself."""
     width = problem.width
     return jax.jvp(problem.motion_rate, (state[:width],), (slope[:width],))[1]
