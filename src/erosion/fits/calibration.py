@@ -273,11 +273,13 @@ class Calibration(Result):
         """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
         theta, problem, touched = self.solution.theta, self.problem, {}
         for at, name in enumerate(self.names):
+            if name in self.undetermined:  # whose interval has no ends
+                continue
             low, high = self.ends(level)[at]
             sides = (("lower", problem.lower[at], low), ("upper", problem.upper[at], high))
             marks = [f"estimate at {side}" for side, bound, _ in sides if abs(theta[at] - bound) < TOUCH]
             marks += [f"interval at {side}" for side, bound, end in sides if abs(theta[at] + end - bound) < TOUCH]
-            if marks and name not in self.undetermined:
+            if marks:
                 touched[name] = tuple(marks)
         return touched
 
