@@ -4,13 +4,14 @@ A grid can be cut into blocks, which are grids themselves. The numbers do not de
 cuts, because the engine computes every impact on its own.
 """
 
+import abc
 import dataclasses
 import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -36,54 +37,53 @@ Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""
 
 
-@runtime_checkable
-class AnyGrid(Protocol):
+class AnyGrid(abc.ABC):
     """What is computed and stored block by block: a grid of impacts, or of lanes of any problem."""
 
     @property
+    @abc.abstractmethod
     def dims(self) -> tuple[str, ...]:
         """Names of the dimensions."""
-        ...
 
     @property
+    @abc.abstractmethod
     def shape(self) -> tuple[int, ...]:
         """Length of each dimension."""
-        ...
 
     @property
     def lengths(self) -> dict[str, int]:
         """Length of each dimension, by name."""
-        ...
+        return dict(zip(self.dims, self.shape, strict=True))
 
     @property
+    @abc.abstractmethod
     def labels(self) -> dict[str, np.ndarray]:
         """The values along each dimension, by name."""
-        ...
 
     @functools.cached_property
+    @abc.abstractmethod
     def identity(self) -> dict[str, str]:
         """In words, what the numbers depend on."""
-        ...
 
+    @abc.abstractmethod
     def __getitem__(self, region: Region) -> "AnyGrid":
         """The block of a region."""
-        ...
 
+    @abc.abstractmethod
     def variables(self) -> Mapping[str, Any]:
         """The arrays, each a `Variable`; `ended_by` comes last, and its code 0 means that nothing is computed."""
-        ...
 
+    @abc.abstractmethod
     def solve(self) -> dict[str, np.ndarray]:
         """Compute all of it, by name."""
-        ...
 
+    @abc.abstractmethod
     def labelled(self, values: Mapping[str, Any]) -> "xr.Dataset":
         """Arrays of the grid's shape as a Dataset."""
-        ...
 
+    @abc.abstractmethod
     def require_portable(self) -> None:
         """Refuse what the workers of a cluster cannot load."""
-        ...
 
 
 def block_shape(
@@ -206,7 +206,7 @@ class Named:
 
 
 @dataclasses.dataclass(frozen=True)
-class Grid:
+class Grid(AnyGrid):
     """A rectangle of impacts.
 
     Args:
@@ -240,11 +240,6 @@ class Grid:
         """Length of each dimension."""
         lengths = {PAIR if name in self.paired else name: len(values) for name, values in self.axes.items()}
         return tuple(len(self.models) if dim == "model" else lengths[dim] for dim in self.dims)
-
-    @property
-    def lengths(self) -> dict[str, int]:
-        """Length of each dimension, by name."""
-        return dict(zip(self.dims, self.shape, strict=True))
 
     @property
     def labels(self) -> dict[str, np.ndarray]:

@@ -20,7 +20,7 @@ from erosion.ode.solve import lanes_of, solve
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Options
 from erosion.parameters.quantities import Quantity
-from erosion.sweeps.grid import Region, Variable
+from erosion.sweeps.grid import AnyGrid, Region, Variable
 from erosion.sweeps.sweep import prepare_sweep
 from erosion.version import __version__
 
@@ -28,7 +28,7 @@ _NOT_COMPUTED = "not-computed"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ProblemGrid:
+class ProblemGrid(AnyGrid):
     """A rectangle of lanes of one problem.
 
     Args:
@@ -54,11 +54,6 @@ class ProblemGrid:
     def shape(self) -> tuple[int, ...]:
         """Length of each dimension."""
         return tuple(map(len, self.axes.values()))
-
-    @property
-    def lengths(self) -> dict[str, int]:
-        """Length of each dimension, by name."""
-        return dict(zip(self.dims, self.shape, strict=True))
 
     @property
     def labels(self) -> dict[str, np.ndarray]:
