@@ -31,7 +31,7 @@ def test_one_axis_is_a_curve_in_degrees():
     np.testing.assert_allclose(np.asarray(degrees), [10, 20, 30])
     np.testing.assert_allclose(np.asarray(volume) * 1e-4, found.volume, rtol=1e-12)
     assert ax.get_xlabel() == "α  angle of attack  [°]"
-    assert ax.get_ylabel() == "V  removed volume  [10⁻⁴ in³]"
+    assert ax.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
 
 
 def test_few_values_of_a_second_axis_are_a_family():

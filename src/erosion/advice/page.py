@@ -18,7 +18,7 @@ from erosion.output.files import require_writable, write_whole
 from erosion.output.language import language
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, FAINT, INK, STYLES
-from erosion.plotting.style import house_style, new_axes, render, save_plot
+from erosion.plotting.style import angle_axis, house_style, new_axes, render, save_plot
 from erosion.report.frame import render_page
 from erosion.report.text import inline_svg
 from erosion.version import __version__
@@ -89,10 +89,8 @@ def _draw(advice: Advice, ax: Axes) -> None:
     )
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.plot(best, advice.worst_shares.max(), "*", color=INK, markersize=13)
-    ax.set_xlim(0, 90)
-    ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
     ax.set_ylim(0, 1.03)
-    ax.set_xlabel(say("angle of the nozzle, from the surface"))
+    angle_axis(ax, label=say("angle of the nozzle, from the surface"))
     ax.set_ylabel(say("erosion by the jet, over its own greatest"))
     ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.1f}"))
 

@@ -42,7 +42,7 @@ from erosion.plotting.style import (
     legend_below,
     legend_of_panel,
     new_axes,
-    typeset,
+    result_label,
 )
 
 
@@ -121,9 +121,10 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
         )
     fig, ax = axes_or_new(ax, 6.2, 4.4)
     curve = pieces(optimum)
-    quantity = RESULTS[MEASURES[optimum.objective]] if optimum.objective in MEASURES else None
-    dimension = "1" if quantity is None else quantity.dimension
-    scale = readable_scale(dimension, optimum.p.units, _largest(curve))
+    measured = MEASURES.get(optimum.objective)
+    dimension = "1" if measured is None else RESULTS[measured].dimension
+    largest = max(float(np.nanmax(np.abs(piece.value))) for piece in curve)
+    scale = readable_scale(dimension, optimum.p.units, largest)
     # Of a model that never cuts nothing is beside a cut.
     cuts = any(piece.ended_by != NO_CUT for piece in curve)
     shares = cuts and any(piece.at_contact.any() for piece in curve)
@@ -154,26 +155,11 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
         handles.append(
             Line2D([], [], marker="o", color="white", markeredgecolor=INK, linestyle="", label="other candidates")
         )
-    ax.set_ylabel(
-        optimum.objective if quantity is None else f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
-    )
-    _finish(ax, optimum)
+    ax.set_ylabel(optimum.objective if measured is None else result_label(measured, scale))
+    angle_axis(ax, *(np.rad2deg(end) for end in (optimum.regimes[0].low, optimum.regimes[-1].high)))
+    ax.set_ylim(bottom=0, top=1.05 * ax.get_ylim()[1])
     legend_of_panel(ax, handles, 2)
     return fig
-
-
-def _largest(curve: Sequence[Piece]) -> float:
-    return max(float(np.nanmax(np.abs(piece.value))) for piece in curve)
-
-
-def _finish(ax: Axes, optimum: Optimum) -> None:
-    low, high = (np.rad2deg(end) for end in (optimum.regimes[0].low, optimum.regimes[-1].high))
-    ax.set_xlim(low, high)
-    if low == 0 and high == 90:
-        ax.set_xticks(range(0, 91, 15))
-    ax.xaxis.set_major_formatter("{x:g}°")
-    ax.set_xlabel(f"{QUANTITIES['alpha'].symbol}  {QUANTITIES['alpha'].meaning}")
-    ax.set_ylim(bottom=0, top=1.05 * ax.get_ylim()[1])
 
 
 _COLORS = (*PALETTE.values(), INK)
@@ -257,7 +243,7 @@ def plot_family(
         ax.set_ylim(0.03 * least / scale.size, 2 * max(largest) / scale.size)
     else:
         ax.set_ylim(0, 1.1 * max(largest) / scale.size or None)
-    ax.set_ylabel(f"${RESULTS['volume'].symbol}$  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    ax.set_ylabel(result_label("volume", scale))
     angle_axis(ax)
     legend_below(ax, columns)
     return ax

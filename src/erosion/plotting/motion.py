@@ -25,7 +25,7 @@ from erosion.plotting.style import (
     legend_below,
     legend_of_panel,
     new_figure,
-    typeset,
+    result_label,
 )
 
 MARKS = {
@@ -151,7 +151,7 @@ def plot_end_times(
                 label="ẋ = 0: real part, complex root")  # fmt: skip
     _mark(ax, marks, time)
     ax.set_ylim(bottom=0, top=1.12 * float(np.nanmax(t_c)) / time.size)
-    ax.set_ylabel(f"{typeset(RESULTS['t_c'].symbol)}  {RESULTS['t_c'].meaning}  [{time.unit}]")
+    ax.set_ylabel(result_label("t_c", time))
     angle_axis(ax)
     legend_below(ax, columns=2)
     return ax
@@ -207,7 +207,7 @@ def plot_volume(
                 linewidth=2.2, label=end_label(end))  # fmt: skip
     _mark(ax, marks, scale)
     ax.set_ylim(bottom=0, top=1.1 * _largest(volume) / scale.size or None)
-    ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    ax.set_ylabel(result_label("volume", scale))
     angle_axis(ax)
     legend_below(ax, columns=2)
     return ax

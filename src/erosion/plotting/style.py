@@ -18,6 +18,8 @@ from matplotlib.figure import Figure
 
 from erosion.output.files import require_writable, write_whole
 from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.quantities import RESULTS
+from erosion.parameters.scales import Scale
 from erosion.plotting.labels import FAINT, INK
 
 _NO_DATES: Mapping[str, Mapping[str, None]] = {
@@ -149,12 +151,20 @@ def typeset(symbol: str) -> str:
     return re.sub(r"^(\w)_(\w+)$", r"$\1_{\2}$", symbol) if "_" in symbol else f"${symbol}$"
 
 
-def angle_axis(ax: Axes) -> None:
-    """Make x the axis of α, from 0° to 90°."""
+def angle_axis(ax: Axes, low: float = 0.0, high: float = 90.0, label: str | None = None) -> None:
+    """Make x the axis of an angle in degrees, which is α unless a label says otherwise."""
     quantity = QUANTITIES["alpha"]
-    ax.set_xlim(0, 90)
-    ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
-    ax.set_xlabel(f"{quantity.symbol}  {quantity.meaning}")
+    ax.set_xlim(low, high)
+    if (low, high) == (0, 90):
+        ax.set_xticks(range(0, 91, 15))
+    ax.xaxis.set_major_formatter("{x:g}°")
+    ax.set_xlabel(f"{quantity.symbol}  {quantity.meaning}" if label is None else label)
+
+
+def result_label(name: str, scale: Scale) -> str:
+    """A result as an axis names it: "V  removed volume  [in³]"."""
+    quantity = RESULTS[name]
+    return f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
 
 
 def legend_below(ax: Axes, columns: int) -> None:

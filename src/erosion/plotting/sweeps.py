@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 
 from erosion.checks import Validation
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import RESULTS
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.curves import mark_best
@@ -32,13 +31,14 @@ from erosion.plotting.labels import (
     end_label,
 )
 from erosion.plotting.style import (
+    angle_axis,
     axes_or_new,
     house_style,
     legend_below,
     legend_of_panel,
     new_axes,
     new_figure,
-    typeset,
+    result_label,
 )
 from erosion.sweeps.grid import in_words
 
@@ -72,10 +72,9 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
             mark_best(ax, best, scale.size, color)
         label = f"{name}: {describe(best)}"
         handles.append(Line2D([], [], color=color, linestyle=line, linewidth=1.8, label=label))
-    ax.set_ylabel(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
-    ax.set_xlim(0 if degrees[0] < 1 else degrees[0], degrees[-1])
+    ax.set_ylabel(result_label("volume", scale))
     ax.set_ylim(bottom=0, top=1.06 * float(np.nanmax(comparison.volume_max)) / scale.size)
-    _angle_axis(ax.xaxis)
+    angle_axis(ax)
     legend_of_panel(ax, [*handles, *shares], 1 if len(models) < 4 else 2)
     return fig
 
@@ -99,14 +98,13 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     scale = readable_scale("volume", units, float(np.nanmax(volume)))
     mesh = right.pcolormesh(degrees, spins, volume / scale.size, cmap="cividis", rasterized=True)
     bar = fig.colorbar(mesh, ax=right)
-    bar.set_label(f"{typeset(RESULTS['volume'].symbol)}  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    bar.set_label(result_label("volume", scale))
     jumps = in_words(regimes.alpha_max_kind) == "jump"
     best = np.rad2deg(regimes.alpha_max.values)
     for ax, ink in ((left, INK), (right, "white")):
         ax.plot(np.where(jumps, np.nan, best), spins, ".", color=ink, markersize=3.5)
         ax.plot(np.where(jumps, best, np.nan), spins, "D", color="none", markeredgecolor=ink, markersize=4)
-        _angle_axis(ax.xaxis)
-        ax.set_xlim(0, 90)
+        angle_axis(ax)
         ax.grid(visible=False)
     left.set_ylabel(f"{QUANTITIES['phidot0'].symbol}  {QUANTITIES['phidot0'].meaning}  [{spin.unit}]")
     left.set_title("how the cut ends", fontsize=10)
@@ -127,12 +125,6 @@ def _best(results: xr.Dataset) -> Best:
     """A model's best angle in a comparison; the comparison does not hold the side of a jump."""
     alpha, kind = float(results.alpha_max), str(in_words(results.alpha_max_kind))
     return Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
-
-
-def _angle_axis(axis: Any) -> None:
-    axis.set_ticks(range(0, 91, 15))
-    axis.set_major_formatter("{x:g}°")
-    axis.set_label_text(f"{QUANTITIES['alpha'].symbol}  {QUANTITIES['alpha'].meaning}")
 
 
 def _units(dataset: xr.Dataset) -> System:
@@ -183,7 +175,7 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
     for curve, label, color in zip(curves, labels, colors, strict=False):
         ax.plot(x, curve, color=color, label=label, marker="" if len(x) > 1 else "o")
     ax.set_xlabel(x_label)
-    ax.set_ylabel(f"{RESULTS['volume'].symbol}  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    ax.set_ylabel(result_label("volume", scale))
     ax.set_ylim(bottom=0)
     ax.margins(x=0)
     shown = slice(None, None, max(1, (len(curves) - 1) // (_FEW - 1)))
@@ -210,7 +202,7 @@ def plot_volume_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
     ax.grid(visible=False)
     figure: Any = ax.figure
     bar = figure.colorbar(image, ax=ax)
-    bar.set_label(f"{RESULTS['volume'].symbol}  {RESULTS['volume'].meaning}  [{scale.unit}]")
+    bar.set_label(result_label("volume", scale))
     return ax
 
 
