@@ -314,7 +314,6 @@ def _evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Sca
 
 _SHORT = 1e-2  # of the time scale: longer steps cross no kink that matters
 _TWO_VALUED = 0.1  # of the change of a rate: so near one of both its ends are its values at the stages
-_NOISE = 1e-12  # of a rate: so small a change of one such as √(v²) is rounding
 _ABRUPT = 100.0  # times what a rate that changes within the time scale would: it jumps
 _MOMENT = 1e-8  # of the time scale: so soon before and after an event a smooth rate is the same
 _OTHER = 1e-6  # of its size, and of what it does within the time scale: a rate so different has a kink
@@ -423,8 +422,7 @@ def _jump(slopes: Sequence[Scalar]) -> Scalar:
     near = jnp.zeros(())
     for slope in slopes[1:-1]:
         near = jnp.maximum(near, jnp.minimum(jnp.abs(slope - start), jnp.abs(slope - end)))
-    jumps = (near <= _TWO_VALUED * jnp.abs(change)) & (jnp.abs(change) > _NOISE * jnp.abs(start))
-    return jnp.where(jumps, change, 0.0)
+    return jnp.where(near <= _TWO_VALUED * jnp.abs(change), change, 0.0)
 
 
 def _bend(problem: Flow, state: Rows, slope: Rows) -> Rows:
