@@ -11,7 +11,7 @@ import pytest
 from erosion.ode.problem import Event, Problem
 from erosion.ode.reduction import WholeMotion
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import Augmented, Derivatives, Variational, at_event
+from erosion.ode.variational import AlongFlow, Augmented, Derivatives, Variational, at_event
 from tests.ode.problems import lanes_of
 
 ARGS = {"b": 0.5, "drift": 1.0, "k": 2.0, "v0": 3.0}
@@ -53,7 +53,9 @@ def equations(order: int, *names: str) -> Variational:
 
 def volume_at_event(lifted: Variational, members: tuple[Augmented, ...], which: int, time: Any, until=FREE):
     """What happens at an event, with the integral alone."""
-    result = at_event(lifted, members, jnp.asarray(which), time, lambda at, motion: motion.outputs(at), until)
+    result = at_event(
+        AlongFlow(lifted, members), jnp.asarray(which), time, lambda at, motion: motion.outputs(at), until
+    )
     return result._replace(outputs=Derivatives(*(part and part[0] for part in result.outputs)))
 
 

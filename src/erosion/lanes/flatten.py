@@ -1,6 +1,7 @@
 """From JAX's equations to a graph: calls opened, control flow as regions, arrays element by element."""
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -15,7 +16,7 @@ from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, element
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
-from erosion.lanes.passes import PLACES, SCATTERS, finish, scatter
+from erosion.lanes.passes import PLACES, SCATTERS, finish, live, scatter
 from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
 _DOUBLE = np.dtype(np.float64)
@@ -262,6 +263,19 @@ def flatten(closed: ClosedJaxpr) -> Graph:
         raise NotForLanesError(f"The function uses {error}, which lanes cannot do.") from None
     finish(graph, _scalars(results))
     return graph
+
+
+def dependencies(closed: ClosedJaxpr) -> np.ndarray:
+    """Which numbers among a function's results may depend on which among its arguments, shape (results, arguments).
+
+    Raises:
+        NotForLanesError: as `flatten`.
+    """
+    graph = flatten(closed)
+    found = np.zeros((len(graph.outputs), sum(math.prod(aval.shape) for aval in closed.in_avals)), bool)
+    for row, output in zip(found, graph.outputs, strict=True):
+        row[[value.extra for value in live([output]) if value.op == "input"]] = True
+    return found
 
 
 @functools.cache

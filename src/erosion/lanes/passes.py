@@ -15,20 +15,20 @@ from erosion.lanes.scalars import SCALARS, Equation, Kind, aval_of, converted, t
 def finish(graph: Graph, outputs: Sequence[Value]) -> None:
     """Set a graph's outputs: drop what they do not need, count uses, and contract products and sums."""
     graph.outputs = list(outputs)
-    _prune(graph.root, _live(graph.outputs))
+    _prune(graph.root, live(graph.outputs))
     _count_uses(graph)
     _contract(graph.root)
 
 
-def _live(outputs: Iterable[Value]) -> set[Value]:
+def live(outputs: Iterable[Value]) -> set[Value]:
     """What the outputs depend on."""
-    live: set[Value] = set()
+    found: set[Value] = set()
     waiting = list(outputs)
     while waiting:
         value = waiting.pop()
-        if value in live:
+        if value in found:
             continue
-        live.add(value)
+        found.add(value)
         waiting += value.inputs
         if isinstance(value.extra, Loop):
             loop = value.extra
@@ -38,7 +38,7 @@ def _live(outputs: Iterable[Value]) -> set[Value]:
             branch = value.extra
             i = branch.results.index(value)
             waiting += (branch.selector, *(outputs[i] for outputs in branch.outputs))
-    return live
+    return found
 
 
 def _prune(region: Region, live: set[Value]) -> None:

@@ -189,6 +189,9 @@ def expected_fall(start: Ends, end: Ends, length: Scalar, low: Scalar, high: Sca
 _NEAR = 1e-2
 _NEAR_FLAT = 1e-3  # the same for a flat one
 _SETTLED = 1e-6  # of that: as exactly a flat fall must be expected
+_STIFF_NEAR, _STIFF_FLAT = 1e-3, 1e-6  # of a stiff motion's last step: Newton's method does the rest
+_LAST_STEP = 0.2  # of the step before it is a stiff motion's last step at least
+_PARTED, _NEARER = 0.3, 0.75  # of a step: a longer way to the event is gone in two
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
 _ROUGH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
@@ -255,7 +258,7 @@ def look(
 
 
 def decide(
-    control: Control, trial: Trial, scale: Scalar, limits: Limits, *, rough: bool = False
+    control: Control, trial: Trial, scale: Scalar, limits: Limits, *, rough: bool = False, stiff: bool = False
 ) -> tuple[Control, Flag]:
     """The control after a trial near an event, and whether the lane moves to the trial's end.
 
@@ -263,6 +266,8 @@ def decide(
 
     Where a dip may reach below zero, the next step ends there before anything else is decided. Where a body
     turns by radians within a step, the cubic says little: the step is too long if an event may be in it.
+
+    Where the motion is `stiff`, the lane stays at the start of the step that ends it, and that step is no short one.
     """
     hidden = _any(
         is_crooked(*each, control.trial, error) & may_hide_a_fall(*each, control.trial, error)
@@ -279,28 +284,35 @@ def decide(
     size = jnp.minimum(jnp.minimum(scale, control.step), control.time + control.trial)
     flat = jnp.where(uncertainty <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
     near = jnp.maximum(_NEAR * size, _ROUGH_NEAR * scale) if rough else _NEAR * size
+    if stiff:
+        near, flat = _STIFF_NEAR * control.trial, _STIFF_FLAT * control.trial
     ended = fits & (jnp.abs(left) <= jnp.where(steep, near, flat))
     if rough:
         ended = ended & ~past  # beyond the event the rates may be others
     # A lane that locates moves on as well, or it would look at both sides of a dip for ever.
     accepted = fits & ~past & ~ended
+    if stiff:
+        # A trial that ends a little before the event is tried again with the whole length to it.
+        accepted = accepted & ~(steep & (left > 0) & (left < _LAST_STEP * control.trial))
 
     step = jnp.where(locating, control.step, next_step(control, trial.error, good))
-    aim = jnp.where(past, expected, left)
+    aim = jnp.where(accepted, left, expected) if stiff else jnp.where(past, expected, left)
     if rough:
         aim = _SHORT_OF_IT * aim
+    if stiff:
+        aim = jnp.where(accepted & (aim > _PARTED * step), _NEARER * aim, aim)
     length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
-    after = counted(control, trial.lowest, good | too_long, accepted | ended)._replace(
+    after = counted(control, trial.lowest, good | too_long, accepted if stiff else accepted | ended)._replace(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),
         step=step,
         trial=length,
         high=jnp.where(accepted, trial.high - control.trial, trial.high),
         event=jnp.where(ended, event, control.event),
-        left=jnp.where(ended, left, control.left),
+        left=jnp.where(ended, expected if stiff else left, control.left),
     )
     after = given_up(after, scale, limits)
     mode = jnp.where(ended, ENDED, jnp.where(locating & ~good, FAILED, after.mode))
-    return after._replace(mode=mode), accepted | ended
+    return after._replace(mode=mode), accepted if stiff else accepted | ended
 
 
 def stop_at(control: Control, until: Scalar) -> Control:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
 from erosion.ode.reduction import Rows, may_have_kinks, motion_of
+from erosion.ode.rosenbrock import Rodas
 from erosion.ode.step_control import Limits
 from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
 
@@ -32,12 +33,21 @@ class Extended:
         self.layout, self.numbers, self.options = layout, list(numbers), layout.options
         motion = motion_of(layout)
         self.order, self.rough = order, may_have_kinks(layout)
+        is_stiff = self.options.method == "rosenbrock"
+        if is_stiff and order == 2:
+            raise ValueError('The method "rosenbrock" has first derivatives alone, but second ones are needed.')
+        if is_stiff and self.rough:
+            raise ValueError(
+                'The method "rosenbrock" needs rates without kinks, but these may have some (`abs`, `where`, …): '
+                'use the method "explicit", or say `smooth=True` where there are none.'
+            )
         fixed = all(isinstance(direction, int) for direction in directions)
         places = () if fixed else directions
 
         def equations(numbers: Sequence[Number], places: tuple[Direction, ...]) -> Variational:
             return Variational(layout, numbers, order, directions if fixed else places, motion)
 
+        self.equations_at, self.places = equations, places
         self.equations = equations(self.numbers, places)
         here = self.equations.at(self.numbers)
         self.clock, self.directions = here.clock, layout.problem.directions(layout.args(self.numbers))
@@ -78,6 +88,7 @@ class Extended:
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)
         self.rate_and_events = functools.partial(rate_and_events, self.numbers, places)
+        self.rodas = Rodas(self) if is_stiff else None
 
     def members(self, rows: Rows) -> tuple[Augmented, ...]:
         """Value and derivatives of a state."""

@@ -4,7 +4,7 @@ Plain JAX for one lane's numbers. `erosion.lanes` compiles it for many at a time
 """
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -14,39 +14,36 @@ from jax import lax
 from jaxtyping import PyTree
 
 from erosion.arguments import Flag, Number, PerImpact, Scalar
-from erosion.ode import crossings, step_control
+from erosion.ode import crossings, explicit, step_control, stiff
 from erosion.ode.crossings import Ends, Watched
+from erosion.ode.explicit import APART, LEAST, NOISE, SOON, short_step
 from erosion.ode.extended import Extended
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.reduction import Rows, corrected, is_broken, is_kinked
-from erosion.ode.step_control import (
-    ARRIVED,
-    B_CHECK,
-    B_ERROR,
-    ENDED,
-    NOT_BEGUN,
-    UNFINISHED,
-    A,
-    B,
-    Control,
-    eighth_root,
+from erosion.ode.step_control import ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control
+from erosion.ode.variational import (
+    Along,
+    AlongFlow,
+    AtEvent,
+    Augmented,
+    Derivatives,
+    Direction,
+    Layout,
+    Motion,
+    at_event,
 )
-from erosion.ode.variational import AtEvent, Augmented, Derivatives, Direction, Layout, Motion, at_event
 
 _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; benchmarks/TUNING.md
 # By order, where states are wanted, too: at an event they err by the error of its time as well. Measured on the six
 # problems of benchmarks/ode_accuracy.py.
 _SLACK_WHOLE = (1.0, 0.7, 4.0)
-_CHECK = 0.1  # of the second estimate, brought to the first one's order; benchmarks/TUNING.md
 _FIRST_STEP = 0.17  # of the time scale
-_LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
 _DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
 _GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
 _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
 _ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
-_SOON = 1e-3  # of the time scale: what a row changes within it counts as its size
 _MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start is taken this much later
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
 _INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
@@ -56,9 +53,6 @@ _ACCUMULATED = (
 )
 _ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
-_APART = 1e-6  # of a row's size is the least size of its derivatives, by a change of a number by its own size
-_NOISE = 1e-15  # of a row's size: what rounding leaves in its derivatives
-_LEAST = 1e-8  # of the greatest size that a row has had: a smaller one need not be known relative to itself
 
 
 class Lane(NamedTuple):
@@ -117,8 +111,8 @@ def integrate_lane(
     if problem.chains:
         return _chain(problem, rtol)
     until = problem.until
-    motion = _to_its_event(problem, problem.initial, until.value, rtol)
-    end = at_event(problem.equations, motion.members, motion.event, motion.time, _outputs, until, motion.rest)
+    motion, along = _to_its_event(problem, problem.initial, until.value, rtol)
+    end = at_event(along, motion.event, motion.time, _outputs, until)
     return _finish(problem, motion, end, rtol)
 
 
@@ -137,7 +131,6 @@ class _Motion(NamedTuple):
         count: events so far, of all motions of a chain.
         at_once: for each event whether it happens there.
         greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
-        rest: time from the members to the event; None where it is always zero.
     """
 
     control: Control
@@ -147,7 +140,6 @@ class _Motion(NamedTuple):
     count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
     at_once: Sequence[Flag]
     greatest: Rows
-    rest: Scalar | None = None
 
 
 def _to_its_event(
@@ -156,8 +148,8 @@ def _to_its_event(
     until: Scalar | None,
     rtol: Scalar,
     before: _Motion | None = None,
-) -> _Motion:
-    """Integrate from a state to the first event.
+) -> tuple[_Motion, Along]:
+    """Integrate from a state to the first event; with how it and what is wanted there depend on the event's time.
 
     Args:
         problem: the equations.
@@ -187,6 +179,9 @@ def _to_its_event(
         control = control._replace(
             trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
         )
+    if problem.rodas is not None:
+        first = jnp.minimum(control.trial, stiff.first_step(problem, initial, slope))
+        control = control._replace(trial=first, step=first)
     watched = crossings.watch(problem.directions, events, scale) if problem.options.waits else []
     greatest = _greatest(problem, [0.0 * row for row in initial], initial)
     lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest)
@@ -195,12 +190,12 @@ def _to_its_event(
         lambda lane: _try_step(problem, rtol, until, lane),
         lane,
     )
-    return _landed(problem, lane, until)
+    return (_landed if problem.rodas is None else _landed_stiff)(problem, lane, until)
 
 
 def _greatest(problem: Extended, before: Rows, state: Rows) -> Rows:
     """The greatest sizes of the rows of the motion itself; what is wanted of it without them is an integral alone."""
-    if not problem.options.whole:
+    if not problem.options.whole and problem.rodas is None:
         return []
     return [jnp.maximum(size, jnp.abs(row)) for size, row in zip(before, state[: problem.width], strict=False)]
 
@@ -213,7 +208,7 @@ def _own(problem: Extended) -> list[Number]:
     return [*problem.numbers[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
 
 
-def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
+def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[_Motion, Along]:
     """The motion where its last step found its end."""
     control, options = lane.control, problem.options
     scale = problem.scale_near(control.step, _FIRST_STEP)
@@ -223,11 +218,11 @@ def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
         # An event function may bend more than the motion: one more short step before Newton's last.
         more = sum(jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events))
         more = jnp.where(
-            moves & (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + _SOON * scale),
+            moves & (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + SOON * scale),
             more,
             0.0,
         )
-        state, left = _short_step(problem, state, slope, more), left + more
+        state, left = short_step(problem, state, slope, more), left + more
         slope, events = problem.rate_and_events(state)
         events = [
             crossings.silenced(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
@@ -239,13 +234,65 @@ def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> _Motion:
         event, remaining = crossings.last_moment(event, remaining, events, scale)
     remaining = jnp.where(ended, remaining, 0.0)
     rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
-    time = control.time + left + remaining
-    happened = ended & (event >= 0)
-    near = crossings.at_once(events, remaining, scale) if options.clock else [jnp.asarray(False)] * len(events)
-    at_once = [happened & (there | (event == i)) for i, there in enumerate(near)]
-    count = lax.convert_element_type(happened, np.int32)
     rest = jnp.where(moves, 0.0, remaining) if problem.rough else None
-    return _Motion(control, problem.members(rows), event, time, count, at_once, lane.greatest, rest)
+    along = AlongFlow(problem.equations, problem.members(rows), rest)
+    at_once = _at_once(problem, ended, event, remaining, events, scale)
+    return _motion(lane, along.members, event, control.time + left + remaining, at_once), along
+
+
+def _landed_stiff(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[_Motion, Along]:
+    """The same by the method for stiff motions: the length of the last step is what Newton's method finds."""
+    control, options = lane.control, problem.options
+    scale = problem.scale_near(control.step, _FIRST_STEP)
+    watched = crossings.watch(problem.directions, lane.events, scale) if options.waits else []
+    ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
+    length = stiff.length_of(control.left, scale)
+
+    def events_after(length: Scalar) -> list[Ends]:
+        events = stiff.events_after(problem, lane.state, lane.slope, length)
+        return (
+            [
+                crossings.silenced(crossings.turned(event, each.turn), each.counts | (control.event == i))
+                for i, (event, each) in enumerate(zip(events, watched, strict=True))
+            ]
+            if options.waits
+            else events
+        )
+
+    more = sum(
+        jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events_after(length))
+    )
+    near = ended & (jnp.abs(more) < stiff.NEAR * length)
+    length = length + jnp.where(near, more, 0.0)
+    events = events_after(length)
+    event, remaining = crossings.first_fall(control, events)
+    if options.waits and until is not None:
+        event, remaining = crossings.last_moment(event, remaining, events, scale)
+    remaining = jnp.where(ended, remaining, 0.0)
+    length = length + remaining
+    along = stiff.last_step(problem, lane.state, lane.slope, length)
+    stepped = control.left > 0
+    along = along._replace(rows=[jnp.where(stepped, new, old) for new, old in zip(along.rows, lane.state, strict=True)])
+    at_once = _at_once(problem, ended, event, remaining, events, scale)
+    time = control.time + jnp.where(stepped, length, 0.0)
+    return _motion(lane, problem.members(along.rows), event, time, at_once), along
+
+
+def _at_once(
+    problem: Extended, ended: Flag, event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar
+) -> list[Flag]:
+    """For each event whether it happens at the end."""
+    happened = ended & (event >= 0)
+    near = crossings.at_once(events, remaining, scale) if problem.options.clock else [jnp.asarray(False)] * len(events)
+    return [happened & (there | (event == i)) for i, there in enumerate(near)]
+
+
+def _motion(
+    lane: Lane, members: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]
+) -> _Motion:
+    happened = (lane.control.mode == ENDED) & (event >= 0)
+    count = lax.convert_element_type(happened, np.int32)
+    return _Motion(lane.control, members, event, time, count, at_once, lane.greatest)
 
 
 def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
@@ -282,11 +329,7 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     """Try one step, and decide what follows."""
     scale = problem.scale_near(lane.control.step, _FIRST_STEP)
     h = lane.control.trial
-    state, stages, within = _step(problem, lane.state, lane.slope, h)
-    slope, events = problem.rate_and_events(state)
-    stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
-    slack = _SLACK_WHOLE[problem.order] if problem.options.whole else _SLACK
-    error = _error(problem, lane, state, stages, h, scale, rtol) / (slack * rtol)
+    (state, slope, stages), events, within, error = _tried(problem, rtol, lane, scale)
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
@@ -302,7 +345,7 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
             trial = crossings.look_directed(watched, *looked, rough=rough)
         else:
             trial = crossings.look(*looked, rough=rough)
-        return crossings.decide(lane.control, trial, scale, limits, rough=rough)
+        return crossings.decide(lane.control, trial, scale, limits, rough=rough, stiff=problem.rodas is not None)
 
     quiet = crossings.is_quiet(watched, lane.control, lane.events, events, within, _GRAZE * rtol, rough=rough)
     control, moved = lax.cond(quiet, goes_on, looks)
@@ -312,93 +355,44 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     if problem.rough and problem.order == 2:
         ends = (lane.state, lane.slope), (state, slope)
         state, slope = corrected(problem, *ends, stages, h, problem.time_scale)
+    control = _within(problem, control, until)
+    if problem.rodas is not None:
+        # The step that arrives is the last one, which a lane ends with.
+        last = moved & (control.mode == ENDED)
+        control = control._replace(
+            time=jnp.where(last, lane.control.time, control.time), left=jnp.where(last, h, control.left)
+        )
+        moved = moved & jnp.logical_not(last)
     after, before = (events, state, slope, watched, _greatest(problem, lane.greatest, state)), tuple(lane[1:])
     kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, before)
-    return Lane(_within(problem, control, until), *kept)
+    return Lane(control, *kept)
+
+
+def _tried(
+    problem: Extended, rtol: Scalar, lane: Lane, scale: Scalar
+) -> tuple[tuple[Rows, Rows, list[Rows]], list[Ends], list[tuple[float, list[Scalar]]], Scalar]:
+    """State, slope and all slopes of a trial; the events at its end and within; its error over the tolerance."""
+    h, before = lane.control.trial, lane.state
+    if problem.rodas is None:
+        state, stages, within = explicit.step(problem, before, lane.slope, h)
+        slope, events = problem.rate_and_events(state)
+        stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
+        slack = _SLACK_WHOLE[problem.order] if problem.options.whole else _SLACK
+        error = explicit.error_of(problem, lane.greatest, (before, state), stages, h, scale, rtol) / (slack * rtol)
+        return (state, slope, stages), events, within, error
+    state, found = problem.rodas.step(before, lane.slope, h)
+    slope, events = problem.rate_and_events(state)
+    stages = [[*ks, k] for ks, k in zip(found.rates, slope, strict=True)]
+    least = [LEAST * size for size in lane.greatest]
+    apart = jnp.maximum(APART, NOISE / rtol) if problem.layout.problem.typical is None else 1.0
+    error = stiff.error_of(problem, least, apart, (before, state), found, h, rtol)
+    return (state, slope, stages), events, problem.rodas.within(before, state, found), error
 
 
 def _within(problem: Extended, control: Control, until: Scalar | None) -> Control:
     if until is None:
         return control
     return crossings.stop_at(control._replace(trial=jnp.minimum(control.trial, problem.clock.max_step)), until)
-
-
-def _step(
-    problem: Extended, state: Rows, slope: Rows, h: Scalar
-) -> tuple[Rows, list[Rows], list[tuple[float, list[Scalar]]]]:
-    """The state after a step of 8th order, each row's slopes at the stages, and the events at two stages."""
-    stages, within = [[k] for k in slope], []
-    for i, weights in enumerate(A[:-1]):
-        at = [_moved_by(weights, u, h, ks) for u, ks in zip(state, stages, strict=True)]
-        if i in _LOOKS:
-            within.append((float(weights.sum()), problem.events(at)))
-        for ks, k in zip(stages, problem.rate(at), strict=True):
-            ks.append(k)
-    return [_moved_by(B, u, h, ks) for u, ks in zip(state, stages, strict=True)], stages, within
-
-
-def _moved_by(weights: np.ndarray, u: Scalar, h: Scalar, slopes: Sequence[Scalar]) -> Scalar:
-    """U + h Σ w k."""
-    used = [k for weight, k in zip(weights, slopes, strict=False) if weight != 0]
-    return _increment(tuple(weights[weights != 0]))(u, h, used)
-
-
-# JAX takes 0.1 ms to trace each product; these are traced once for all rows and programs.
-@functools.cache
-def _increment(weights: tuple[float, ...]) -> Callable[[Scalar, Scalar, Sequence[Scalar]], Scalar]:
-    return jax.jit(lambda u, h, slopes: u + h * _weighted(weights, slopes))
-
-
-def _weighted(weights: Iterable[float] | np.ndarray, slopes: Sequence[Scalar]) -> Scalar:
-    terms = [float(weight) * k for weight, k in zip(weights, slopes, strict=True) if weight != 0]
-    return sum(terms[1:], terms[0])
-
-
-def _error(
-    problem: Extended, lane: Lane, state: Rows, stages: list[Rows], h: Scalar, scale: Scalar, rtol: Scalar
-) -> Scalar:
-    """The largest error of a row, relative to the row's size in this step.
-
-    The size of a derivative's row is at least that of the row which it differentiates. What a row soon changes
-    by counts as well: a row that starts as a power of time has the same relative error in any first step.
-    """
-    sizes: list[Scalar] = [np.float64(size) for size in problem.sizes]
-    for i, size in enumerate(lane.greatest):
-        sizes[i] = jnp.maximum(sizes[i], _LEAST * size)
-    error = check = 0.0 * h
-    # A step far too long may end in a slope that is far greater than all within it, which the estimate knows.
-    late = -2 if problem.options.clock else -1
-    integrals = range(problem.width - problem.integrals, problem.width)
-    of_motion = sizes
-    for first in range(0, len(state), problem.width):
-        rows = range(first, first + problem.width)
-        if first and problem.options.clock and problem.layout.problem.typical is None:
-            # A number may matter far less than by its own size, and its derivatives are wanted all the same.
-            sizes = [jnp.maximum(_APART, _NOISE / rtol) * size for size in of_motion]
-        for i, row in enumerate(rows):
-            moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(_SOON * scale * stages[row][late]))
-            sizes[i] = _size(lane.state[row], state[row], moved, sizes[i])
-        # What another step of this length would add to an integral counts as well: most lanes go on.
-        for i in integrals:
-            sizes[i] = sizes[i] + jnp.abs(h * stages[first + i][late])
-        for row, size in zip(rows, sizes, strict=True):
-            error = jnp.maximum(error, _estimate(tuple(B_ERROR), h, stages[row], size))
-        # The estimate of what is wanted is mostly the largest by far. Where it passes through zero by chance
-        # it hides an error, but a second estimate is not zero at the same place.
-        for i in range(problem.width) if problem.options.whole else integrals:
-            check = jnp.maximum(check, _estimate(tuple(B_CHECK), h, stages[first + i], sizes[i]))
-        of_motion = of_motion if first else list(sizes)
-    return jnp.maximum(error, _CHECK * check * eighth_root(check))
-
-
-@jax.jit
-def _size(before: Scalar, after: Scalar, moved: Scalar, least: Scalar) -> Scalar:
-    return jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), jnp.maximum(moved, least))
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _estimate(weights: tuple[float, ...], h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
-    return jnp.abs(h * _weighted(weights, slopes)) / size
 
 
 def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> LaneEnd:
@@ -441,7 +435,7 @@ def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> L
         trials=lax.convert_element_type(control.trials, np.int32),
         count=lax.convert_element_type(motion.count, np.int32) if problem.options.clock else None,
         at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once] if problem.options.clock else [],
-        least=[_LEAST * size for size in problem.sizes_of_state(motion.greatest)],
+        least=[LEAST * size for size in problem.sizes_of_state(motion.greatest)],
     )
 
 
@@ -483,8 +477,8 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
     def flown(chain: _Chain) -> _Chain:
         before = chain.motion
         rest = end_of(until, equations.unpack(chain.elapsed))
-        motion = _to_its_event(problem, jax.tree.leaves(before.members), rest.value, rtol, before)
-        end = at_event(equations, motion.members, motion.event, motion.time, lambda at, _: at, rest, motion.rest)
+        motion, along = _to_its_event(problem, jax.tree.leaves(before.members), rest.value, rtol, before)
+        end = at_event(along, motion.event, motion.time, lambda at, _: at, rest)
         members = equations.pack(end.outputs)
         elapsed = tuple(map(jnp.add, chain.elapsed, equations.pack(end.time)))
         last, count, happens = _in_turn(problem, members[0], motion, before.count)
@@ -508,7 +502,7 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
         members = _chosen(goes_on, after, met)
         control = motion.control._replace(mode=mode)
         amplification = jnp.maximum(chain.amplification, end.amplification)
-        motion = motion._replace(control=control, members=members, event=last, count=count, rest=None)
+        motion = motion._replace(control=control, members=members, event=last, count=count)
         return _Chain(goes_on, motion, elapsed, amplification)
 
     zero = 0.0 * problem.time_scale
@@ -558,7 +552,7 @@ def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, R
     only the side from which the motion comes counts: Newton's method ends a little before it.
     """
     left = lane.control.left
-    state = _short_step(problem, lane.state, lane.slope, left)
+    state = short_step(problem, lane.state, lane.slope, left)
     if not problem.rough:
         return left, state, jnp.asarray(True)
 
@@ -569,7 +563,7 @@ def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, R
     def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
         passed, rows, slope, fall = at
         length = _SHARE * fall
-        rows = _short_step(problem, rows, slope, length)
+        rows = short_step(problem, rows, slope, length)
         slope, events = problem.rate_and_events(rows)
         return passed + length, rows, slope, remaining(events)
 
@@ -585,16 +579,3 @@ def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, R
     happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
     kinked = happens & is_kinked(problem, event, slope, scale)
     return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
-
-
-def _short_step(problem: Extended, state: Rows, slope: Rows, h: Scalar) -> Rows:
-    """The state a short time after: the classical method of fourth order."""
-
-    def after(weight: float, slopes: Rows) -> Rows:
-        return [_moved_by(np.array([weight]), u, h, [k]) for u, k in zip(state, slopes, strict=True)]
-
-    second = problem.rate(after(1 / 2, slope))
-    third = problem.rate(after(1 / 2, second))
-    fourth = problem.rate(after(1.0, third))
-    weights = np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
-    return [_moved_by(weights, u, h, ks) for u, *ks in zip(state, slope, second, third, fourth, strict=True)]

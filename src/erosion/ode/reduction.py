@@ -118,9 +118,10 @@ def _elements(parts: Sequence[Any]) -> list[Scalar]:
 def motion_of(layout: Layout) -> Callable[[Sequence[Number]], "WholeMotion | ReducedMotion"]:
     """The motion of one lane's numbers: a tuple of integrals, as few as the arithmetic shows.
 
-    A chain goes on from a whole state, and so keeps it; so do sizes, which are given for it.
+    A chain goes on from a whole state, and so keeps it; so do sizes, which are given for it, and the method for stiff
+    motions, whose Jacobian is sparse in the state as it is written.
     """
-    if any(layout.problem.resets()) or layout.options.sizes is not None:
+    if any(layout.problem.resets()) or layout.options.sizes is not None or layout.options.method == "rosenbrock":
         return functools.partial(WholeMotion, layout)
     start = jax.make_jaxpr(lambda numbers: WholeMotion(layout, numbers).start())(layout.structs())
     integrals = len(layout.problem.integrals)

@@ -20,7 +20,7 @@ from erosion.ode.variational import Clock, Layout, Options
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 _STARTS = ("wait", "end")
-_METHODS = ("auto", "explicit")
+_METHODS = ("auto", "explicit", "rosenbrock")
 
 
 class Lanes(NamedTuple):
@@ -101,7 +101,8 @@ def solve(
         smooth: True says that the equations have no kinks although `sqrt` or `where` occurs; by default the
             arithmetic is looked at.
         max_steps: trials of steps after which a lane is "unfinished".
-        method: "auto" or "explicit", a Runge-Kutta method of 8th order.
+        method: "explicit" ("auto" by default), a Runge-Kutta method of 8th order; or "rosenbrock", Rodas5P of 5th order
+            for stiff motions of up to some ten unknowns without kinks, with first derivatives alone.
         shared: paths of arrays that each lane has as a whole, such as tables and weights.
 
     Returns:
@@ -173,6 +174,7 @@ def checked_lanes(
         whole=True,
         smooth=smooth,
         max_steps=check_whole("max_steps", max_steps, 1),
+        method="rosenbrock" if method == "rosenbrock" else "explicit",
     )
     clock = Clock(t0, math.inf if t1 is None else t1, max_step, max_events)
     if t1 is None and problem.time_scale is None:

@@ -50,6 +50,7 @@ class Options(NamedTuple):
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
         max_steps: trials after which a lane is unfinished.
         sizes: of each number of the state: below a size times the tolerance it need not be known.
+        method: "explicit" or "rosenbrock".
     """
 
     waits: bool = False
@@ -59,6 +60,7 @@ class Options(NamedTuple):
     smooth: bool | None = None
     max_steps: int = 20_000
     sizes: tuple[float, ...] | None = None
+    method: str = "explicit"
 
 
 class Layout:
@@ -390,32 +392,88 @@ class AtEvent(NamedTuple):
     amplification: Scalar
 
 
+class Along(Protocol):
+    """How functions of the end depend on the end's time."""
+
+    @property
+    def equations(self) -> Variational:
+        """Of the lane."""
+        ...
+
+    def here(self, function: OfMotion) -> Derivatives:
+        """A function of state and motion, with its derivatives at a fixed time."""
+        ...
+
+    def rate(self, function: OfMotion) -> Derivatives:
+        """The same of its time derivative."""
+        ...
+
+    def curve(self, function: OfMotion) -> Any:
+        """The second time derivative of its value."""
+        ...
+
+    def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
+        """How many times larger the relative errors of the event's time may be than those of the state."""
+        ...
+
+
+class AlongFlow(NamedTuple):
+    """Along the flow.
+
+    Args:
+        equations: of the lane.
+        members: the state at the event, or shortly before it.
+        rest: time from that state to the event, where the rates are known only before it; so short that derivatives
+            are the same. None where it is always zero.
+    """
+
+    equations: Variational
+    members: tuple[Augmented, ...]
+    rest: Scalar | None = None
+
+    def here(self, function: OfMotion) -> Derivatives:
+        """See `Along`."""
+        here = self.equations.of(function, self.members)
+        if self.rest is None:
+            return here
+        flow = _along_flow(function)(self.members[0], self.equations.at(self.equations.numbers))
+        return here._replace(value=jax.tree.map(lambda v, k: v + self.rest * k, here.value, flow))
+
+    def rate(self, function: OfMotion) -> Derivatives:
+        """See `Along`."""
+        return self.equations.of(_along_flow(function), self.members)
+
+    def curve(self, function: OfMotion) -> Any:
+        """See `Along`."""
+        here = self.equations.at(self.equations.numbers)
+        return _along_flow(_along_flow(function))(self.members[0], here)
+
+    def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
+        """The ratio g̈ t/ġ, large where the event function falls slowly."""
+        return jnp.maximum(1.0, jnp.abs(self.curve(event) * time / rate))
+
+
 def at_event(
-    equations: Variational,
-    members: tuple[Augmented, ...],
+    along: Along,
     event: Scalar,
     time: Scalar,
     outputs: OfMotion,
     until: Derivatives,
-    rest: Scalar | None = None,
 ) -> AtEvent:
     """Derivatives at the event, whose time depends on the parameters as well.
 
     With g the event function and R the rate of an output V along the flow, all at the event:
     t_ε = -g_ε/ġ;  V_ε = v_ε + R t_ε;  and for the second derivatives the chain rule once more.
 
-    `amplification` is the ratio of the results' errors to the state's: g̈ t/ġ, large where the event
-    function falls slowly, times the ratio of the second derivative's terms to their sum.
+    `amplification` is the ratio of the results' errors to the state's, times the ratio of the second derivative's
+    terms to their sum.
 
     Args:
-        equations: of the lane.
-        members: the state at the event.
+        along: how functions of the state there depend on time.
         event: index of the event; below 0 if none ended the motion.
         time: since the start.
         outputs: what is wanted there, numbers.
         until: the time at which a lane without an event ends, with its derivatives.
-        rest: time from that state to the event, where the rates are known only before it; so short that
-            derivatives are the same.
     """
 
     def event_function(at: Augmented, motion: Motion) -> Scalar:
@@ -424,21 +482,14 @@ def at_event(
             chosen = jnp.where(event == i, value, chosen)
         return chosen
 
-    each = jax.tree.map
-    here = equations.at(equations.numbers)
-    rate = _along_flow(outputs)
-    wanted = equations.of(outputs, members)
-    if rest is not None:
-        flow = rate(members[0], here)
-        wanted = wanted._replace(value=each(lambda v, k: v + rest * k, wanted.value, flow))
-    g_rate = equations.of(_along_flow(event_function), members)
+    each, order = jax.tree.map, along.equations.order
+    wanted, g_rate = along.here(outputs), along.rate(event_function)
     # Where no event ended the motion its time is given.
     g_rate = g_rate._replace(value=jnp.where(event < 0, 1.0, g_rate.value))
-    g_curve = _along_flow(_along_flow(event_function))(members[0], here)
-    amplification = jnp.maximum(1.0, jnp.abs(g_curve * time / g_rate.value))
-    if equations.order == 0:
+    amplification = along.amplification(event_function, g_rate.value, time)
+    if order == 0:
         return AtEvent(Derivatives(time, None, None, None), wanted, amplification)
-    g, r = equations.of(event_function, members), equations.of(rate, members)
+    g, r = along.here(event_function), along.rate(outputs)
 
     def or_given(of_event: Scalar, given: Scalar | None) -> Scalar:
         return of_event if given is None else jnp.where(event == ARRIVED, given, of_event)
@@ -446,11 +497,11 @@ def at_event(
     t_first, t_other = or_given(-g.first / g_rate.value, until.first), or_given(-g.other / g_rate.value, until.other)
     v_first = each(lambda v, flow: v + flow * t_first, wanted.first, r.value)
     v_other = each(lambda v, flow: v + flow * t_other, wanted.other, r.value)
-    if equations.order == 1:
+    if order == 1:
         return AtEvent(
             Derivatives(time, t_first, t_other, None), Derivatives(wanted.value, v_first, v_other, None), amplification
         )
-    r_rate = _along_flow(rate)(members[0], here)
+    g_curve, r_rate = along.curve(event_function), along.curve(outputs)
 
     def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]

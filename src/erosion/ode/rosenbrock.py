@@ -1,0 +1,350 @@
+"""Rodas5P: a Rosenbrock method of 5th order for stiff motions, for a lane's rows with their derivatives.
+
+A step of length h solves eight linear systems W u = r with one matrix W = 1/(hγ) - J, J the Jacobian of the rates. The
+method is L-stable: what is much faster than the step is damped, not resolved. Rows of derivatives have the same J on
+their diagonal, so one LU serves them all; what couples them to the rows before is J's own derivatives along the
+directions. Where the equations depend on time, time is one of the rows, and ∂f/∂t a column of J.
+
+J is sparse: which entries may differ from zero is read from the arithmetic of the rates. The LU is written out for
+them, in Markowitz's order, without pivoting. A pivot that has cancelled makes the step fail, and a shorter one follows:
+its 1/(hγ) is greater.
+
+References:
+    G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia
+    differential equations package, BIT Numer. Math. 63 (2023) 27, for the coefficients, in the form for u = γ k h.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from erosion.arguments import Flag, Number, Scalar
+from erosion.lanes.flatten import NotForLanesError, dependencies
+from erosion.ode.reduction import Rows
+from erosion.ode.variational import Augmented, Direction, Motion
+
+if TYPE_CHECKING:
+    from erosion.ode.extended import Extended
+
+GAMMA = 0.21193756319429014
+_LAST = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946)
+A = (
+    (3.0,),
+    (2.849394379747939, 0.45842242204463923),
+    (-6.954028509809101, 2.489845061869568, -10.358996098473584),
+    (2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641),
+    _LAST,
+    (*_LAST, 1.0),
+    (*_LAST, 1.0, 1.0),
+)
+"""Weights of the increments so far in the state of each stage after the first."""
+
+B = (*_LAST, 1.0, 1.0, 1.0)
+"""And in the step. The last increment is its difference from the embedded solution of 4th order."""
+
+C = (
+    (-14.155112264123755,),
+    (-17.97296035885952, -2.859693295451294),
+    (147.12150275711716, -1.41221402718213, 71.68940251302358),
+    (165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306),
+    (24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125, -0.6610691825249471),
+    (30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783, -19.097331116725623,
+     -28.087943162872662),
+    (37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047, -40.06618937091002,
+     -54.66780262877968, -9.48861652309627),
+)  # fmt: skip
+"""Weights of the increments so far, over h, in the right side of each stage after the first."""
+
+H = (
+    (25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204, 0.524948541321073,
+     1.1241088310450404, 0.4272876194431874, -0.17202221070155493),
+    (-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796, 20.176138334709044,
+     15.98066361424651, -6.789040303419874, -6.710236069923372),
+    (11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643, -52.072871366152654,
+     -59.78993625266729, -0.15582684282751913, 4.883087185713722),
+)  # fmt: skip
+"""Weights of the increments in the polynomial of 4th order within a step."""
+
+_LOOKS = (0.25, 0.75)  # of a step: where the events are asked for
+_CANCELLED = 1e-13  # of its terms: a pivot this small has no digits
+
+
+class Factors(NamedTuple):
+    """An LU: its entries that are not zero by structure, row by row in the order of elimination.
+
+    Args:
+        entries: of both factors; the diagonal is that of U.
+        inverse: of the diagonal.
+        sound: whether no pivot has cancelled.
+    """
+
+    entries: list[Scalar]
+    inverse: list[Scalar]
+    sound: Flag
+
+
+class Sparse:
+    """LU of d - J for a fixed pattern of J.
+
+    Args:
+        pattern: which entries may differ from zero, shape (n, n).
+    """
+
+    def __init__(self, pattern: np.ndarray) -> None:
+        self.order = least_fill(pattern)
+        self.places = [(int(i), int(j)) for j, i in np.argwhere(pattern.T)]
+        filled = (pattern | np.eye(len(pattern), dtype=bool))[np.ix_(self.order, self.order)]
+        for k in range(len(pattern)):
+            filled[k + 1 :, k + 1 :] |= np.outer(filled[k + 1 :, k], filled[k, k + 1 :])
+        self._filled = filled
+        self._at = {(int(i), int(j)): place for place, (i, j) in enumerate(np.argwhere(filled))}
+        self._row = [[int(j) for j in np.flatnonzero(row)] for row in filled]
+
+    @property
+    def size(self) -> int:
+        """How many operations the LU and one solution take, about."""
+        below, right = np.tril(self._filled, -1).sum(0), np.triu(self._filled, 1).sum(1)
+        return int(2 * (below * right).sum() + 2 * len(self._at))
+
+    def factors(self, entries: Sequence[Scalar], d: Scalar) -> Factors:
+        """The LU of d - J, from the entries of J in the order of `places`."""
+        known = dict(zip(self.places, entries, strict=True))
+        count, rows, inverse, sound = len(self.order), [], [], jnp.asarray(True)
+        for k, i in enumerate(self.order):
+            row: dict[int, Scalar] = {}
+            for column in self._row[k]:
+                j = self.order[column]
+                if (i, j) in known:
+                    row[column] = -known[i, j]
+                if i == j:
+                    row[column] = d + row[column] if column in row else d
+            size = d + jnp.abs(known[i, i]) if (i, i) in known else d
+            for pivot in [column for column in self._row[k] if column < k]:
+                factor = row[pivot] = row[pivot] * inverse[pivot]
+                for column, value in rows[pivot].items():
+                    if column > pivot:
+                        change = factor * value
+                        row[column] = row[column] - change if column in row else -change
+                        size = size + jnp.abs(change) if column == k else size
+            sound = sound & (jnp.abs(row[k]) > _CANCELLED * size)
+            inverse.append(1.0 / row[k])
+            rows.append(row)
+        return Factors([rows[i][j] for i in range(count) for j in self._row[i]], inverse, sound)
+
+    def solve(self, factors: Factors, right: Sequence[Scalar]) -> list[Scalar]:
+        """X of (d - J) x = right."""
+        x = [right[i] for i in self.order]
+        for i, columns in enumerate(self._row):
+            for j in columns:
+                if j < i:
+                    x[i] = x[i] - factors.entries[self._at[i, j]] * x[j]
+        for i in reversed(range(len(x))):
+            for j in self._row[i]:
+                if j > i:
+                    x[i] = x[i] - factors.entries[self._at[i, j]] * x[j]
+            x[i] = x[i] * factors.inverse[i]
+        place = {i: k for k, i in enumerate(self.order)}
+        return [x[place[i]] for i in range(len(x))]
+
+    def add_product(self, entries: Sequence[Scalar], u: Sequence[Scalar], to: Sequence[Scalar]) -> list[Scalar]:
+        """To + J u."""
+        total = list(to)
+        for (i, j), entry in zip(self.places, entries, strict=True):
+            total[i] = total[i] + entry * u[j]
+        return total
+
+
+def least_fill(pattern: np.ndarray) -> list[int]:
+    """Markowitz's order of the diagonal: each pivot makes as few new entries as can be."""
+    filled = pattern | np.eye(len(pattern), dtype=bool)
+    left, order = list(range(len(pattern))), []
+    while left:
+        best = min(left, key=lambda k: (filled[left, k].sum() - 1) * (filled[k, left].sum() - 1))
+        left.remove(best)
+        order.append(best)
+        for i in left:
+            if filled[i, best]:
+                filled[i] |= filled[best]
+    return order
+
+
+def columns_together(pattern: np.ndarray) -> list[list[int]]:
+    """The columns that are not zero in groups: no two of a group have an entry in one row, so one tangent finds all."""
+    groups: list[tuple[list[int], np.ndarray]] = []
+    for j in map(int, np.flatnonzero(pattern.any(0))):
+        for members, rows in groups:
+            if not (rows & pattern[:, j]).any():
+                members.append(j)
+                rows |= pattern[:, j]
+                break
+        else:
+            groups.append(([j], pattern[:, j].copy()))
+    return [members for members, _ in groups]
+
+
+class Stages(NamedTuple):
+    """What a step has computed on its way.
+
+    Args:
+        increments: eight of each row.
+        rates: of each row, at the states of the stages.
+        entries: of the Jacobian.
+        sound: whether its LU is.
+    """
+
+    increments: list[Rows]
+    rates: list[Rows]
+    entries: list[Scalar]
+    sound: Flag
+
+
+class Rodas:
+    """Steps of a lane's rows.
+
+    Args:
+        problem: the equations.
+    """
+
+    def __init__(self, problem: "Extended") -> None:
+        self.problem, self.width = problem, problem.width
+        self.pattern = _pattern(problem)
+        self.sparse = Sparse(self.pattern)
+        groups, sparse, width = columns_together(self.pattern), self.sparse, self.width
+        equations_at = problem.equations_at
+
+        def entries(at: Augmented, motion: Motion) -> list[Scalar]:
+            """The Jacobian's entries, in the order of `places`."""
+            leaves, structure = jax.tree.flatten(at)
+            known: dict[tuple[int, int], Scalar] = {}
+            for group in groups:
+
+                def moved(tangents: list[Scalar], group: list[int] = group) -> Any:
+                    rows = list(leaves)
+                    for j, tangent in zip(group, tangents, strict=True):
+                        rows[j] = tangent
+                    return jax.tree.leaves(motion.rate(jax.tree.unflatten(structure, rows)))
+
+                ones = [jnp.ones(())] * len(group)
+                column = jax.jvp(moved, ([leaves[j] for j in group],), (ones,))[1]
+                known |= {(int(i), j): column[i] for j in group for i in np.flatnonzero(self.pattern[:, j])}
+            return [known[place] for place in sparse.places]
+
+        # Each is traced once for all the places where it is called.
+        @functools.partial(jax.jit, static_argnums=3)
+        def jacobians(
+            numbers: Sequence[Number], places: tuple[Direction, ...], rows: Rows, whole: bool
+        ) -> list[list[Scalar]]:
+            """The entries, and where the step is of the `whole` rows, their derivatives as the members of a state."""
+            equations, members = equations_at(numbers, places), problem.members(rows)
+            if not whole:
+                return [entries(members[0], equations.at(numbers))]
+            return list(equations.pack(equations.of(entries, members)))
+
+        @jax.jit
+        def stage(js: list[list[Scalar]], factors: Factors, d: Scalar, rate: Rows) -> Rows:
+            return _solved(sparse, width, js, factors, d, rate)
+
+        self._jacobians = functools.partial(jacobians, problem.numbers, problem.places)
+        self._factors, self._stage = jax.jit(sparse.factors), stage
+
+    def entries(self, rows: Rows) -> list[Scalar]:
+        """The entries of the Jacobian of the motion itself."""
+        return self._jacobians(rows[: self.width], False)[0]
+
+    def step(self, rows: Rows, slope: Rows, h: Scalar) -> tuple[Rows, Stages]:
+        """The rows after a step; `rows` are those of the motion itself, or all."""
+        whole = len(rows) > self.width
+        inverse = 1.0 / h
+        d = inverse * (1 / GAMMA)
+        js = self._jacobians(rows, whole)
+        factors = self._factors(js[0], lax.stop_gradient(d))
+        rates = [[k] for k in slope]
+        increments = [[u] for u in self._stage(js, factors, d, slope)]
+        for a, c in zip(A, C, strict=True):
+            at = [_moved(a)(y, us) for y, us in zip(rows, increments, strict=True)]
+            rate = self.problem.rate(at) if whole else self.problem.motion_rate(at)
+            for ks, k in zip(rates, rate, strict=True):
+                ks.append(k)
+            right = [_right(c)(k, inverse, us) for k, us in zip(rate, increments, strict=True)]
+            for us, u in zip(increments, self._stage(js, factors, d, right), strict=True):
+                us.append(u)
+        after = [_moved(B)(y, us) for y, us in zip(rows, increments, strict=True)]
+        return after, Stages(increments, rates, js[0], factors.sound)
+
+    def within(self, before: Rows, after: Rows, stages: Stages) -> list[tuple[float, list[Scalar]]]:
+        """The events at two places within a step."""
+        found = []
+        for theta in _LOOKS:
+            rest = 1.0 - theta
+            rows = []
+            for y0, y1, us in zip(before[: self.width], after, stages.increments, strict=False):
+                k = [_weighted(row)(us) for row in H]
+                rows.append(rest * y0 + theta * (y1 + rest * (k[0] + theta * (k[1] + theta * k[2]))))
+            found.append((theta, self.problem.events(rows)))
+        return found
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _solved(sparse: Sparse, width: int, js: list[list[Scalar]], factors: Factors, d: Scalar, rate: Rows) -> Rows:
+    """U of W u = rate, member by member.
+
+    It may be differentiated by the step's length: W depends on it by its diagonal d alone, and J does not.
+    """
+    parts = [rate[first : first + width] for first in range(0, len(rate), width)]
+    u = [sparse.solve(factors, parts[0])]
+    if len(parts) == 4:
+        u += [sparse.solve(factors, sparse.add_product(js[i], u[0], parts[i])) for i in (1, 2)]
+        right = sparse.add_product(js[2], u[1], sparse.add_product(js[1], u[2], parts[3]))
+        u.append(sparse.solve(factors, sparse.add_product(js[3], u[0], right)))
+    elif len(parts) > 1:
+        u.append(sparse.solve(factors, sparse.add_product(js[1], u[0], parts[1])))
+        if len(parts) == 3:
+            right = sparse.add_product(js[1], [2.0 * each for each in u[1]], parts[2])
+            u.append(sparse.solve(factors, sparse.add_product(js[2], u[0], right)))
+    return [each for part in u for each in part]
+
+
+@_solved.defjvp
+def _solved_jvp(sparse: Sparse, width: int, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Rows, Rows]:
+    (js, factors, d, rate), (*_, by_d, by_rate) = primals, tangents
+    u = _solved(sparse, width, js, factors, d, rate)
+    right = [moved - by_d * each for moved, each in zip(by_rate, u, strict=True)]
+    return u, _solved(sparse, width, js, factors, d, right)
+
+
+def _pattern(problem: "Extended") -> np.ndarray:
+    """Which rates of the motion itself may depend on which rows, by their arithmetic."""
+    width = problem.width
+    rows = [jax.ShapeDtypeStruct((), np.float64)] * width
+
+    def rate(rows: Rows, numbers: Sequence[Number]) -> Rows:
+        return jax.tree.leaves(problem.equations.at(numbers).rate(problem.members(rows)[0]))
+
+    try:
+        return dependencies(jax.make_jaxpr(rate)(rows, problem.layout.structs()))[:, :width]
+    except NotForLanesError:
+        return np.ones((width, width), bool)  # XLA may compute it all the same
+
+
+@functools.cache
+def _weighted(weights: tuple[float, ...]) -> Callable[[Sequence[Scalar]], Scalar]:
+    def total(us: Sequence[Scalar]) -> Scalar:
+        terms = [weight * u for weight, u in zip(weights, us, strict=True)]
+        return sum(terms[1:], terms[0])
+
+    return jax.jit(total)
+
+
+@functools.cache
+def _moved(weights: tuple[float, ...]) -> Callable[[Scalar, Sequence[Scalar]], Scalar]:
+    return jax.jit(lambda y, us: y + _weighted(weights)(us))
+
+
+@functools.cache
+def _right(weights: tuple[float, ...]) -> Callable[[Scalar, Scalar, Sequence[Scalar]], Scalar]:
+    return jax.jit(lambda k, inverse, us: k + inverse * _weighted(weights)(us))

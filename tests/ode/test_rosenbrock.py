@@ -1,0 +1,175 @@
+"""The method for stiff motions, against published numbers, scipy's Radau, differences and the explicit method."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from erosion import ode
+from erosion.ode.rosenbrock import A, Sparse, columns_together, least_fill
+
+STIFF: Any = {"method": "rosenbrock"}
+
+
+def robertson(event: Callable[[Any], Any], direction: int) -> ode.Problem:
+    """Robertson's reactions: H. H. Robertson, in Numerical Analysis (Academic Press, 1966) 178-182."""
+
+    def rates(t: Any, y: Any, args: Any) -> Any:
+        first, second, third = 0.04 * y["a"], 3e7 * y["b"] ** 2, args["k3"] * y["b"] * y["c"]
+        return {"a": third - first, "b": first - third - second, "c": second}
+
+    return ode.Problem(
+        y0={"a": 1.0, "b": 0.0, "c": 0.0},
+        vector_field=rates,
+        events={"root": ode.Event(lambda t, y, args: event(y), direction=direction)},
+    )
+
+
+EARLY, LATE = robertson(lambda y: y["c"] - 0.01, 1), robertson(lambda y: y["a"] - 1e-4, -1)
+
+
+@pytest.mark.parametrize(("problem", "t", "tolerance"), [
+    # Radau at 1e-12 gives these digits; SUNDIALS prints 2.6391e-01 and 2.0790e+07 for its example cvRoberts.
+    (EARLY, 0.2640190781876, 1e-10), (LATE, 20795496.883, 1e-9),
+], ids=["early", "late"])  # fmt: skip
+def test_robertsons_roots(problem: ode.Problem, t: float, tolerance: float) -> None:
+    end = ode.solve(problem, {"k3": 1e4}, t1=1e11, rtol=1e-9, **STIFF)
+    assert end.ended_by == "root"
+    np.testing.assert_allclose(end.t, t, rtol=tolerance)
+    np.testing.assert_allclose(end.y["a"] + end.y["b"] + end.y["c"], 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize("problem", [EARLY, LATE], ids=["early", "late"])
+def test_first_derivatives_are_those_of_differences(problem: ode.Problem) -> None:
+    h = 1e-4
+    k3 = 1e4 * np.array([0.7, 1.0, 1.3])
+    end = ode.solve(problem, {"k3": k3}, t1=1e11, wrt="k3", rtol=1e-8, **STIFF)
+    up, down = (ode.solve(problem, {"k3": k3 * (1 + s * h)}, t1=1e11, rtol=1e-11, **STIFF) for s in (1, -1))
+    expected = (up.t - down.t) / (2 * h * k3)  # errs by h²
+    np.testing.assert_allclose(end.along("k3").t, expected, rtol=1e-6)
+    change = (up.y["b"] - down.y["b"]) / (2 * h * k3)
+    np.testing.assert_allclose(end.along("k3").y["b"], change, rtol=1e-5, atol=1e-16)
+
+
+OSCILLATOR = ode.Problem(
+    y0={"x": 2.0, "v": 0.0},
+    vector_field=lambda t, y, args: {"x": y["v"], "v": args["mu"] * (1 - y["x"] ** 2) * y["v"] - y["x"]},
+    events={"zero": ode.Event(lambda t, y, args: y["x"])},
+    integrals={"path": lambda t, y, args: y["x"]},
+)
+
+
+def test_the_same_event_for_any_tolerance() -> None:
+    mu = np.linspace(500, 1500, 9)
+    ends = [ode.solve(OSCILLATOR, {"mu": mu}, t1=1e4, rtol=rtol, **STIFF) for rtol in (1e-5, 1e-9)]
+    assert all(np.all(end.ended_by == "zero") for end in ends)
+    np.testing.assert_allclose(ends[0].t, ends[1].t, rtol=1e-5)
+    # The slow part ends with x = 1 after μ (3/2 - ln 2), and Airy's zero of that fold adds 3.5 μ^(-1/3): Hairer and
+    # Wanner, Solving Ordinary Differential Equations II (Springer, 1996), chapter VI.
+    np.testing.assert_allclose(ends[1].t, mu * (1.5 - np.log(2)) + 3.5 * mu ** (-1 / 3), rtol=2e-3)
+
+
+def test_it_agrees_with_the_explicit_method_where_nothing_is_stiff() -> None:
+    args = {"mu": np.linspace(0.5, 3, 7)}
+    for wrt in ((), "mu"):
+        ends = [ode.solve(OSCILLATOR, args, t1=50.0, wrt=wrt, method=method) for method in ("explicit", "rosenbrock")]
+        np.testing.assert_allclose(ends[1].t, ends[0].t, rtol=1e-8)
+        np.testing.assert_allclose(ends[1].y["v"], ends[0].y["v"], rtol=1e-7)
+        np.testing.assert_allclose(ends[1].integrals["path"], ends[0].integrals["path"], rtol=1e-7)
+    one, other = (end.along("mu") for end in ends)
+    np.testing.assert_allclose(other.t, one.t, rtol=1e-6)
+    np.testing.assert_allclose(other.y["v"], one.y["v"], rtol=1e-6)
+
+
+def relaxing(rate: float) -> ode.Problem:
+    """y' = -rate (y - cos t), which follows (rate² cos t + rate sin t)/(rate² + 1): Prothero and Robinson's kind."""
+    return ode.Problem(
+        y0={"y": 1.0},
+        vector_field=lambda t, y, args: {"y": -rate * (y["y"] - jnp.cos(t))},
+        events={"half": ode.Event(lambda t, y, args: y["y"] - args["level"], direction=-1)},
+    )
+
+
+def test_a_rate_that_depends_on_time() -> None:
+    rate, level = 1e5, np.array([0.9, 0.5, 0.1])
+    end = ode.solve(relaxing(rate), {"level": level}, t1=2.0, wrt="level", **STIFF)
+    # a cos t + b sin t = level, after the start has died away
+    a, b = rate**2 / (rate**2 + 1), rate / (rate**2 + 1)
+    t = np.arctan2(b, a) + np.arccos(level / np.hypot(a, b))
+    np.testing.assert_allclose(end.t, t, rtol=1e-8)
+    np.testing.assert_allclose(end.along("level").t, -1 / np.sqrt(np.hypot(a, b) ** 2 - level**2), rtol=1e-6)
+
+
+def test_an_end_without_an_event_and_states_on_the_way() -> None:
+    rate, times = 1e5, np.array([0.5, 1.0])
+    end = ode.solve(relaxing(rate), {"level": -5.0}, t1=1.5, ts=times, **STIFF)
+    follows = lambda t: (rate**2 * np.cos(t) + rate * np.sin(t)) / (rate**2 + 1)  # noqa: E731
+    assert (end.ended_by, end.t) == ("t1", 1.5)
+    np.testing.assert_allclose(end.y["y"], follows(1.5), rtol=1e-8)
+    np.testing.assert_allclose(end.ys["y"], follows(times), rtol=1e-8)
+
+
+def test_a_chain_of_doses() -> None:
+    dosed = ode.Problem(
+        y0={"blood": 1.0, "tissue": 0.0},
+        vector_field=lambda t, y, args: {
+            "blood": -1e4 * (y["blood"] - y["tissue"]) - args["k"] * y["blood"],
+            "tissue": 1e4 * (y["blood"] - y["tissue"]),
+        },
+        events={
+            "low": ode.Event(
+                lambda t, y, args: y["blood"] - 0.1,
+                direction=-1,
+                reset=lambda t, y, args: {"blood": y["blood"] + 1.0, "tissue": y["tissue"]},
+            )
+        },
+    )
+    args = {"k": np.array([0.5, 1.0])}
+    ends = [
+        ode.solve(dosed, args, t1=1e3, max_events=3, wrt="k", rtol=1e-9, method=method, max_steps=10**6)
+        for method in ("explicit", "rosenbrock")
+    ]
+    np.testing.assert_array_equal([end.count for end in ends], 3)
+    np.testing.assert_allclose(ends[1].t, ends[0].t, rtol=1e-7)
+    np.testing.assert_allclose(ends[1].along("k").t, ends[0].along("k").t, rtol=1e-6)
+
+
+def test_in_jax() -> None:
+    time = lambda k3: ode.solve(EARLY, {"k3": k3}, t1=1e3, **STIFF).t  # noqa: E731
+    value, slope = jax.jit(jax.value_and_grad(time))(1e4)
+    end = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, wrt="k3", **STIFF)
+    np.testing.assert_allclose([value, slope], [end.t, end.along("k3").t], rtol=1e-9)
+
+
+def test_what_it_does_not_do_is_refused() -> None:
+    with pytest.raises(ValueError, match="second"):
+        ode.solve(EARLY, {"k3": 1e4}, t1=1e3, wrt="k3", derivatives=2, **STIFF)
+    kinked = ode.Problem(y0={"x": 1.0}, vector_field=lambda t, y, args: {"x": -jnp.abs(y["x"])})
+    with pytest.raises(ValueError, match="smooth=True"):
+        ode.solve(kinked, t1=1.0, **STIFF)
+
+
+def test_the_factors_of_a_sparse_matrix() -> None:
+    random = np.random.default_rng(0)
+    pattern = random.random((7, 7)) < 0.35
+    sparse, j = Sparse(pattern), np.where(pattern, random.normal(size=(7, 7)), 0.0)
+    factors = sparse.factors([jnp.asarray(j[place]) for place in sparse.places], jnp.asarray(5.0))
+    x = sparse.solve(factors, [jnp.asarray(float(i)) for i in range(7)])
+    assert factors.sound
+    np.testing.assert_allclose((5.0 * np.eye(7) - j) @ np.array(x), np.arange(7.0), atol=1e-13)
+
+
+def test_a_pivot_that_cancels_is_not_sound() -> None:
+    assert not Sparse(np.ones((1, 1), bool)).factors([jnp.asarray(1.0)], jnp.asarray(1.0)).sound
+
+
+def test_an_arrow_is_eliminated_without_fill() -> None:
+    arrow = np.eye(5, dtype=bool)
+    arrow[0], arrow[:, 0] = True, True
+    assert least_fill(arrow)[-1] == 0 or least_fill(arrow)[-2] == 0
+    assert Sparse(arrow).size < Sparse(np.ones((5, 5), bool)).size / 2
+    assert len(columns_together(np.eye(5, dtype=bool))) == 1
+    assert [len(row) for row in A] == [1, 2, 3, 4, 5, 6, 7]
