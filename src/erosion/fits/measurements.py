@@ -248,7 +248,7 @@ class Measurements:
 
     @property
     def deviation(self) -> np.ndarray:
-        """The divisor of residuals, shape (n,): the uncertainties, or the typical erosion without them."""
+        """What residuals are divided by, shape (n,), the uncertainties where there are any, or a typical erosion."""
         if self.uncertainty is not None:
             return self.uncertainty
         return np.full(len(self), np.sqrt(np.mean(self.erosion**2)))
