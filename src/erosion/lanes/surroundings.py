@@ -24,7 +24,9 @@ from typing import Any
 import numpy as np
 
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
-_LIBRARIES = tuple({str(Path(sysconfig.get_path(name)).resolve()) for name in ("stdlib", "purelib", "platlib")})
+_FOLDERS = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+# Modules know their files by the path through which Python was started, which may have symbolic links in it.
+_LIBRARIES = tuple({str(path) for folder in _FOLDERS for path in (folder, folder.resolve())})
 # What Python and dataclasses write into a class, and nothing that is traced reads.
 _NOT_READ = frozenset({
     "__repr__", "__doc__", "__module__", "__dict__", "__weakref__", "__annotations__", "__abstractmethods__",
