@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import erosion
+from erosion.cli import lazy
 
 
 @pytest.mark.parametrize("name", dir(erosion))
@@ -33,3 +34,10 @@ def test_every_name_is_documented():
     text = (Path(__file__).parents[1] / "docs" / "api.md").read_text()
     missing = [name for name in dir(erosion) if not re.search(rf"\b{name}\b", text)]
     assert missing == ["__version__"]
+
+
+def test_what_the_verbs_import_lazily_is_there_and_used():
+    verbs = "".join(module.read_text() for module in Path(lazy.__file__).parent.glob("*.py"))
+    for name in vars(lazy)["_MODULE_OF"]:
+        assert hasattr(lazy, name)
+        assert re.search(rf"lazy\.{name}\b|^    {name}: ", verbs, re.MULTILINE), name

@@ -3,10 +3,11 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import user_errors
 from erosion.cli.fitting import GivenFit, TestedFitOptions, section_of
 from erosion.cli.kept_programs import start_engine
@@ -22,10 +23,6 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, progress_bar, require_outputs, weighing
-
-if TYPE_CHECKING:
-    from erosion.advice.result import Advice, Uncertain
-    from erosion.fits.posterior_files import Draws
 
 
 def advise(
@@ -71,11 +68,11 @@ def advise(
     for chosen in models.values():
         weighing(chosen, abrasive, options)  # refuses the density of another metal than a correlation's
     start_engine()
-    from erosion.advice.advise import advise_case
-    from erosion.joint_laws import unused_columns
 
     with progress_bar("advise") as progress, user_errors():
-        advice = advise_case(p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress)
+        advice = lazy.advise_case(
+            p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
+        )
         advice = dataclasses.replace(advice, doubts=fit.doubts)
     with user_errors():
         _write(advice, output, plot, lang)
@@ -83,51 +80,36 @@ def advise(
     for message in advice.warnings:
         if message not in printed.warnings:
             printed.warn(message)
-    printed.warn_all([] if uncertain is None else [unused_columns(uncertain.laws)])
+    printed.warn_all([] if uncertain is None else [lazy.unused_columns(uncertain.laws)])
     for part in draws:
         printed.warn_all([part.doubts(model, advice.p, advice.per_mass.cutting_fraction) for model in models.values()])
     if json:
-        from erosion.advice.result import UNITS
-
-        printed.document(advice.to_dict(), models, UNITS)
+        printed.document(advice.to_dict(), models, lazy.UNITS)
         return
     print_table(advice.title, advice.rows(), advice.headings, (), advice.conclusions)
     print_paths(figure=plot, page=output)
 
 
-def _usual_fraction(uncertain: "Uncertain | None", draws: "Sequence[Draws]") -> float:
+def _usual_fraction(uncertain: "lazy.Uncertain | None", draws: "Sequence[lazy.Draws]") -> float:
     """The share of the particles that cut, where nothing gives it: that of the fit, or Finnie's."""
-    from erosion.advice.advise import CUTTING_FRACTION, FRACTION_OF_A_FIT
-
     if uncertain is None:
-        return CUTTING_FRACTION
-    return next((part.cutting_fraction for part in draws if part.cutting_fraction is not None), FRACTION_OF_A_FIT)
+        return lazy.CUTTING_FRACTION
+    return next((part.cutting_fraction for part in draws if part.cutting_fraction is not None), lazy.FRACTION_OF_A_FIT)
 
 
 def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any], lang: str) -> None:
     """Know before computing that the page and the figure can be written, in the language."""
-    from erosion.output.language import language
-
     with user_errors():
-        language(lang)
+        lazy.language(lang)
     require_outputs(output, plot=plot, inputs=inputs)
     if output is not None:
-        from erosion.advice.page import require_page_path
-
         with user_errors():
-            require_page_path(output)
+            lazy.require_page_path(output)
 
 
-def _write(advice: "Advice", output: Path | None, plot: Path | None, lang: str) -> None:
+def _write(advice: "lazy.Advice", output: Path | None, plot: Path | None, lang: str) -> None:
     """Write the page and the figure that are asked for."""
-    from erosion.output.language import language
-
     if output is not None:
-        from erosion.advice.page import write_advice
-
-        write_advice(advice, output, lang)
+        lazy.write_advice(advice, output, lang)
     if plot is not None:
-        from erosion.advice.page import plot_advice
-        from erosion.plotting.style import save_plot
-
-        save_plot(plot_advice(dataclasses.replace(advice, language=language(lang))), plot)
+        lazy.save_plot(lazy.plot_advice(dataclasses.replace(advice, language=lazy.language(lang))), plot)

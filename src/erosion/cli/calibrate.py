@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.fitting import (
     DataFile,
@@ -21,11 +22,6 @@ from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
 from erosion.cli.options import FIT, OUTPUT, AllAngles, CaseArgument, JsonOption, SetOption, with_file
 from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
-
-if TYPE_CHECKING:
-    from erosion.fits import Ranking
-    from erosion.fits.doubts import Profile
-    from erosion.parameters.units import System
 
 _BOUNDS = 'Least and greatest: "psi=0.01:0.3,threshold=0:40 m/s".'
 
@@ -57,12 +53,11 @@ def calibrate(
     task = given_fit(data, with_file(case, file), fit, model, own, ignore)
     require_outputs(case_file, plot=plot, inputs=task.inputs)
     start_engine()
-    from erosion.arguments import check_level
 
     models = task.models()
     output = Output("calibrate", task.p, task.options.case, json=json)
     with user_errors(), progress_bar("reading") as progress:
-        check_level(level)
+        lazy.check_level(level)
         measured = task.measured(output)
         names = task.fit.names(measured)
         ends = _read_bounds(bounds or (), names, task.names, task.p.units)
@@ -79,17 +74,14 @@ def calibrate(
     if case_file is not None:
         write_case(case_file, ranking, task.options)
     if plot is not None:
-        from erosion.plotting.fits import plot_calibration
-        from erosion.plotting.style import save_plot
-
         with user_errors():
-            save_plot(plot_calibration(ranking.best_first, level), plot)
+            lazy.save_plot(lazy.plot_calibration(ranking.best_first, level), plot)
     if not json:
         print_paths(figure=plot, case=case_file)
         print("\n".join(task.next_steps(ranking, case_file)))
 
 
-def _print_tables(ranking: "Ranking", level: float, profile: "Profile | None") -> None:
+def _print_tables(ranking: "lazy.Ranking", level: float, profile: "lazy.Profile | None") -> None:
     if ranks_several(ranking):
         print_table(ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4))
     print_table(ranking.best.title, ranking.best.rows(level))
@@ -97,7 +89,7 @@ def _print_tables(ranking: "Ranking", level: float, profile: "Profile | None") -
         print_table(profile.title, profile.rows(), profile.headings, (0, 1))
 
 
-def _print_document(output: Output, ranking: "Ranking", level: float, profile: "Profile | None") -> None:
+def _print_document(output: Output, ranking: "lazy.Ranking", level: float, profile: "lazy.Profile | None") -> None:
     if profile is None:
         print_document(output, ranking, level, {}, {})
         return
@@ -106,11 +98,9 @@ def _print_document(output: Output, ranking: "Ranking", level: float, profile: "
 
 
 def _read_bounds(
-    texts: Sequence[str], free: Sequence[str], models: Sequence[str], units: "System"
+    texts: Sequence[str], free: Sequence[str], models: Sequence[str], units: "lazy.System"
 ) -> dict[str, tuple[float, float]]:
     """Bounds such as "psi=0.01:0.3", by parameter, in the units of the case."""
-    from erosion.parameters.units import read_quantity, unit_of
-
     bounds: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, equals, ends = (part.strip() for part in text.partition("="))
@@ -123,11 +113,11 @@ def _read_bounds(
             raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
         dimension = dimension_of(name, models, units)
         # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
-        shared = unit_of(least) or unit_of(greatest)
+        shared = lazy.unit_of(least) or lazy.unit_of(greatest)
         ends_read = {}
         with reading(f"Option `--bounds`, {name},"):
-            for end in sorted({least, greatest}, key=unit_of, reverse=True):
-                ends_read[end] = read_quantity(end if unit_of(end) else end + shared, dimension, units)
+            for end in sorted({least, greatest}, key=lazy.unit_of, reverse=True):
+                ends_read[end] = lazy.read_quantity(end if lazy.unit_of(end) else end + shared, dimension, units)
             bounds[name] = ends_read[least], ends_read[greatest]
         if not bounds[name][0] < bounds[name][1]:
             raise InputError(f"Option `--bounds` must give {name} two ascending values, but is {text!r}.")

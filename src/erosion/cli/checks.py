@@ -4,6 +4,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
@@ -24,16 +25,12 @@ def validate(
     """
     require_outputs(plot=plot)
     start_engine()
-    from erosion.checks import against_published
 
     with working("comparing"):
-        validation = against_published()
+        validation = lazy.against_published()
     if plot is not None:
-        from erosion.plotting.style import save_plot
-        from erosion.plotting.sweeps import plot_validation
-
         with user_errors():
-            save_plot(plot_validation(validation), plot)
+            lazy.save_plot(lazy.plot_validation(validation), plot)
     if json:
         Output("validate", json=True).document(validation.to_dict())
         return
@@ -59,21 +56,18 @@ def verify(
     """
     models = chosen_models([*(files or []), *(model or [])])
     start_engine()
-    from erosion.checks import verify as verify_models
-    from erosion.checks.verify import HEADINGS
-    from erosion.models import load_model
 
     with user_errors():
-        loaded = {name: load_model(name) for name in models}
+        loaded = {name: lazy.load_model(name) for name in models}
     output = Output("verify", json=json)
     with progress_bar("compiling") as progress:
-        verification = verify_models(models or None, progress=progress)
+        verification = lazy.verify(models or None, progress=progress)
     for name in verification.absent:
         output.warn(f"{name} is not installed: one reference solution fewer.")
     if json:
         output.document(verification.to_dict(), loaded)
     else:
         failures = [f"✗ {check}" for check in verification.failures]
-        print_table(verification.title, verification.rows(), HEADINGS, (1, 2, 3), failures)
+        print_table(verification.title, verification.rows(), verification.headings, (1, 2, 3), failures)
     if not verification.passed:
         raise RuntimeError(f"{len(verification.failures)} of {len(verification.checks)} checks are out of bounds.")

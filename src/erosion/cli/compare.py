@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, refuse_same
@@ -17,10 +18,6 @@ from erosion.cli.output import Output, PerMassOptions, print_paths, print_table,
 if TYPE_CHECKING:
     import xarray as xr
 
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.per_mass import PerMass
-    from erosion.parameters.scales import Scale
 
 _COMPARISON = {"result": "a comparison of models"}
 
@@ -70,14 +67,13 @@ def compare(
         _require_volumes(curves, lost)
         _write(curves, overlay, plot)
         _keep(curves, p, weights, output)
-    from erosion.parameters.per_mass import models_far_from_tests
 
     said = Output("compare", p, options.case, json=json)
     for message in outside:
         said.warn(message)
     for name in lost:
         said.warn(f"{name}: its impact could not be computed.")
-    for message in models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p):
+    for message in lazy.models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p):
         said.warn(message)
     statements = _spread(lines)
     if json:
@@ -87,55 +83,47 @@ def compare(
     print_paths(figure=plot, curves=output)
 
 
-def _models(names: list[str] | None, options: CaseOptions) -> "dict[str, CuttingModel]":
+def _models(names: list[str] | None, options: CaseOptions) -> "dict[str, lazy.CuttingModel]":
     """The models to compare, by name; all of them without names."""
-    from erosion.models import called
-
     chosen = chosen_models(["all"] if names is None else names)
     loaded = {name: options.load(name) for name in chosen}
-    models = {called(name, model): model for name, model in loaded.items()}
+    models = {lazy.called(name, model): model for name, model in loaded.items()}
     refuse_same(loaded)
     if not chosen or len(models) != len(chosen):
         raise InputError(f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}.")
     return models
 
 
-def _units(p: "Parameters") -> dict[str, str]:
-    from erosion.parameters.per_mass import PER_MASS_UNITS
-    from erosion.parameters.quantities import RESULTS
+def _units(p: "lazy.Parameters") -> dict[str, str]:
 
-    units = {name: RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
-    return units | PER_MASS_UNITS | {f"{name}_max": unit for name, unit in PER_MASS_UNITS.items()}
+    units = {name: lazy.RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
+    return units | lazy.PER_MASS_UNITS | {f"{name}_max": unit for name, unit in lazy.PER_MASS_UNITS.items()}
 
 
-def _curves(models: "list[str | CuttingModel]", p: "Parameters") -> "tuple[xr.Dataset, list[str]]":
+def _curves(models: "list[str | lazy.CuttingModel]", p: "lazy.Parameters") -> "tuple[xr.Dataset, list[str]]":
     """V(α) of each model, with the case's own angle as one more angle; and who is used outside of its range."""
     import numpy as np
 
-    from erosion.correlations import OutOfRangeWarning
-    from erosion.parameters.quantities import QUARTER_DEGREES
-    from erosion.sweeps.sweep import compare as compare_models
-
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", OutOfRangeWarning)
-        curves = compare_models(models, p, alpha=np.union1d(QUARTER_DEGREES, p.alpha))
-    return curves, [str(warning.message) for warning in caught if warning.category is OutOfRangeWarning]
+        warnings.simplefilter("always", lazy.OutOfRangeWarning)
+        curves = lazy.compare(models, p, alpha=np.union1d(lazy.QUARTER_DEGREES, p.alpha))
+    return curves, [str(warning.message) for warning in caught if warning.category is lazy.OutOfRangeWarning]
 
 
-def _at_the_case(curves: "xr.Dataset", p: "Parameters", weights: "Mapping[str, PerMass]") -> list[dict[str, Any]]:
+def _at_the_case(
+    curves: "xr.Dataset", p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]"
+) -> list[dict[str, Any]]:
     """By model, the impact at the case's angle and the best angle."""
-    from erosion.sweeps.grid import in_words
-
     at = curves.sel(alpha=float(p.alpha))
     return [
         {
             "model": name,
             "volume": float(impact.volume),
-            "ended_by": str(in_words(impact.ended_by)),
+            "ended_by": str(lazy.in_words(impact.ended_by)),
             "alpha_max": float(impact.alpha_max),
             "volume_max": float(impact.volume_max),
-            "kind": str(in_words(impact.alpha_max_kind)),
-            "alpha_max_ended_by": str(in_words(impact.alpha_max_ended_by)),
+            "kind": str(lazy.in_words(impact.alpha_max_kind)),
+            "alpha_max_ended_by": str(lazy.in_words(impact.alpha_max_ended_by)),
             **weights[name].to_dict(float(impact.volume), p),
             **{f"{key}_max": ratio for key, ratio in weights[name].to_dict(float(impact.volume_max), p).items()},
         }
@@ -146,45 +134,38 @@ def _at_the_case(curves: "xr.Dataset", p: "Parameters", weights: "Mapping[str, P
 def _require_volumes(curves: "xr.Dataset", lost: list[str]) -> None:
     import numpy as np
 
-    from erosion.impacts.simulate import SimulationError
-
     if not np.isfinite(curves.volume).any():
-        raise SimulationError(f"{', '.join(lost)}: no impact could be computed.")
+        raise lazy.SimulationError(f"{', '.join(lost)}: no impact could be computed.")
 
 
-def _keep(curves: "xr.Dataset", p: "Parameters", weights: "Mapping[str, PerMass]", output: Path | None) -> None:
+def _keep(
+    curves: "xr.Dataset", p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]", output: Path | None
+) -> None:
     """Write the curves into the file that is asked for."""
-    from erosion.impacts.dataset_files import write_csv, write_netcdf
-
     if output is None:
         return
     with user_errors():
         if output.suffix == ".csv":
-            write_csv(curves, output, p, weights)
+            lazy.write_csv(curves, output, p, weights)
         else:
-            write_netcdf(curves, output, _COMPARISON)
+            lazy.write_netcdf(curves, output, _COMPARISON)
 
 
 def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None) -> None:
     """Draw the figure that is asked for."""
     with user_errors():
         if plot is not None:
-            from erosion.plotting.curves import plot_against_correlations
-            from erosion.plotting.style import save_plot
-            from erosion.plotting.sweeps import plot_comparison
-
-            save_plot(plot_against_correlations(curves, overlay) if overlay else plot_comparison(curves), plot)
+            lazy.save_plot(
+                lazy.plot_against_correlations(curves, overlay) if overlay else lazy.plot_comparison(curves), plot
+            )
 
 
 def _print(
-    lines: list[dict[str, Any]], p: "Parameters", weights: "Mapping[str, PerMass]", statements: list[str]
+    lines: list[dict[str, Any]], p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]", statements: list[str]
 ) -> None:
-    from erosion.output.tables import largest_of
-    from erosion.parameters.per_mass import BEYOND_TESTS
-    from erosion.parameters.scales import table_scale
 
-    largest = max(largest_of(line[name]) for line in lines for name in ("volume", "volume_max"))
-    scale = table_scale("volume", p.units, largest)
+    largest = max(lazy.largest_of(line[name]) for line in lines for name in ("volume", "volume_max"))
+    scale = lazy.table_scale("volume", p.units, largest)
 
     def volume(value: float) -> str:
         return f"{value / scale.size:.5g}"
@@ -214,20 +195,17 @@ def _print(
     title = f"{models}: impacts at α = {at} and best angles; volumes in {scale.unit}, E in {unit}"
     headings = ("model", "V", "E", "ends by", "α_max", "V_max", "E_max", "kind", "ends by")
     marked = any(cell.endswith("*") for row in rows for cell in row)
-    print_table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {BEYOND_TESTS}."] * marked])
+    print_table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {lazy.BEYOND_TESTS}."] * marked])
 
 
-def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, Scale]":
+def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, lazy.Scale]":
     """The erosion per mass of abrasive that every line has: its key, and its unit."""
-    from erosion.parameters.per_mass import PER_MASS_SCALES
-
     key = "erosion_ratio" if all("erosion_ratio" in line for line in lines) else "specific_volume"
-    return key, PER_MASS_SCALES[key]
+    return key, lazy.PER_MASS_SCALES[key]
 
 
 def _spread(lines: list[dict[str, Any]]) -> list[str]:
     """How far the best angles of the models and of the correlations lie apart."""
-    from erosion.correlations import CORRELATIONS
 
     def between(angles: list[float]) -> str:
         low, high = (f"{math.degrees(angle):.3g}°" for angle in (min(angles), max(angles)))
@@ -237,7 +215,7 @@ def _spread(lines: list[dict[str, Any]]) -> list[str]:
     of_models = [line["alpha_max"] for line in lines if line["alpha_max"] > 0]
     if not of_models:
         return []
-    of_all = [*of_models, *(correlation.alpha_max for correlation in CORRELATIONS.values())]
+    of_all = [*of_models, *(correlation.alpha_max for correlation in lazy.CORRELATIONS.values())]
     words = f"{len(of_models)} models" if len(of_models) > 1 else "one model"
     if len(of_models) < len(lines):
         words += f" (the other{'s' * (len(lines) - len(of_models) > 1)} have none)"
@@ -246,10 +224,8 @@ def _spread(lines: list[dict[str, Any]]) -> list[str]:
 
 def _require_comparison(path: Path) -> None:
     """Only a comparison is replaced by a comparison: a sweep took longer."""
-    from erosion.impacts.dataset_files import read_netcdf
-
     with user_errors():
-        read_netcdf(path, _COMPARISON)
+        lazy.read_netcdf(path, _COMPARISON)
 
 
 def _correlations(names: list[str] | None, plot: Path | None) -> list[str]:
@@ -258,13 +234,12 @@ def _correlations(names: list[str] | None, plot: Path | None) -> list[str]:
         return []
     if plot is None:
         raise InputError("Option `--correlations` needs `--plot`: it lays them over the models in its figure.")
-    from erosion.correlations import CORRELATIONS
 
     if names == ["all"]:
-        return list(CORRELATIONS)
-    unknown = [name for name in names if name not in CORRELATIONS]
+        return list(lazy.CORRELATIONS)
+    unknown = [name for name in names if name not in lazy.CORRELATIONS]
     if unknown or not names:
-        known = ", ".join(CORRELATIONS)
+        known = ", ".join(lazy.CORRELATIONS)
         raise InputError(f"Option `--correlations` must name some of {known}, or all, but has {' '.join(unknown)!r}.")
     return names
 

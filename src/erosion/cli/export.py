@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
@@ -26,8 +27,6 @@ from erosion.parameters.quantities import QUANTITIES, RESULTS
 if TYPE_CHECKING:
     import xarray as xr
 
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
 
 _OWN_NAMES = {"alpha": "angles", "v0": "speeds", "d": "diameters"}
 
@@ -94,14 +93,13 @@ def export(
         particles = _particles(particle_density, cutting_fraction, options)
         require_outputs(*outputs, inputs=(options.case, name))
         start_engine()
-        from erosion.output.files import write_whole
 
         with user_errors(), _named():
             parts = _parts(chosen, p, outputs, axes, particles)
         # What cannot be represented is refused before anything is written.
         with user_errors():
             for part in parts.values():
-                write_whole(part.path, part.text.encode())
+                lazy.write_whole(part.path, part.text.encode())
     output = Output("export", p, options.case, json=json)
     for part in parts.values():
         for sentence in part.warnings:
@@ -120,30 +118,27 @@ def _require_one(outputs: _Outputs) -> None:
 
 
 def _parts(
-    model: "CuttingModel", p: "Parameters", outputs: _Outputs, axes: dict[str, Any], particles: dict[str, Any]
+    model: "lazy.CuttingModel", p: "lazy.Parameters", outputs: _Outputs, axes: dict[str, Any], particles: dict[str, Any]
 ) -> dict[str, _Part]:
     """What is asked for, computed."""
-    from erosion.cfd.exports import restitution, volume_table
-    from erosion.fits import to_fluent, to_openfoam
-
     reach, parts = {name: axes[name] for name in ("v0", "d")}, {}
     if outputs.openfoam is not None:
-        form = to_openfoam(model, p, **reach, **particles)
+        form = lazy.to_openfoam(model, p, **reach, **particles)
         numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
         line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
         numbers["misfit_over_speeds"] = form.losses.worst
         parts["openfoam"] = _Part(outputs.openfoam, form.text(), line, numbers, form.warnings)
     if outputs.fluent is not None:
-        shape = to_fluent(model, p, **reach, **particles)
+        shape = lazy.to_fluent(model, p, **reach, **particles)
         numbers = {"exponent": shape.exponent, "factor": shape.factor, "misfit": shape.misfit}
         numbers["misfit_over_speeds"] = shape.losses.worst
         line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.factor:.6g} x density"
         parts["fluent"] = _Part(outputs.fluent, shape.text(), line, numbers, shape.warnings)
     if outputs.table is not None:
-        volumes = volume_table(model, p, **axes, **particles)
+        volumes = lazy.volume_table(model, p, **axes, **particles)
         parts["table"] = _table(outputs.table, volumes, "V")
     if outputs.restitution is not None:
-        rebounds = restitution(model, p, alpha=axes["alpha"], v0=axes["v0"])
+        rebounds = lazy.restitution(model, p, alpha=axes["alpha"], v0=axes["v0"])
         lost = int(rebounds.e_n.isnull().sum())
         if lost == rebounds.e_n.size:
             raise RuntimeError(f"of {lost:,} impacts none has a rebound: nothing is cut, or they fail.")
@@ -153,23 +148,20 @@ def _parts(
 
 
 def _table(path: Path, dataset: "xr.Dataset", content: str, warnings: Sequence[str] = ()) -> _Part:
-    from erosion.cfd.exports import to_csv
 
     sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
     line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
-    return _Part(path, to_csv(dataset), line, sizes, warnings)
+    return _Part(path, lazy.to_csv(dataset), line, sizes, warnings)
 
 
-def _axes(texts: dict[str, str | None], p: "Parameters") -> dict[str, Any]:
+def _axes(texts: dict[str, str | None], p: "lazy.Parameters") -> dict[str, Any]:
     """The values of --angles, --speeds and --diameters, None where they are not given."""
-    from erosion.parameters.quantities import read_axis
-
     axes: dict[str, Any] = dict.fromkeys(texts)
     for name, text in texts.items():
         if text is None:
             continue
         with reading(f"Option `--{_OWN_NAMES[name]}`"):
-            axes[name] = read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
+            axes[name] = lazy.read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
     return axes
 
 

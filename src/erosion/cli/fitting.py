@@ -6,10 +6,11 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.laws import LawOptions, require_same_model
 from erosion.cli.lists import LISTED, chosen_models, refuse_same
@@ -27,16 +28,6 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, weighing
 from erosion.parameters.units import has_control_characters, shown
-
-if TYPE_CHECKING:
-    from erosion.advice.result import Uncertain
-    from erosion.arguments import Progress
-    from erosion.fits import Calibration, Measurements, Ranking
-    from erosion.fits.posterior_files import Draws
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.units import Dimension, System
-
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -56,11 +47,9 @@ class FitOptions(PerMassOptions):
     )
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 
-    def names(self, measured: "Measurements") -> Sequence[str]:
+    def names(self, measured: "lazy.Measurements") -> Sequence[str]:
         """All that is fitted: the free parameters, and a scale where the data has one of its own."""
-        from erosion.fits.forward import SCALE
-
-        return (*self.free, SCALE) if measured.free_scale else self.free
+        return (*self.free, lazy.SCALE) if measured.free_scale else self.free
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +69,7 @@ class Fit:
     data: Path
     ignore: Sequence[str]
     options: CaseOptions
-    p: "Parameters"
+    p: "lazy.Parameters"
     fit: FitOptions
     names: list[str]
     own: Settings
@@ -90,7 +79,7 @@ class Fit:
         """What is read."""
         return self.data, self.options.case, *self.names
 
-    def models(self) -> "list[CuttingModel]":
+    def models(self) -> "list[lazy.CuttingModel]":
         """The models, all of them different and of the target's metal."""
         if len(self.names) == 1:
             models = [load_set(self.names[0], self.own, self.options, self.p.units)]
@@ -101,14 +90,11 @@ class Fit:
             weighing(model, self.fit, self.options)  # refuses the density of another metal than a correlation's
         return models
 
-    def measured(self, output: Output) -> "Measurements":
+    def measured(self, output: Output) -> "lazy.Measurements":
         """The measurements; columns that are not used are a warning."""
-        from erosion.fits import read_measurements
-        from erosion.parameters.headings import unused_note
-
-        measured = read_measurements(self.data, self.p.units, ignore=self.ignore)
+        measured = lazy.read_measurements(self.data, self.p.units, ignore=self.ignore)
         if measured.unused:
-            output.warn(f"{self.data}: {unused_note(measured.unused)}.")
+            output.warn(f"{self.data}: {lazy.unused_note(measured.unused)}.")
         return measured
 
     @property
@@ -117,31 +103,31 @@ class Fit:
         return {"density": self.fit.density, "cutting_fraction": self.fit.cutting_fraction}
 
     def ranking(
-        self, measured: "Measurements", models: "Sequence[CuttingModel]", progress: "Progress", **options: Any
-    ) -> "Ranking":
+        self,
+        measured: "lazy.Measurements",
+        models: "Sequence[lazy.CuttingModel]",
+        progress: "lazy.Progress",
+        **options: Any,
+    ) -> "lazy.Ranking":
         """The fits of the models; `options` are those of `rank_models`."""
-        from erosion.fits import rank_models
-
         starts = 32 if self.fit.starts is None else self.fit.starts
-        return rank_models(
+        return lazy.rank_models(
             self.p, measured, self.fit.free, models=models, progress=progress, starts=starts, **self.per_mass, **options
         )
 
-    def next_steps(self, ranking: "Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
+    def next_steps(self, ranking: "lazy.Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
         """The commands for the best angle, the advice and CFD codes, by the files that are written."""
-        from erosion.fits.export import command
-
         uncertain = [] if draws is None else ["--uncertain", str(draws)]
         if case_file is not None:
             path = str(case_file)
             return [
-                f"the best angle of this fit: {command('optimum', path)}",
-                f"a nozzle's angle by this fit: {command('advise', path, *uncertain)}",
-                f"for CFD codes: {command('export', path, '--fluent', 'angles.csv')}",
+                f"the best angle of this fit: {lazy.command('optimum', path)}",
+                f"a nozzle's angle by this fit: {lazy.command('advise', path, *uncertain)}",
+                f"for CFD codes: {lazy.command('export', path, '--fluent', 'angles.csv')}",
             ]
         if draws is not None:
             words = self.options.words(ranking.best.names)
-            return [f"a nozzle's angle by this fit: {command('advise', *words, *uncertain)}"]
+            return [f"a nozzle's angle by this fit: {lazy.command('advise', *words, *uncertain)}"]
         return ["a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml"]
 
 
@@ -164,11 +150,9 @@ def given_fit(
         ignore: the options --ignore.
     """
     if case.case is None and case.units is None:
-        from erosion.fits.measurements import unit_system
-
         if data.is_fifo():
             raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
-        case = dataclasses.replace(case, units=unit_system(data, ignore or ()))
+        case = dataclasses.replace(case, units=lazy.unit_system(data, ignore or ()))
     case.refuse_angle("the angles are those of the data")
     p, fit = case.parameters(), fit or FitOptions()
     per_mass = fit.per_mass(case)
@@ -183,17 +167,13 @@ def given_fit(
     return Fit(data, ignore or (), case, p, fit, names, of_model)
 
 
-def dimension_of(name: str, models: Sequence[Any], units: "System") -> "Dimension":
+def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "lazy.Dimension":
     """What a parameter is measured in: of an impact, of one of the models (names or models), or a factor."""
-    from erosion.models import load_model
-    from erosion.models.own_parameters import own_parameters
-    from erosion.parameters.quantities import QUANTITIES
-
-    if name in QUANTITIES:
-        return QUANTITIES[name].dimension
+    if name in lazy.QUANTITIES:
+        return lazy.QUANTITIES[name].dimension
     for model in models:
         with user_errors():
-            own = own_parameters(load_model(model))
+            own = lazy.own_parameters(lazy.load_model(model))
         if name in own:
             return own[name].quantity.dimension
     return "1"
@@ -205,23 +185,20 @@ WriteCaseOption = Annotated[
 ]
 
 
-def write_case(path: Path, ranking: "Ranking", options: CaseOptions) -> None:
+def write_case(path: Path, ranking: "lazy.Ranking", options: CaseOptions) -> None:
     """Write the best fit as a case file."""
-    from erosion.fits import CalibrationError, to_case
-    from erosion.output.files import write_whole
-
-    with user_errors(CalibrationError):
-        text = to_case(ranking.best, str(path), **options.names(), warnings=ranking.warnings_of_best)
-        write_whole(path, text.encode())
+    with user_errors(lazy.CalibrationError):
+        text = lazy.to_case(ranking.best, str(path), **options.names(), warnings=ranking.warnings_of_best)
+        lazy.write_whole(path, text.encode())
 
 
-def ranks_several(ranking: "Ranking") -> bool:
+def ranks_several(ranking: "lazy.Ranking") -> bool:
     """Whether there are several models, some of which may have failed."""
     return len(ranking.fits) + len(ranking.failures) > 1
 
 
 def print_document(
-    output: Output, ranking: "Ranking", level: float, more: Mapping[str, Any], units: Mapping[str, str]
+    output: Output, ranking: "lazy.Ranking", level: float, more: Mapping[str, Any], units: Mapping[str, str]
 ) -> None:
     """The best fit and the ranking of several models as JSON.
 
@@ -232,11 +209,9 @@ def print_document(
         more: what the verb has found beside.
         units: of numbers in `more`.
     """
-    from erosion.models.own_parameters import quantities
-
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     of_fits = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
-               for name, quantity in quantities(fit.model).items()}  # fmt: skip
+               for name, quantity in lazy.quantities(fit.model).items()}  # fmt: skip
     of_fits |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
     content = _fit_as_json(ranking.best, level)
     if ranks_several(ranking):
@@ -247,7 +222,7 @@ def print_document(
     output.document({**content, **more}, {name: fit.model for name, fit in fits.items()}, {**of_fits, **units})
 
 
-def _fit_as_json(fit: "Calibration", level: float) -> dict[str, Any]:
+def _fit_as_json(fit: "lazy.Calibration", level: float) -> dict[str, Any]:
     return {name: value for name, value in as_json(fit.to_dict(level)).items() if name != "model"}
 
 
@@ -301,22 +276,19 @@ class GivenFit:
         """The files that are read."""
         return self._laws.files
 
-    def models(self, names: Sequence[str] | None, p: "Parameters") -> "dict[str, CuttingModel]":
+    def models(self, names: Sequence[str] | None, p: "lazy.Parameters") -> "dict[str, lazy.CuttingModel]":
         """The models by name: those of --model, of the case file, of the draws, or the usual ones."""
-        from erosion.advice.advise import MODELS
-
-        chosen = list(names or self._model_of_file or self._model_of_draws() or MODELS)
+        chosen = list(names or self._model_of_file or self._model_of_draws() or lazy.MODELS)
         own = settings(self.options.own, self.section, f"{self.case.case}: `set` of [advise]")
         if own and len(chosen) > 1:
             raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
-        from erosion.models import called
 
         loaded = {name: load_set(name, own, self.case, p.units) for name in chosen}
-        return {called(name, model): model for name, model in loaded.items()}
+        return {lazy.called(name, model): model for name, model in loaded.items()}
 
     def uncertain(
-        self, models: "Mapping[str, CuttingModel]", p: "Parameters", *, has_fraction: bool
-    ) -> "tuple[Uncertain | None, list[Draws]]":
+        self, models: "Mapping[str, lazy.CuttingModel]", p: "lazy.Parameters", *, has_fraction: bool
+    ) -> "tuple[lazy.Uncertain | None, list[lazy.Draws]]":
         """The laws, or None where there are none, and the posteriors' files that were read.
 
         Args:
@@ -324,8 +296,6 @@ class GivenFit:
             p: the case.
             has_fraction: whether --cutting-fraction is given.
         """
-        from erosion.advice.result import Uncertain
-
         given = self._laws
         _, laws, draws = given.read(next(iter(models.values())), p.units, {})
         for model in models.values():
@@ -333,20 +303,18 @@ class GivenFit:
         if not laws:
             return None, draws
         in_options = self.options.uncertain is not None
-        uncertain = Uncertain(laws, "" if in_options else str(self.case.case))
+        uncertain = lazy.Uncertain(laws, "" if in_options else str(self.case.case))
         with user_errors():
             uncertain.require_of_metal(models, given.uncertain[0])
         self._refuse_options_beside(uncertain, has_fraction=has_fraction)
         return uncertain, draws
 
-    def _refuse_options_beside(self, uncertain: "Uncertain", *, has_fraction: bool) -> None:
+    def _refuse_options_beside(self, uncertain: "lazy.Uncertain", *, has_fraction: bool) -> None:
         """An `InputError` for an option that sets what has a law: one of the two would be left aside."""
-        from erosion.fits.forward import FRACTION
-
         options = {name: name for name in self.case.given()}
         options |= {text.partition("=")[0].strip(): "set" for text in self.options.own or ()}
         if has_fraction:
-            options[FRACTION] = "cutting-fraction"
+            options[lazy.FRACTION] = "cutting-fraction"
         if self.options.uncertain is None and self.case.target is not None:
             options["sigma"] = "target"
         for name, option in options.items():
@@ -373,11 +341,9 @@ class GivenFit:
         return None if name is None else [name]
 
     def _model_of_draws(self) -> list[str] | None:
-        from erosion.fits.posterior_files import model_of_draws
-
         paths = [path for path in self.files if path.endswith(".nc")]
         with user_errors():
-            return [model_of_draws(path) for path in paths[:1]] or None
+            return [lazy.model_of_draws(path) for path in paths[:1]] or None
 
     @property
     def _laws(self) -> Any:

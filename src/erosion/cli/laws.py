@@ -4,20 +4,15 @@ import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import LAWS, CaseOptions, read_settings, settings, with_model_of_case
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import shown
-
-if TYPE_CHECKING:
-    from erosion.fits.posterior_files import Draws
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.units import Dimension, System
 
 LAW_FIELDS = ("rows", "uncertain", "correlation")
 """The fields of a verb's table in a case file that `LawOptions` reads."""
@@ -88,8 +83,8 @@ class GivenLaws:
         return of_rows + [text for text in self.uncertain[1] if _is_file(text)]
 
     def read(
-        self, model: "CuttingModel", units: "System", laws: Mapping[str, Any]
-    ) -> "tuple[dict[str, Any], dict[str, Any], list[Draws]]":
+        self, model: "lazy.CuttingModel", units: "lazy.System", laws: Mapping[str, Any]
+    ) -> "tuple[dict[str, Any], dict[str, Any], list[lazy.Draws]]":
         """All laws.
 
         Args:
@@ -106,37 +101,29 @@ class GivenLaws:
         _require_possible(uncertain, model, self.uncertain[0])
         return varied, uncertain, draws
 
-    def _of_rows(self, model: "CuttingModel", units: "System", laws: Mapping[str, Any]) -> dict[str, Any]:
+    def _of_rows(self, model: "lazy.CuttingModel", units: "lazy.System", laws: Mapping[str, Any]) -> dict[str, Any]:
         """The laws of a table's columns."""
-        from erosion.joint_laws import read_rows
-        from erosion.models.own_parameters import quantities
-
         where, path = self.rows
         if path is None:
             return {}
         with reading(where):
-            rows = read_rows(path, quantities(model), units)
+            rows = lazy.read_rows(path, lazy.quantities(model), units)
         if both := [name for name in rows if name in laws]:
             raise InputError(f"{where} must give {both[0]} alone, but {both[0]} has another law, too.")
         return dict(rows)
 
-    def _uncertain(self, model: "CuttingModel", units: "System") -> "tuple[dict[str, Any], list[Draws]]":
+    def _uncertain(self, model: "lazy.CuttingModel", units: "lazy.System") -> "tuple[dict[str, Any], list[lazy.Draws]]":
         """The laws of what is uncertain, and the posteriors' files among them."""
-        from erosion.fits.forward import FACTORS
-        from erosion.fits.posterior_files import read_draws
-        from erosion.joint_laws import read_rows
-        from erosion.models.own_parameters import quantities
-
         where, texts = self.uncertain
         laws: dict[str, Any] = {}
-        draws, known = list[Any](), quantities(model)
+        draws, known = list[Any](), lazy.quantities(model)
         for text in texts:
             try:
                 if text.strip().endswith(".nc"):
-                    draws.append(read_draws(text.strip(), known, units))
+                    draws.append(lazy.read_draws(text.strip(), known, units))
                     more = dict(draws[-1].rows)
                 elif _is_file(text):
-                    more = dict(read_rows(text.strip(), {**known, _FRACTION: FACTORS[_FRACTION]}, units))
+                    more = dict(lazy.read_rows(text.strip(), {**known, _FRACTION: lazy.FACTORS[_FRACTION]}, units))
                 else:
                     more = _law(text, known, units)
             except ValueError as error:
@@ -150,8 +137,6 @@ class GivenLaws:
 
     def _tied(self, varied: dict[str, Any], uncertain: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """The same laws, correlated where that is asked for."""
-        from erosion.joint_laws import Correlated
-
         where, texts = self.correlation
         kinds: list[tuple[dict[str, Any], dict[tuple[str, str], float]]] = [(varied, {}), (uncertain, {})]
         for text in texts:
@@ -169,33 +154,29 @@ class GivenLaws:
         for laws, pairs in kinds:
             names = {name: laws[name] for pair in pairs for name in pair}
             try:
-                joint = Correlated(names, pairs) if pairs else {}
+                joint = lazy.joint_laws.Correlated(names, pairs) if pairs else {}
             except ValueError as error:
                 raise InputError(f"{where}{str(error).removeprefix('Argument `correlation`')}") from error
             tied.append({**laws, **joint})
         return tied[0], tied[1]
 
 
-def _require_possible(laws: Mapping[str, Any], model: "CuttingModel", where: str) -> None:
+def _require_possible(laws: Mapping[str, Any], model: "lazy.CuttingModel", where: str) -> None:
     """Refuse laws beyond the range of their parameter, by the name of the option or the field that has them."""
-    from erosion.joint_laws import SHARE, LawSet
-    from erosion.models.own_parameters import ranges
-
     try:
-        LawSet(laws, {**ranges(model), _FRACTION: SHARE})
+        lazy.LawSet(laws, {**lazy.ranges(model), _FRACTION: lazy.SHARE})
     except (TypeError, ValueError) as error:
         clause = re.sub(r"^Argument `(\w+)`", r"\1", str(error))
         raise InputError(f"{where}: {clause}") from error
 
 
-def require_same_model(draws: "Sequence[Draws]", model: "CuttingModel", where: str) -> None:
+def require_same_model(draws: "Sequence[lazy.Draws]", model: "lazy.CuttingModel", where: str) -> None:
     """Refuse draws of another model's parameters, which mean something else."""
-    from erosion.models import model_name
-
     for part in draws:
-        if part.model != model_name(model):
+        if part.model != lazy.model_name(model):
             raise InputError(
-                f"{where}: {part.path} has the parameters of {part.model}, but Option `--model` is {model_name(model)}."
+                f"{where}: {part.path} has the parameters of {part.model}, "
+                f"but Option `--model` is {lazy.model_name(model)}."
             )
 
 
@@ -205,24 +186,20 @@ def _is_file(text: str) -> bool:
 
 def _is_single(law: Any) -> bool:
     """Whether it is a law that is not tied to others."""
-    from erosion.joint_laws import Member
-
-    return law is not None and not isinstance(law, Member)
+    return law is not None and not isinstance(law, lazy.Member)
 
 
-def _law(text: str, known: Mapping[str, Any], units: "System") -> dict[str, Any]:
+def _law(text: str, known: Mapping[str, Any], units: "lazy.System") -> dict[str, Any]:
     """A law such as "k=normal(2, 0.2)"; a ValueError where it is none."""
-    from erosion.distributions import LAWS, read_distribution
-
     name, equals, words = (part.strip() for part in text.partition("="))
     if not (equals and name and words):
         raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {text!r}')
     if name not in known and name != _FRACTION:
         raise ValueError(f"must name one of {', '.join(known)}, but has {name!r}")
     dimension = known[name].dimension if name in known else "1"
-    law = read_distribution(words, name, dimension, units)
+    law = lazy.read_distribution(words, name, dimension, units)
     if law is None:
-        raise ValueError(f"must give {name} a law ({', '.join((*LAWS, 'samples'))}), but gives {words!r}")
+        raise ValueError(f"must give {name} a law ({', '.join((*lazy.LAWS, 'samples'))}), but gives {words!r}")
     return {name: law}
 
 
@@ -251,27 +228,25 @@ class CaseAndLaws:
         inputs: what is read, for `require_outputs`.
     """
 
-    p: "Parameters"
+    p: "lazy.Parameters"
     name: str
-    base: "CuttingModel"
+    base: "lazy.CuttingModel"
     numbers: dict[str, float]
     laws: dict[str, Any]
     given: GivenLaws
     inputs: tuple[Any, ...]
 
     @property
-    def reference(self) -> "str | CuttingModel":
+    def reference(self) -> "str | lazy.CuttingModel":
         """The model without its own parameters, by its name where other processes find it by that."""
-        from erosion.models import Correlated
-
-        return self.base if isinstance(self.base, Correlated) else self.name
+        return self.base if isinstance(self.base, lazy.Correlated) else self.name
 
     @property
-    def model(self) -> "CuttingModel":
+    def model(self) -> "lazy.CuttingModel":
         """With its own parameters."""
         return self.base.replace(**self.numbers)
 
-    def read_laws(self) -> "tuple[dict[str, Any], dict[str, Any], list[Draws]]":
+    def read_laws(self) -> "tuple[dict[str, Any], dict[str, Any], list[lazy.Draws]]":
         """As of `GivenLaws.read`; draws of another model's parameters, which mean something else, are refused."""
         varied, uncertain, draws = self.given.read(self.base, self.p.units, self.laws)
         require_same_model(draws, self.base, self.given.uncertain[0])
@@ -296,8 +271,6 @@ def case_and_laws(
         own: the options --set.
         joint: the options for laws.
     """
-    from erosion.models import called
-
     where = f"{options.case}: field `{{}}` of [{verb}]"
     section = with_model_of_case(section, options, [model] if model else None)
     p = options.parameters(changed=False)
@@ -315,15 +288,13 @@ def case_and_laws(
     base = options.load(name)
     own_numbers, own_laws = _split(read_settings(name, base, own_texts, p.units, _number_or_law))
     inputs = (options.case, name, *given.files, *(text for _, text in {**texts, **own_texts}.values()))
-    return CaseAndLaws(p, called(name, base), base, own_numbers, {**laws, **own_laws}, given, inputs)
+    return CaseAndLaws(p, lazy.called(name, base), base, own_numbers, {**laws, **own_laws}, given, inputs)
 
 
-def _number_or_law(name: str, text: Any, dimension: "Dimension", units: "System") -> Any:
-    from erosion.distributions import read_distribution
-    from erosion.parameters.units import read_quantity
+def _number_or_law(name: str, text: Any, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
 
-    law = read_distribution(str(text), name, dimension, units)
-    return read_quantity(str(text), dimension, units) if law is None else law
+    law = lazy.read_distribution(str(text), name, dimension, units)
+    return lazy.read_quantity(str(text), dimension, units) if law is None else law
 
 
 def _split(values: dict[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:

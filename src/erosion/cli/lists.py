@@ -2,19 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.options import MODEL, JsonOption
 from erosion.cli.output import Output, print_table
 from erosion.output.files import is_file
-
-if TYPE_CHECKING:
-    from erosion.models.base import CuttingModel
-    from erosion.models.registry import ModelInfo
-    from erosion.parameters.materials import Particle, Target
 
 
 def read_list(text: str) -> list[str]:
@@ -53,29 +49,25 @@ ModelsOption = Annotated[
 
 def chosen_models(names: Sequence[str] | Any) -> Any:
     """The models that are named, where "all" stands for every usable one."""
-    from erosion.models import usable_models
-
     if not isinstance(names, list) or "all" not in names:
         return names
     others = [name for name in names if name != "all"]
-    return list(dict.fromkeys((*usable_models(), *others)))
+    return list(dict.fromkeys((*lazy.usable_models(), *others)))
 
 
-def refuse_same(models: "Mapping[str, CuttingModel]") -> None:
+def refuse_same(models: "Mapping[str, lazy.CuttingModel]") -> None:
     """Refuse two names of one model, as "dnv" and "dnv:carbon-steel" are for a target of steel.
 
     Args:
         models: by the names that are given; correlations are made for the target.
     """
-    from erosion.models import called
-
     first: dict[str, str] = {}
     for name, model in models.items():
-        other = first.setdefault(called(name, model), name)
+        other = first.setdefault(lazy.called(name, model), name)
         if other != name:
             raise InputError(
                 f"Option `--model` must name different models, but `{other}` and `{name}` are the same here: "
-                f"{called(name, model)}."
+                f"{lazy.called(name, model)}."
             )
 
 
@@ -92,13 +84,11 @@ def materials(
     json: JsonOption = False,
 ) -> None:
     """List the particles and targets that have a name, with sources."""
-    from erosion.parameters.materials import known_particles, known_targets, particle, target
-
     before = "" if file is None else f"{file}: "
     with user_errors():
         # Any size will do: it is not shown.
-        particles = [particle(f"{before}{name} 1 mm") for name in known_particles(file)]
-        targets = [target(f"{before}{name}") for name in known_targets(file)]
+        particles = [lazy.particle(f"{before}{name} 1 mm") for name in lazy.known_particles(file)]
+        targets = [lazy.target(f"{before}{name}") for name in lazy.known_targets(file)]
     if json:
         described = {
             "particles": [_particle(item) for item in particles],
@@ -116,7 +106,7 @@ def materials(
 _TARGET = ("target", "density [kg/m³]", "flow stress [MPa]", "by", "source")
 
 
-def _row(item: "Target") -> tuple[str, ...]:
+def _row(item: "lazy.Target") -> tuple[str, ...]:
     density = "" if item.density is None else _span(item.density, item.density_range)
     low, high = item.flow_stress_range
     stress = _span(item.flow_stress / 1e6, (low / 1e6, high / 1e6))
@@ -129,12 +119,12 @@ def _span(value: float, ends: tuple[float, float] | None) -> str:
     return f"{value:.4g}" if low == high else f"{value:.4g} ({low:.4g} to {high:.4g})"
 
 
-def _particle(item: "Particle") -> dict[str, Any]:
+def _particle(item: "lazy.Particle") -> dict[str, Any]:
     return {"name": item.name, **_quantity("density", item.density, "kg/m^3", item.density_range),
             "hardness": item.hardness, "shape": item.shape, "source": item.source}  # fmt: skip
 
 
-def _target(item: "Target") -> dict[str, Any]:
+def _target(item: "lazy.Target") -> dict[str, Any]:
     return {"name": item.name, **_quantity("density", item.density, "kg/m^3", item.density_range),
             **_quantity("flow_stress", item.flow_stress, "Pa", item.flow_stress_range),
             "vickers": item.vickers, "psi": item.psi, "correlations": list(item.correlations),
@@ -159,10 +149,8 @@ def models(
     then 1. Correlations, which stand below the table, may be named wherever a
     model may.
     """
-    from erosion.models import available_models
-
     with user_errors():
-        catalogue = available_models(path)
+        catalogue = lazy.available_models(path)
     if json:
         keys = ("summary", "equations", "error")
         described = {
@@ -177,10 +165,8 @@ def models(
         raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")
 
 
-def _print_table(catalogue: "Mapping[str, ModelInfo]") -> None:
+def _print_table(catalogue: "Mapping[str, lazy.ModelInfo]") -> None:
     from rich.text import Text
-
-    from erosion.correlations import CORRELATIONS
 
     rows: list[tuple[str, Text]] = []
     for name, info in catalogue.items():
@@ -190,17 +176,15 @@ def _print_table(catalogue: "Mapping[str, ModelInfo]") -> None:
             meaning = f"  {parameter['symbol']}, {parameter['meaning']}" if parameter["symbol"] != own else ""
             rows.append(("", Text.assemble(f"{own} = {parameter['value']:g}", (meaning, "dim"))))
     correlations = (
-        f"Correlations of engineers can take the place of a model: {', '.join(CORRELATIONS)}. "
+        f"Correlations of engineers can take the place of a model: {', '.join(lazy.CORRELATIONS)}. "
         'Some have a table of targets: "dnv:duplex".'
     )
     print_table("", rows, ("model", "what it says, and the source's equations"), (), [correlations])
 
 
-def _own(info: "ModelInfo") -> dict[str, dict[str, Any]]:
+def _own(info: "lazy.ModelInfo") -> dict[str, dict[str, Any]]:
     """Value and names of a model's own parameters; none of a model that cannot be used."""
-    from erosion.models.own_parameters import own_parameters
-
-    own = {} if info.error else own_parameters(info.make())
+    own = {} if info.error else lazy.own_parameters(info.make())
     return {
         name: {
             "value": float(parameter.value),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
@@ -37,15 +38,6 @@ from erosion.cli.sweep import dask_cluster
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from erosion.cfd.erosion_map import MapJob
-    from erosion.cfd.map_result import MapOptions
-    from erosion.cfd.rows import Impacts
-    from erosion.cfd.surface import Surface
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.per_mass import PerMass
-    from erosion.parameters.units import Dimension
 
 
 @Parameter(name="*", group=SURFACE)
@@ -88,7 +80,7 @@ class _Rows:
         None
     )
 
-    def table(self, impacts: Path, of_mesh: Path | None, p: "Parameters", named: float | None) -> "Impacts":
+    def table(self, impacts: Path, of_mesh: Path | None, p: "lazy.Parameters", named: float | None) -> "lazy.Impacts":
         """The table of impacts.
 
         Args:
@@ -97,30 +89,27 @@ class _Rows:
             p: the case.
             named: density of the particle that is named [kg/m³], for a table that does not have it.
         """
-        from erosion.cfd.impact_tables import FLUENT_SUFFIXES, NamedImpacts, gives_density
-        from erosion.cfd.read import read_impacts
-
         density = density_option("particle-density", self.particle_density)
         duration, ignore = self.number("duration", "time", p), self.ignore or ()
-        has_own = impacts.is_file() and gives_density(impacts, ignore)
+        has_own = impacts.is_file() and lazy.gives_density(impacts, ignore)
         # Samples of Fluent hold masses, and take no density.
-        if density is None and not (has_own or impacts.name.removesuffix(".gz").endswith(FLUENT_SUFFIXES)):
+        if density is None and not (has_own or impacts.name.removesuffix(".gz").endswith(lazy.FLUENT_SUFFIXES)):
             density = named
-        table = read_impacts(impacts, case=of_mesh, particle_density=density, duration=duration, ignore=ignore)
-        if isinstance(table, NamedImpacts) and has_own:
+        table = lazy.read_impacts(impacts, case=of_mesh, particle_density=density, duration=duration, ignore=ignore)
+        if isinstance(table, lazy.NamedImpacts) and has_own:
             table.expected = named
         return table
 
     def options(
         self,
-        p: "Parameters",
+        p: "lazy.Parameters",
         laws: dict[str, Any],
         uncertain: dict[str, Any],
         share: float,
-        per_mass: "PerMass",
+        per_mass: "lazy.PerMass",
         *,
         has_spin: bool,
-    ) -> "MapOptions":
+    ) -> "lazy.MapOptions":
         """The same as numbers in the units of the case.
 
         Args:
@@ -135,13 +124,10 @@ class _Rows:
         Raises:
             InputError: one sentence naming the option.
         """
-        from erosion.cfd.bodies import Bodies
-        from erosion.cfd.map_result import MapOptions
-
         with user_errors(TypeError):
             spin = "case" if has_spin and "phidot0" not in {**laws, **uncertain} else None
-            return MapOptions(
-                bodies=Bodies(
+            return lazy.MapOptions(
+                bodies=lazy.Bodies(
                     p,
                     self.scaling,
                     self.number("diameter", "length", p),
@@ -157,7 +143,7 @@ class _Rows:
                 limit=self.number("limit", "length", p),
             )
 
-    def number(self, name: str, dimension: "Dimension", p: "Parameters") -> float | None:
+    def number(self, name: str, dimension: "lazy.Dimension", p: "lazy.Parameters") -> float | None:
         """The number of an option, in the units of the case."""
         return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
 
@@ -198,36 +184,31 @@ class _Picture:
         """Know before computing that it can be drawn."""
         if self.plot is None:
             return
-        from erosion.cfd.map_result import FACES
-        from erosion.plotting.maps import require_renderer, require_view
 
         if not has_surface:
             raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
-        if self.quantity not in FACES:
-            raise InputError(f"Option `--quantity` must be one of {', '.join(FACES)}, but is {self.quantity!r}.")
+        if self.quantity not in lazy.FACES:
+            raise InputError(f"Option `--quantity` must be one of {', '.join(lazy.FACES)}, but is {self.quantity!r}.")
         with user_errors():
-            require_view(self.direction, self.zoom)
-        require_renderer()
+            lazy.require_view(self.direction, self.zoom)
+        lazy.require_renderer()
 
-    def check_surface(self, surface: "Surface | None") -> None:
+    def check_surface(self, surface: "lazy.Surface | None") -> None:
         """Know before computing that something can be seen."""
         if self.plot is None or surface is None:
             return
-        from erosion.plotting.maps import require_view
 
         with user_errors():
-            require_view(self.direction, self.zoom, surface.normal)
+            lazy.require_view(self.direction, self.zoom, surface.normal)
 
     def draw(self, dataset: "xr.Dataset") -> None:
         """Draw the map into its file, if there is one."""
         if self.plot is None:
             return
-        from erosion.plotting.maps import plot_map
-        from erosion.plotting.style import save_plot
 
         with user_errors():
-            picture = plot_map(dataset, self.quantity, view=self.direction, zoom=self.zoom, log=self.log)
-            save_plot(picture, self.plot)
+            picture = lazy.plot_map(dataset, self.quantity, view=self.direction, zoom=self.zoom, log=self.log)
+            lazy.save_plot(picture, self.plot)
 
 
 def map_(
@@ -265,13 +246,10 @@ def map_(
     sand = case_and_laws(options, "map", section, model, own, joint)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
-        from erosion.cfd.map_result import require_map_path
-
         with user_errors():
-            require_map_path(output, has_surface=target.surface is not None)
+            lazy.require_map_path(output, has_surface=target.surface is not None)
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
     start_engine()
-    from erosion.joint_laws import columns_apart, unused_columns
 
     varied, uncertain, draws = sand.read_laws()
     abrasive = abrasive or PerMassOptions()
@@ -286,13 +264,11 @@ def map_(
         picture.check_surface(job.surface)
         dataset = _computed(job)
     if output is not None:
-        from erosion.cfd.map_result import write_map
-
         with user_errors():
-            write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
+            lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
     printed = Output("map", sand.p, options.case, json=json, seed=made.bodies.seed_used)
-    printed.warn_all([unused_columns({**varied, **uncertain}), columns_apart(varied)])
+    printed.warn_all([lazy.unused_columns({**varied, **uncertain}), lazy.columns_apart(varied)])
     printed.warn_all(part.doubts(sand.model, sand.p, per_mass.cutting_fraction) for part in draws)
     _show(dataset, job, printed, sand.name)
     if not json:
@@ -321,43 +297,38 @@ def _job(
     target: _Surface,
     rows: _Rows,
     named_density: float | None,
-    options: "MapOptions",
-    model: "tuple[str | CuttingModel, dict[str, float]]",
-) -> "MapJob":
+    options: "lazy.MapOptions",
+    model: "tuple[str | lazy.CuttingModel, dict[str, float]]",
+) -> "lazy.MapJob":
     """Open the table and the surface, and check the map."""
-    from erosion.cfd.erosion_map import prepare_map
-    from erosion.cfd.read import read_surface
-
     name, p = target.surface, options.bodies.p
     for option in ("patch", "surface_unit", "reverse"):
         if name is None and getattr(target, option):
             raise InputError(f"Option `--{option.replace('_', '-')}` needs `--surface`, of which it is.")
     with user_errors(TypeError), working("reading"):
         surface = (
-            None if name is None else read_surface(name, target.patch, unit=target.surface_unit, reverse=target.reverse)
+            None
+            if name is None
+            else lazy.read_surface(name, target.patch, unit=target.surface_unit, reverse=target.reverse)
         )
         case = name if name is not None and name.is_dir() else None
         table = rows.table(impacts, case, p, named_density)
-        return prepare_map(model[0], table, surface, options, model[1])
+        return lazy.prepare_map(model[0], table, surface, options, model[1])
 
 
-def _computed(job: "MapJob") -> "xr.Dataset":
+def _computed(job: "lazy.MapJob") -> "xr.Dataset":
     """The map; what is wrong with the table, which is read meanwhile, is bad input."""
-    from erosion.cfd.rows import ImpactsError
-
     with progress_bar("map") as progress:
         try:
             return job.run(progress)
-        except ImpactsError:
+        except lazy.ImpactsError:
             with user_errors():
                 raise
 
 
-def _show(dataset: "xr.Dataset", job: "MapJob", output: Output, model: str) -> None:
+def _show(dataset: "xr.Dataset", job: "lazy.MapJob", output: Output, model: str) -> None:
     """Print the totals; sentences on what is left out are warnings."""
-    from erosion.cfd.map_result import MapSummary
-
-    summary = MapSummary(dataset)
+    summary = lazy.MapSummary(dataset)
     for sentence in summary.warnings:
         output.warn(as_options(sentence))
     if output.json:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, overload
 
 from cyclopts import Group, Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import example
@@ -18,12 +19,6 @@ from erosion.parameters.units import example
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
     from rich.console import Console, ConsoleOptions
-
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.case_files import CaseFile
-    from erosion.parameters.materials import Particle, Target
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.units import Dimension, System
 
 
 def _in_short(without: Collection[str]) -> str:
@@ -115,12 +110,10 @@ class CaseOptions:
     ] = None
 
     @functools.cached_property
-    def file(self) -> "CaseFile | None":
+    def file(self) -> "lazy.CaseFile | None":
         """The case file, read once for all that a verb wants of it."""
-        from erosion.parameters.case_files import CaseFile
-
         with user_errors():
-            return None if self.case is None else CaseFile.read(self.case)
+            return None if self.case is None else lazy.CaseFile.read(self.case)
 
     def given(self) -> dict[str, str]:
         """By parameter, the text of its option, where there is one."""
@@ -135,7 +128,7 @@ class CaseOptions:
             words += [] if text is None or name in without else [f"--{name}", text]
         return words
 
-    def parameters(self, *, changed: bool = True) -> "Parameters":
+    def parameters(self, *, changed: bool = True) -> "lazy.Parameters":
         """The case, validated; `Output` says where its size does not fit its mass.
 
         Args:
@@ -144,11 +137,9 @@ class CaseOptions:
         Raises:
             InputError: one sentence naming the file or the option.
         """
-        from erosion.parameters.parameters import TABLE_1, SizeWarning, validate
-
         with user_errors(), warnings.catch_warnings():
-            warnings.simplefilter("ignore", SizeWarning)
-            p = TABLE_1 if self.file is None else self.file.parameters()
+            warnings.simplefilter("ignore", lazy.SizeWarning)
+            p = lazy.TABLE_1 if self.file is None else self.file.parameters()
             # Who names a particle and its size in mm means m/s by a bare 100; a case file says its own units.
             in_si = self.units is None and self.case is None and self.particle is not None
             units = "si" if in_si else self.units
@@ -162,10 +153,10 @@ class CaseOptions:
         changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units) for name, text in given.items()}
         with user_errors():
             p = dataclasses.replace(p, **changes)
-            validate(p)
+            lazy.validate(p)
         return p
 
-    def _replaced(self, p: "Parameters", named: "Parameters", option: str) -> "Parameters":
+    def _replaced(self, p: "lazy.Parameters", named: "lazy.Parameters", option: str) -> "lazy.Parameters":
         """The case of a name, with a warning of what the case file states otherwise, a fitted ψ for example."""
         from erosion.cli.output import warn
 
@@ -179,15 +170,13 @@ class CaseOptions:
                 warn(f"--{option} takes the place of {', '.join(names)} in {self.case}; without --{option} they stay.")
         return named
 
-    def materials(self) -> "tuple[Particle | None, Target | None]":
+    def materials(self) -> "tuple[lazy.Particle | None, lazy.Target | None]":
         """The particle and the target, where an option or the case file names them; options win."""
-        from erosion.parameters.materials import particle, target
-
         with user_errors():
             grit, metal = (None, None) if self.file is None else self.file.materials()
             return (
-                grit if self.particle is None else particle(self.particle),
-                metal if self.target is None else target(self.target),
+                grit if self.particle is None else lazy.particle(self.particle),
+                metal if self.target is None else lazy.target(self.target),
             )
 
     def model(self) -> tuple[str | None, dict[str, Any]]:
@@ -200,34 +189,28 @@ class CaseOptions:
             self._require_own_units("field `set`")
         return name, own
 
-    def load(self, name: str) -> "CuttingModel":
+    def load(self, name: str) -> "lazy.CuttingModel":
         """The model by name or path; of a correlation the one that is made for the target and the particle named.
 
         Raises:
             InputError: one sentence, also for a correlation that is not made for the target.
         """
-        from erosion.models import load_model, made_for
-
         grit, metal = self.materials()
         with user_errors():
-            return made_for(load_model(name), metal, grit)
+            return lazy.made_for(lazy.load_model(name), metal, grit)
 
-    def reference(self, name: str) -> "str | CuttingModel":
+    def reference(self, name: str) -> "str | lazy.CuttingModel":
         """The same; a model that no target changes by its name, by which other processes find it."""
-        from erosion.models import Correlated
-
         model = self.load(name)
-        return model if isinstance(model, Correlated) else name
+        return model if isinstance(model, lazy.Correlated) else name
 
     def _require_own_units(self, what: str) -> None:
         """An `InputError` where --units is not that of the file, whose bare numbers would be read in it."""
-        from erosion.parameters.units import check_system
-
         if self.file is None or self.units is None:
             return
         with user_errors():
             units = self.file.parameters().units
-            if check_system(self.units) != units:
+            if lazy.check_system(self.units) != units:
                 raise InputError(
                     f"Option `--units` cannot convert the {what} of {self.case}, which is in {units}: leave "
                     "one of them out."
@@ -324,15 +307,13 @@ WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: rea
 
 
 @overload
-def read_option(name: str, text: str, dimension: "Dimension", units: "System") -> float: ...
+def read_option(name: str, text: str, dimension: "lazy.Dimension", units: "lazy.System") -> float: ...
 @overload
-def read_option(name: str, text: str | None, dimension: "Dimension", units: "System") -> float | None: ...
-def read_option(name: str, text: str | None, dimension: "Dimension", units: "System") -> float | None:
+def read_option(name: str, text: str | None, dimension: "lazy.Dimension", units: "lazy.System") -> float | None: ...
+def read_option(name: str, text: str | None, dimension: "lazy.Dimension", units: "lazy.System") -> float | None:
     """The number of an option in a unit system; None where it is not given."""
-    from erosion.parameters.units import read_quantity
-
     with reading(f"Option `--{name}`"):
-        return None if text is None else read_quantity(text, dimension, units)
+        return None if text is None else lazy.read_quantity(text, dimension, units)
 
 
 SetOption = Annotated[
@@ -361,14 +342,12 @@ def model_and_settings(
 
 
 def named_model(
-    given: str | None, own: Sequence[str] | None, case: CaseOptions, units: "System"
-) -> "tuple[str, CuttingModel]":
+    given: str | None, own: Sequence[str] | None, case: CaseOptions, units: "lazy.System"
+) -> "tuple[str, lazy.CuttingModel]":
     """The name and the model, with its own parameters set; see `model_and_settings`."""
-    from erosion.models import called
-
     name, of_model = model_and_settings(given, own, case)
     model = load_set(name, of_model, case, units)
-    return called(name, model), model
+    return lazy.called(name, model), model
 
 
 def with_model_of_case(section: Mapping[str, Any], case: CaseOptions, given: Sequence[str] | None) -> Mapping[str, Any]:
@@ -421,10 +400,10 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
 
 def read_settings(
     name: str,
-    model: "CuttingModel",
+    model: "lazy.CuttingModel",
     given: Settings,
-    units: "System",
-    read: "Callable[[str, Any, Dimension, System], Any] | None" = None,
+    units: "lazy.System",
+    read: "Callable[[str, Any, lazy.Dimension, lazy.System], Any] | None" = None,
 ) -> dict[str, Any]:
     """The values of settings.
 
@@ -441,17 +420,14 @@ def read_settings(
     """
     import numpy as np
 
-    from erosion.models.own_parameters import own_parameters
-    from erosion.parameters.units import read_quantity
-
-    own, values = own_parameters(model), {}
+    own, values = lazy.own_parameters(model), {}
     for key, (source, text) in given.items():
         if key not in own:
             has = f"has {', '.join(own)}" if own else "has none"
             raise InputError(f"{source} must name an own parameter of {name}, which {has}.")
         with reading(source):
             of = own[key].quantity.dimension, units
-            values[key] = read_quantity(str(text), *of) if read is None else read(key, text, *of)
+            values[key] = lazy.read_quantity(str(text), *of) if read is None else read(key, text, *of)
         if isinstance(values[key], (float, np.ndarray)) and not np.all(np.isfinite(values[key])):
             raise InputError(f"{source} must be finite, but is {text}.")
         if isinstance(values[key], (float, np.ndarray)) and np.any(values[key] < own[key].least):
@@ -459,15 +435,13 @@ def read_settings(
     return values
 
 
-def load_set(name: str, given: Settings, case: CaseOptions, units: "System") -> "CuttingModel":
+def load_set(name: str, given: Settings, case: CaseOptions, units: "lazy.System") -> "lazy.CuttingModel":
     """The model by name or path, see `CaseOptions.load`, with the own parameters that are set."""
     model = case.load(name)
     return model.replace(**read_settings(name, model, given, units))
 
 
-def in_full(name: str, model: "CuttingModel", units: "System") -> str:
+def in_full(name: str, model: "lazy.CuttingModel", units: "lazy.System") -> str:
     """A model's name with its own parameters: "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s)"."""
-    from erosion.models.own_parameters import own_in_words
-
-    own = own_in_words(model, units=units)
+    own = lazy.own_in_words(model, units=units)
     return f"{name} ({own})" if own else name

@@ -8,21 +8,16 @@ import sys
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import silence_matplotlib
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters.quantities import QUANTITIES
 from erosion.version import __version__
-
-if TYPE_CHECKING:
-    from erosion.arguments import Progress
-    from erosion.models.base import CuttingModel
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.per_mass import PerMass
 
 
 def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Sequence[Any] = ()) -> None:
@@ -36,17 +31,14 @@ def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Seq
     Raises:
         InputError: one sentence naming the file.
     """
-    from erosion.output.files import require_writable
-
     with user_errors():
         if plot is not None:
             silence_matplotlib()
-            from erosion.plotting.style import require_plot_path
 
-            require_plot_path(plot)
+            lazy.require_plot_path(plot)
         for path in outputs:
             if path is not None:
-                require_writable(path)
+                lazy.require_writable(path)
     written = [path for path in (plot, *outputs) if path is not None]
     require_apart(written, inputs)
     named = [path.resolve() for path in written]
@@ -88,7 +80,7 @@ class Output:
     def __init__(
         self,
         verb: str,
-        p: "Parameters | None" = None,
+        p: "lazy.Parameters | None" = None,
         case: Path | None = None,
         *,
         json: bool,
@@ -110,7 +102,7 @@ class Output:
             for message in group:
                 self.warn(message)
 
-    def judge(self, per_mass: "PerMass", volume: Any, p: "Parameters") -> None:
+    def judge(self, per_mass: "lazy.PerMass", volume: Any, p: "lazy.Parameters") -> None:
         """A warning where the erosion ratio of these volumes is far from what tests find."""
         if message := per_mass.warning(volume, p):
             self.warn(message)
@@ -118,7 +110,7 @@ class Output:
     def document(
         self,
         result: Mapping[str, Any],
-        models: "Mapping[str, CuttingModel] | None" = None,
+        models: "Mapping[str, lazy.CuttingModel] | None" = None,
         units: Mapping[str, str] | None = None,
         varied: Mapping[str, Any] | None = None,
     ) -> None:
@@ -130,8 +122,6 @@ class Output:
             units: unit by name of the numbers in `result` that have one.
             varied: in words, the distributions or axes of what is not a single number.
         """
-        from erosion.output.tables import to_json
-
         described = [_model(name, model, self.p, varied or {}) for name, model in (models or {}).items()]
         document = {
             "verb": self.verb,
@@ -143,10 +133,10 @@ class Output:
             "result": _with_units(result, units or {}),
             "warnings": self.warnings,
         }
-        print(to_json(document))
+        print(lazy.to_json(document))
 
 
-def _case(p: "Parameters", file: Path | None, varied: Mapping[str, Any]) -> dict[str, Any]:
+def _case(p: "lazy.Parameters", file: Path | None, varied: Mapping[str, Any]) -> dict[str, Any]:
     numbers = {
         name: {"value": float(getattr(p, name)), "unit": quantity.unit(p.units)}
         for name, quantity in QUANTITIES.items()
@@ -157,13 +147,14 @@ def _case(p: "Parameters", file: Path | None, varied: Mapping[str, Any]) -> dict
             "parameters": numbers, "varied": words}  # fmt: skip
 
 
-def _model(name: str, model: "CuttingModel", p: "Parameters | None", varied: Mapping[str, Any]) -> dict[str, Any]:
-    from erosion.models.own_parameters import own_parameters
+def _model(
+    name: str, model: "lazy.CuttingModel", p: "lazy.Parameters | None", varied: Mapping[str, Any]
+) -> dict[str, Any]:
 
     units = "si" if p is None else p.units
     own = {
         key: {"value": parameter.value, "unit": parameter.quantity.unit(units)}
-        for key, parameter in own_parameters(model).items()
+        for key, parameter in lazy.own_parameters(model).items()
         if key not in varied
     }
     return {"name": name, "own_parameters": own}
@@ -199,14 +190,12 @@ def print_table(
     """
     from rich.console import Console
 
-    from erosion.output.tables import HEADINGS, WIDTH, to_lines
-
     console = Console(highlight=False)
     # Where no one says how wide it is, nothing need be shortened.
-    width = console.width if console.is_terminal or "COLUMNS" in os.environ else WIDTH
+    width = console.width if console.is_terminal or "COLUMNS" in os.environ else lazy.WIDTH
     # rich would end the process, with status 1, where the reader of a pipe has gone.
     with console.capture() as captured:
-        for line in to_lines(title, rows, headings or HEADINGS, numbers, width):
+        for line in lazy.to_lines(title, rows, headings or lazy.HEADINGS, numbers, width):
             console.print(line, soft_wrap=True)
         for statement in statements:
             console.print(statement, markup=False, width=width)
@@ -240,46 +229,40 @@ class PerMassOptions:
         Parameter(help="Share of the particles that cut, about 0.5 by Finnie."),
     ] = None
 
-    def per_mass(self, options: CaseOptions, usual_fraction: float = 1.0) -> "PerMass":
+    def per_mass(self, options: CaseOptions, usual_fraction: float = 1.0) -> "lazy.PerMass":
         """With what --target or the case file give where these options give nothing.
 
         Raises:
             InputError: one sentence naming the option or the file.
         """
-        from erosion.parameters.per_mass import PerMass
-
         with user_errors():
             file = options.file
-            of_case = PerMass(cutting_fraction=usual_fraction) if file is None else file.per_mass(usual_fraction)
+            of_case = lazy.PerMass(cutting_fraction=usual_fraction) if file is None else file.per_mass(usual_fraction)
             _, metal = options.materials()
         density = density_option("density", self.density)
         fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         with user_errors():
             if density is None and options.target is None:
                 density = of_case.density
-            return PerMass(density if metal is None else metal.density_beside(density), fraction)
+            return lazy.PerMass(density if metal is None else metal.density_beside(density), fraction)
 
 
 def density_option(name: str, text: str | None) -> float | None:
     """The density of an option [kg/m³]; None where it is not given."""
-    from erosion.parameters.per_mass import read_density
-
     with reading(f"Option `--{name}`"):
-        return None if text is None else read_density(text)
+        return None if text is None else lazy.read_density(text)
 
 
-def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "PerMass":
+def weighing(model: "lazy.CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "lazy.PerMass":
     """How a model's volume becomes erosion per mass of abrasive.
 
     Raises:
         InputError: also for the density of another metal than a correlation's.
     """
-    from erosion.models.correlated import per_mass_of
-
     given = given or PerMassOptions()
     per_mass = given.per_mass(options)
     try:
-        return per_mass_of(model, per_mass)
+        return lazy.per_mass_of(model, per_mass)
     except ValueError as error:
         source = "Option `--density`"
         if given.density is None:
@@ -289,14 +272,14 @@ def weighing(model: "CuttingModel", given: PerMassOptions | None, options: CaseO
         ) from error
 
 
-def _set_beside(model: "CuttingModel", source: str, per_mass: "PerMass", options: CaseOptions) -> InputError | None:
+def _set_beside(
+    model: "lazy.CuttingModel", source: str, per_mass: "lazy.PerMass", options: CaseOptions
+) -> InputError | None:
     """The error where the density was set as an own parameter of a correlation; None where it is the correlation's."""
-    from erosion.models import Correlated
-
-    if not isinstance(model, Correlated):
+    if not isinstance(model, lazy.Correlated):
         return None
     usual = options.load(model.label)
-    if not isinstance(usual, Correlated) or float(model.density) == float(usual.density):
+    if not isinstance(usual, lazy.Correlated) or float(model.density) == float(usual.density):
         return None
     return InputError(
         f"Parameter `density` of {model.label} is set to {float(model.density):g} kg/m³ (`--set`, or `set` in the case "
@@ -308,7 +291,7 @@ _SLOWEST = 10  # per second; a slower rate says less than the time left
 
 
 @contextlib.contextmanager
-def progress_bar(title: str) -> Iterator["Progress"]:
+def progress_bar(title: str) -> Iterator["lazy.Progress"]:
     """Give the `progress` of any verb, shown as a bar; `title` stands there until the first call."""
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption
@@ -38,16 +39,13 @@ def exercise(
     p = options.parameters()
     require_outputs(output, solved, inputs=(options.case,))
     start_engine()
-    from erosion.exercises import AnswerKey
-    from erosion.exercises.notebook import notebook
-    from erosion.output.files import write_whole
 
     name = options.title()
     with user_errors(), working("solving the tasks"):
-        key = AnswerKey(p, lang)
-        texts = {path: notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
+        key = lazy.AnswerKey(p, lang)
+        texts = {path: lazy.notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
         for path, text in texts.items():
-            write_whole(path, text.encode())
+            lazy.write_whole(path, text.encode())
     print(f"{output.resolve()}: {len(key.tasks)} tasks about {name}")
     if solved is not None:
         print(f"{solved.resolve()}: the same with solutions")
@@ -89,10 +87,8 @@ def explore(
     if port is not None and not 0 <= port < 65536:
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
     start_engine()
-    with extra("explorer"):
-        from erosion.explorer.server import free_address, offer, serve
-    with user_errors():
-        serve(offer(p, model or [], materials or [], weights), free_address(host, port), show=browser)
+    with extra("explorer"), user_errors():
+        lazy.serve(lazy.offer(p, model or [], materials or [], weights), lazy.free_address(host, port), show=browser)
 
 
 def report(
@@ -123,15 +119,13 @@ def report(
     p = options.parameters()
     per_mass = (abrasive or PerMassOptions()).per_mass(options)
     start_engine()
-    from erosion.output.language import language
-    from erosion.report.page import PARTS, chosen_questions, require_folder, write_report
 
-    require_apart([output / part for part in PARTS], (options.case,))
+    require_apart([output / part for part in lazy.PARTS], (options.case,))
     with user_errors():
-        chosen_questions(only)
-        language(lang)
-        require_folder(output)
+        lazy.chosen_questions(only)
+        lazy.language(lang)
+        lazy.require_folder(output)
     with progress_bar("report") as progress:
         chosen = {"case_name": options.title(), "only": only, "brief": brief, "lang": lang, "per_mass": per_mass}
-        page = write_report(p, output, **chosen, progress=progress)
+        page = lazy.write_report(p, output, **chosen, progress=progress)
     print(page.resolve())

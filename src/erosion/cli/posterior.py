@@ -4,10 +4,11 @@ import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.fitting import (
     DataFile,
@@ -34,11 +35,6 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
-
-if TYPE_CHECKING:
-    from erosion.arguments import Progress
-    from erosion.fits import Measurements, NextExperiment, PosteriorRanking, Ranking
-    from erosion.parameters.parameters import Parameters
 
 _PRIOR = 'Law before the data, of a parameter or "noise": "psi=uniform(0.01, 0.2)"; repeatable.'
 
@@ -74,20 +70,20 @@ class _Files:
         """Know before computing that all files can be written, and that none of them is read."""
         if self.output is not None and self.output.suffix != ".nc":
             raise InputError(f"Option `--output` must end in .nc, but is {self.output}.")
-        from erosion.plotting.style import require_plot_path
 
         with user_errors():
             for path in self.figures.values():
-                require_plot_path(path)
+                lazy.require_plot_path(path)
         require_outputs(self.output, self.case_file, *self.figures.values(), inputs=inputs)
 
     def write(
-        self, task: Fit, ranking: "Ranking", posteriors: "PosteriorRanking", experiment: "NextExperiment | None"
+        self,
+        task: Fit,
+        ranking: "lazy.Ranking",
+        posteriors: "lazy.PosteriorRanking",
+        experiment: "lazy.NextExperiment | None",
     ) -> None:
         """Write the files."""
-        from erosion.plotting import fits as figures
-        from erosion.plotting.style import save_plot
-
         if self.case_file is not None:
             write_case(self.case_file, ranking, task.options)
         posterior = posteriors.best
@@ -96,7 +92,7 @@ class _Files:
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
                 if name == "plot_next_experiment":
                     result = experiment
-                save_plot(getattr(figures, name)(result), path)
+                lazy.save_plot(getattr(lazy, name)(result), path)
             if self.output is not None:
                 posterior.save(self.output)
 
@@ -142,12 +138,11 @@ def posterior(
     files.require_writable(task.inputs)
     speeds = _speeds(next_speeds or (), task.p)
     start_engine()
-    from erosion.arguments import check_level
 
     models = task.models()
     output = Output("posterior", task.p, task.options.case, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
-        check_level(level)
+        lazy.check_level(level)
         measured = task.measured(output)
         laws = _read_priors(prior or (), task.fit.names(measured), models, measured)
         ranking = task.ranking(measured, models, progress)
@@ -171,7 +166,7 @@ def posterior(
         print("\n".join([*task.next_steps(ranking, files.case_file, files.output), *sentences]))
 
 
-def _print_tables(posteriors: "PosteriorRanking", experiment: "NextExperiment | None", level: float) -> None:
+def _print_tables(posteriors: "lazy.PosteriorRanking", experiment: "lazy.NextExperiment | None", level: float) -> None:
     if len(posteriors.posteriors) > 1:
         print_table(posteriors.title, posteriors.rows(), posteriors.headings, (1, 2))
     print_table(posteriors.best.title, posteriors.best.rows(level))
@@ -180,16 +175,14 @@ def _print_tables(posteriors: "PosteriorRanking", experiment: "NextExperiment | 
 
 
 def _draw(
-    task: Fit, ranking: "Ranking", laws: Mapping[str, Any], progress: "Progress", *, draws: int, seed: int
-) -> "PosteriorRanking":
+    task: Fit, ranking: "lazy.Ranking", laws: Mapping[str, Any], progress: "lazy.Progress", *, draws: int, seed: int
+) -> "lazy.PosteriorRanking":
     """The posteriors of the models that are ranked."""
-    from erosion.fits import ConvergenceWarning, rank_posteriors
-
     free = [name for name in task.fit.free if any(name in ranked.names for ranked in ranking.ranked)]
     with warnings.catch_warnings():
         # The result says it in its own sentences.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        return rank_posteriors(
+        warnings.simplefilter("ignore", lazy.ConvergenceWarning)
+        return lazy.rank_posteriors(
             task.p,
             ranking.best.data,
             free,
@@ -202,38 +195,33 @@ def _draw(
         )
 
 
-def _speeds(texts: Sequence[str], p: "Parameters") -> list[float]:
+def _speeds(texts: Sequence[str], p: "lazy.Parameters") -> list[float]:
     """The speeds that can be tested next, if they are given."""
-    from erosion.parameters.units import read_quantity
-
     with reading("Option `--next-speeds`"):
-        speeds = [read_quantity(text, "speed", p.units) for text in texts]
+        speeds = [lazy.read_quantity(text, "speed", p.units) for text in texts]
     if not all(speed > 0 for speed in speeds):
         raise InputError(f"Option `--next-speeds` must list positive speeds, but is {', '.join(texts)}.")
     return speeds
 
 
-def _experiment(posteriors: "PosteriorRanking", speeds: list[float], p: "Parameters") -> "NextExperiment":
+def _experiment(
+    posteriors: "lazy.PosteriorRanking", speeds: list[float], p: "lazy.Parameters"
+) -> "lazy.NextExperiment":
     """Where one more row tells most, of all models together."""
     import numpy as np
-
-    from erosion.fits.experiments import DEGREES, next_experiment
 
     forward = posteriors.best.likelihood.forward
     if not speeds and "v0" not in forward.of_impact:
         speeds = np.unique(forward.data.conditions.get("v0", float(p.v0))).tolist()
     others = {"v0": np.array(speeds)} if speeds else {}
-    return next_experiment(posteriors, {"alpha": np.deg2rad(DEGREES)[:, None], **others})
+    return lazy.next_experiment(posteriors, {"alpha": np.deg2rad(lazy.DEGREES)[:, None], **others})
 
 
 def _read_priors(
-    texts: Sequence[str], free: Sequence[str], models: Sequence[Any], measured: "Measurements"
+    texts: Sequence[str], free: Sequence[str], models: Sequence[Any], measured: "lazy.Measurements"
 ) -> Mapping[str, Any]:
     """Laws such as "psi=uniform(0.01, 0.2)", by parameter."""
-    from erosion.distributions import LAWS, read_distribution
-    from erosion.fits.tempering import NOISE
-
-    known = (*free, NOISE) if measured.uncertainty is None else free
+    known = (*free, lazy.NOISE) if measured.uncertainty is None else free
     laws: dict[str, Any] = {}
     for text in texts:
         name, _, law = (part.strip() for part in text.partition("="))
@@ -243,11 +231,11 @@ def _read_priors(
             )
         if name in laws:
             raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
-        dimension = measured.dimension if name == NOISE else dimension_of(name, models, measured.units)
+        dimension = measured.dimension if name == lazy.NOISE else dimension_of(name, models, measured.units)
         with reading(f"Option `--prior`, {name},"):
-            read = read_distribution(law, name, dimension, measured.units)
+            read = lazy.read_distribution(law, name, dimension, measured.units)
         if read is None:
-            listed = ", ".join((*LAWS, "samples"))
+            listed = ", ".join((*lazy.LAWS, "samples"))
             raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {law!r}.")
         laws[name] = read
     return laws

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption, read_list
@@ -22,13 +23,6 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, require_outputs, weighing, working
-
-if TYPE_CHECKING:
-    from erosion.impacts.alpha_max import Optimum
-    from erosion.impacts.simulate import Trajectory
-    from erosion.output.tables import Row
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.per_mass import PerMass
 
 
 def run(
@@ -49,16 +43,11 @@ def run(
         name, chosen = named_model(model, own, options, p.units)
         per_mass = weighing(chosen, abrasive, options)
         require_outputs(plot=plot, inputs=(options.case, name))
-        from erosion.impacts.simulate import path
-        from erosion.parameters.per_mass import PER_MASS_UNITS
 
-        trajectory = path(chosen, p)
+        trajectory = lazy.path(chosen, p)
         if plot is not None:
-            from erosion.plotting.motion import plot_trajectory
-            from erosion.plotting.style import save_plot
-
             with user_errors():
-                save_plot(plot_trajectory(trajectory), plot)
+                lazy.save_plot(lazy.plot_trajectory(trajectory), plot)
     output = Output("run", p, options.case, json=json)
     for message in trajectory.warnings:
         output.warn(message)
@@ -68,7 +57,7 @@ def run(
     if json:
         content = trajectory.to_dict()
         numbers = {name: content[name] for name in content["units"]} | per_mass.to_dict(trajectory.volume, p)
-        units = content["units"] | PER_MASS_UNITS
+        units = content["units"] | lazy.PER_MASS_UNITS
         output.document({"ended_by": trajectory.ended_by, **numbers}, {name: chosen}, units)
         return
     print_table(
@@ -78,13 +67,10 @@ def run(
     print_paths(figure=plot)
 
 
-def _rows(trajectory: "Trajectory", per_mass: "PerMass") -> "list[Row]":
+def _rows(trajectory: "lazy.Trajectory", per_mass: "lazy.PerMass") -> "list[lazy.Row]":
     """The trajectory's rows, with the volume in SI and per mass of abrasive below the volume."""
-    from erosion.parameters.quantities import result_row
-    from erosion.parameters.units import conversion_factor
-
     rows, units = trajectory.rows(), trajectory.p.units
-    in_si = result_row("volume", trajectory.volume * conversion_factor("volume", units, "si"), "si")
+    in_si = lazy.result_row("volume", trajectory.volume * lazy.conversion_factor("volume", units, "si"), "si")
     same = [] if units == "si" else [in_si._replace(name="", symbol="", meaning="the same in SI")]
     below = 1 + [row.name for row in rows].index("volume")
     return [*rows[:below], *same, *per_mass.rows(trajectory.volume, trajectory.p), *rows[below:]]
@@ -128,18 +114,14 @@ def optimum(
         between = None if alpha_range is None else _angles(alpha_range, p)
         require_outputs(plot=plot, inputs=(options.case, name))
         start_engine()
-        from erosion.impacts.alpha_max import alpha_max, alpha_min
 
         with user_errors():
-            best = (alpha_min if least else alpha_max)(chosen, p, alpha_range=between, objective=objective)
+            best = (lazy.alpha_min if least else lazy.alpha_max)(chosen, p, alpha_range=between, objective=objective)
         if best.ended_by == "failed":
             raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
         if plot is not None:
-            from erosion.plotting.curves import plot_optimum
-            from erosion.plotting.style import save_plot
-
             with user_errors():
-                save_plot(plot_optimum(best), plot)
+                lazy.save_plot(lazy.plot_optimum(best), plot)
         rates = best.sensitivities if sensitivities else {}
     output = Output("optimum", p, options.case, json=json)
     if not best.certified:
@@ -156,7 +138,7 @@ def optimum(
     print_paths(figure=plot)
 
 
-def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
+def _angles(texts: list[str], p: "lazy.Parameters") -> tuple[float, float]:
     texts = read_list(",".join(texts).replace(":", ","))
     if len(texts) != 2:
         raise InputError(f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(texts)}.')
@@ -164,20 +146,19 @@ def _angles(texts: list[str], p: "Parameters") -> tuple[float, float]:
     return low, high
 
 
-def _document(output: Output, model: str, best: "Optimum", rates: Mapping[str, Any], per_mass: "PerMass") -> None:
-    from erosion.parameters.per_mass import PER_MASS_UNITS
+def _document(
+    output: Output, model: str, best: "lazy.Optimum", rates: Mapping[str, Any], per_mass: "lazy.PerMass"
+) -> None:
 
     described = ("model", "own_parameters", "parameters", "units")
     result = {name: value for name, value in best.to_dict().items() if name not in described}
     result |= per_mass.to_dict(best.volume, best.p)
     if rates:
         result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
-    output.document(result, {model: best.model}, best.units() | PER_MASS_UNITS)
+    output.document(result, {model: best.model}, best.units() | lazy.PER_MASS_UNITS)
 
 
-def _print(model: str, best: "Optimum", per_mass: "PerMass") -> None:
-    from erosion.output.tables import Row
-    from erosion.parameters.quantities import QUANTITIES, quantity_row
+def _print(model: str, best: "lazy.Optimum", per_mass: "lazy.PerMass") -> None:
 
     extreme = "least" if best.least else "greatest"
     title = f"{in_full(model, best.model, best.p.units)}: the angle of {extreme} {best.objective}"
@@ -185,10 +166,10 @@ def _print(model: str, best: "Optimum", per_mass: "PerMass") -> None:
     print_table(title, [*rows, *per_mass.rows(best.volume, best.p), certificate])
     value = best.value_row(best.value)
 
-    def line(alpha: float, numbers: list[float], meaning: str) -> Row:
-        angle = quantity_row("", QUANTITIES["alpha"], alpha, best.p.units)
+    def line(alpha: float, numbers: list[float], meaning: str) -> lazy.Row:
+        angle = lazy.quantity_row("", lazy.QUANTITIES["alpha"], alpha, best.p.units)
         values = " → ".join(best.value_row(number).value for number in numbers)
-        return Row(f"{angle.value}{angle.unit}", "", values, value.unit, meaning)
+        return lazy.Row(f"{angle.value}{angle.unit}", "", values, value.unit, meaning)
 
     others = [line(c.alpha, [c.value], f"{c.kind} {c.side}".strip()) for c in best.candidates[1:]]
     if others:
@@ -198,13 +179,11 @@ def _print(model: str, best: "Optimum", per_mass: "PerMass") -> None:
         print_table("Jumps", jumps, _AT)
 
 
-def _print_sensitivities(best: "Optimum") -> None:
-    from erosion.models.own_parameters import quantities, sizes
-    from erosion.output.tables import Row
+def _print_sensitivities(best: "lazy.Optimum") -> None:
 
-    known, size = quantities(best.model), sizes(best.model, best.p)
+    known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
     rows = [
-        Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)
+        lazy.Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)
         for name, rate in best.sensitivities.items()
     ]
     print_table(

@@ -2,10 +2,11 @@
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
@@ -23,11 +24,6 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, print_table, progress_bar, require_outputs, weighing
-
-if TYPE_CHECKING:
-    from erosion.parameters.per_mass import PerMass
-    from erosion.streams.result import Stream
-    from erosion.streams.stream import StreamJob
 
 _NO_LAW = (
     'A stream must have a law of a parameter, an option such as --v0 "normal(110 m/s, 10 m/s)" or the same in the '
@@ -74,40 +70,33 @@ def stream(
     number = section.get("seed", 0) if seed is None else seed
     printed = Output("stream", jet.p, options.case, json=json, seed=number)
     start_engine()
-    from erosion.joint_laws import columns_apart, unused_columns
-    from erosion.streams.stream import StreamOptions, prepare_stream
 
     varied, uncertain, draws = jet.read_laws()
     if not (varied or uncertain):
         raise InputError(_NO_LAW)
     with user_errors(TypeError):
-        made = StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
-        job = prepare_stream(jet.model, jet.p, varied, made, uncertain)
+        made = lazy.StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
+        job = lazy.prepare_stream(jet.model, jet.p, varied, made, uncertain)
     per_mass = weighing(jet.model, abrasive, options)
-    printed.warn_all([unused_columns({**varied, **uncertain}), columns_apart(varied)])
+    printed.warn_all([lazy.unused_columns({**varied, **uncertain}), lazy.columns_apart(varied)])
     printed.warn_all(part.doubts(jet.model, jet.p, per_mass.cutting_fraction) for part in draws)
     result = _weighed(_run(job, jet.name, printed, per_mass), per_mass)
     if plot is not None:
-        from erosion.plotting.maps import plot_stream
-        from erosion.plotting.style import save_plot
-
         with user_errors():
-            save_plot(plot_stream(result), plot)
+            lazy.save_plot(lazy.plot_stream(result), plot)
     _show(result, jet.name, printed)
 
 
-def _weighed(result: "Stream", per_mass: "PerMass") -> "Stream":
+def _weighed(result: "lazy.Stream", per_mass: "lazy.PerMass") -> "lazy.Stream":
     return dataclasses.replace(result, per_mass=per_mass)
 
 
-def _run(job: "StreamJob", name: str, output: Output, per_mass: "PerMass") -> "Stream":
+def _run(job: "lazy.StreamJob", name: str, output: Output, per_mass: "lazy.PerMass") -> "lazy.Stream":
     """Compute the stream; one that is interrupted shows the particles that it has computed."""
-    from erosion.streams.stream import StreamInterrupted
-
     try:
         with progress_bar("stream") as progress:
             return job.run(progress)
-    except StreamInterrupted as interrupted:
+    except lazy.StreamInterrupted as interrupted:
         if interrupted.partial is not None:
             _show(_weighed(interrupted.partial, per_mass), name, output)
         raise
@@ -119,7 +108,7 @@ def _count(options: CaseOptions, section: dict[str, Any]) -> int:
         return read_whole(section.get("n", 2**20))
 
 
-def _show(result: "Stream", name: str, output: Output) -> None:
+def _show(result: "lazy.Stream", name: str, output: Output) -> None:
     far = result.erosion_warning
     for message in (*result.warnings, *([far] if far else [])):
         output.warn(message)

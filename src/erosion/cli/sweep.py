@@ -4,10 +4,11 @@ import contextlib
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
@@ -29,12 +30,6 @@ from erosion.cli.output import Output, PerMassOptions, print_table, progress_bar
 from erosion.extras import extra
 from erosion.parameters.quantities import QUANTITIES
 
-if TYPE_CHECKING:
-    from erosion.output.tables import Row
-    from erosion.parameters.parameters import Parameters
-    from erosion.parameters.per_mass import PerMass
-    from erosion.sweeps.grid import Grid, Outputs
-
 
 @contextlib.contextmanager
 def dask_cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
@@ -46,12 +41,11 @@ def dask_cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
         raise InputError("Give `--workers` or `--scheduler`, but not both.")
     with extra("dask"):
         from distributed import Client
-    from erosion.impacts.cluster import local_cluster
 
     if workers is not None and workers < 1:
         raise InputError(f"Option `--workers` must be 1 or more, but is {workers}.")
     with contextlib.ExitStack() as stack:
-        target = scheduler if workers is None else stack.enter_context(local_cluster(workers))
+        target = scheduler if workers is None else stack.enter_context(lazy.local_cluster(workers))
         try:
             client = Client(target)
         except (OSError, ValueError) as error:
@@ -108,19 +102,17 @@ def sweep(
     require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
     values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     start_engine()
-    from erosion.sweeps.grid import make_grid
-    from erosion.sweeps.sweep import prepare_sweep
 
     single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     with user_errors(TypeError):
         outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
-        grid = make_grid(_references(chosen, options), p, axes, outputs, paired=together, own=single)
+        grid = lazy.make_grid(_references(chosen, options), p, axes, outputs, paired=together, own=single)
     weights = _weights(grid, abrasive, options)
     with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
-            job = prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
+            job = lazy.prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
         dataset = job.run(progress)
     with user_errors():
         _write(dataset, p, weights, table, plot)
@@ -134,26 +126,21 @@ def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str,
 
 
 def _write(
-    dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]", table: Path | None, plot: Path | None
+    dataset: Any, p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]", table: Path | None, plot: Path | None
 ) -> None:
     """Write the table and the figure that are asked for."""
     if table is not None:
-        from erosion.impacts.dataset_files import write_csv
-
-        write_csv(dataset, table, p, weights)
+        lazy.write_csv(dataset, table, p, weights)
     if plot is not None:
-        from erosion.plotting.style import save_plot
-        from erosion.plotting.sweeps import plot_sweep
-
-        save_plot(plot_sweep(dataset), plot)
+        lazy.save_plot(lazy.plot_sweep(dataset), plot)
 
 
-def _weights(grid: "Grid", abrasive: PerMassOptions | None, options: CaseOptions) -> "dict[str, PerMass]":
+def _weights(grid: "lazy.Grid", abrasive: PerMassOptions | None, options: CaseOptions) -> "dict[str, lazy.PerMass]":
     """By model, how a volume becomes erosion per mass of abrasive; of a single model by the key ""."""
     return {name if grid.compared else "": weighing(model, abrasive, options) for name, model in grid.loaded().items()}
 
 
-def _output(grid: "Grid", options: CaseOptions, *, json: bool) -> Output:
+def _output(grid: "lazy.Grid", options: CaseOptions, *, json: bool) -> Output:
     """What the verb says; it warns where the sizes of the axes do not fit the mass."""
     output = Output("sweep", grid.p, options.case, json=json)
     sizes = {name: grid.axes[name] for name in ("r", "b") if name in grid.axes and grid.axes[name].ndim}
@@ -180,16 +167,14 @@ def _require_store(output: Path, *, clustered: bool) -> None:
         )
 
 
-def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[Parameters, dict[str, Any]]":
+def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[lazy.Parameters, dict[str, Any]]":
     """The case's scalars and its axes, from its [sweep] and the options; options win."""
-    from erosion.parameters.quantities import read_axis
-
     given = options.texts("sweep", section)
     p = options.parameters(changed=False)
     values: dict[str, Any] = {}
     for name, (source, value) in given.items():
         with reading(source):
-            values[name] = read_axis(value, QUANTITIES[name].dimension, p.units)
+            values[name] = lazy.read_axis(value, QUANTITIES[name].dimension, p.units)
     p = dataclasses.replace(p, **{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}
 
@@ -199,22 +184,20 @@ def _references(model: str | list[str], options: CaseOptions) -> Any:
     return [*map(options.reference, model)] if isinstance(model, list) else options.reference(model)
 
 
-def _own_values(model: Any, options: CaseOptions, given: Settings, p: "Parameters") -> dict[str, Any]:
+def _own_values(model: Any, options: CaseOptions, given: Settings, p: "lazy.Parameters") -> dict[str, Any]:
     """The models' own parameters that are set: each a single value, shape (), or the values of an axis."""
-    from erosion.parameters.quantities import read_axis
-
     values: dict[str, Any] = {}
     if given:
         for name in model if isinstance(model, list) else [model]:
-            values = read_settings(name, options.load(name), given, p.units, lambda _, *of: read_axis(*of))
+            values = read_settings(name, options.load(name), given, p.units, lambda _, *of: lazy.read_axis(*of))
     return values
 
 
-def _outputs(section: Mapping[str, Any], derivatives: int | None, wrt: str | None, optimum: bool | None) -> "Outputs":
+def _outputs(
+    section: Mapping[str, Any], derivatives: int | None, wrt: str | None, optimum: bool | None
+) -> "lazy.Outputs":
     """What to compute of each impact; options overrule the case file."""
-    from erosion.sweeps.grid import Outputs
-
-    return Outputs(
+    return lazy.Outputs(
         derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
         wrt=wrt or section.get("wrt", "alpha"),
         optimum=section.get("optimum", False) if optimum is None else optimum,
@@ -231,25 +214,21 @@ def _chunks(items: list[str] | None) -> dict[str, int] | None:
     return {dim: int(length) for dim, _, length in parts}
 
 
-def _print(dataset: Any, grid: "Grid", store: Path, output: Output, weights: "Mapping[str, PerMass]") -> None:
+def _print(dataset: Any, grid: "lazy.Grid", store: Path, output: Output, weights: "Mapping[str, lazy.PerMass]") -> None:
     """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
-    from erosion.parameters.per_mass import models_far_from_tests
-
     summary = _summary(dataset)
     of_mass = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
     volumes, at = _greatest(dataset, grid.p, weights)
-    for message in (*grid.outside_of_range, *models_far_from_tests(weights, volumes, at)):
+    for message in (*grid.outside_of_range, *lazy.models_far_from_tests(weights, volumes, at)):
         output.warn(message)
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
     if output.json:
-        from erosion.parameters.per_mass import PER_MASS_UNITS
-
         dimensions = {str(dim): length for dim, length in dataset.sizes.items()}
         units: dict[str, str] = dict.fromkeys(("volume_least", "volume_greatest"), dataset.volume.attrs["units"])
         axes = {name: f"{values.size} values" for name, values in grid.axes.items()}
-        units |= {name: PER_MASS_UNITS[name.rpartition("_")[0]] for name in of_mass}
+        units |= {name: lazy.PER_MASS_UNITS[name.rpartition("_")[0]] for name in of_mass}
         result = {"output": str(store), "dimensions": dimensions, **summary, **of_mass}
         output.document(result, dict(grid.loaded()), units, axes)
     else:
@@ -275,7 +254,7 @@ def _summary(dataset: Any) -> dict[str, Any]:
     }
 
 
-def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -> dict[str, float]:
+def _per_mass(dataset: Any, p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]") -> dict[str, float]:
     """The least and the greatest erosion per mass of abrasive, of all models [SI]."""
     masses = dataset["m"] if "m" in dataset else float(p.m)
     ends: dict[str, list[float]] = {}
@@ -290,7 +269,7 @@ def _per_mass(dataset: Any, p: "Parameters", weights: "Mapping[str, PerMass]") -
             for end, of in (("least", min), ("greatest", max))}  # fmt: skip
 
 
-def _greatest(dataset: Any, p: "Parameters", names: Iterable[str]) -> "tuple[dict[str, Any], Parameters]":
+def _greatest(dataset: Any, p: "lazy.Parameters", names: Iterable[str]) -> "tuple[dict[str, Any], lazy.Parameters]":
     """By model, the greatest volumes at each speed, of a particle of mass 1; and the case that they belong to."""
     speeds = dataset.get("v0")
     per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
@@ -300,30 +279,26 @@ def _greatest(dataset: Any, p: "Parameters", names: Iterable[str]) -> "tuple[dic
     return {name: (greatest.sel(model=name) if name else greatest).values for name in names}, at
 
 
-def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[Row]":
+def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[lazy.Row]":
     """The rows of `_per_mass`, the greatest marked where it is beyond all tests."""
-    from erosion.output.tables import Row
-    from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES
-    from erosion.parameters.quantities import RESULTS
-
     rows = []
     for name, value in of_mass.items():
         quantity, _, end = name.rpartition("_")
-        (size, unit), known = PER_MASS_SCALES[quantity], RESULTS[quantity]
-        mark = f"; {BEYOND_TESTS}" if is_beyond and end == "greatest" else ""
-        rows.append(Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}{mark}"))
+        (size, unit), known = lazy.PER_MASS_SCALES[quantity], lazy.RESULTS[quantity]
+        mark = f"; {lazy.BEYOND_TESTS}" if is_beyond and end == "greatest" else ""
+        rows.append(lazy.Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}{mark}"))
     return rows
 
 
-def _rows(dataset: Any, summary: dict[str, Any]) -> "list[Row]":
-    from erosion.output.tables import Row
-    from erosion.parameters.quantities import result_row
+def _rows(dataset: Any, summary: dict[str, Any]) -> "list[lazy.Row]":
 
     rows = [
-        Row("impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in dataset.sizes.items())),
-        Row("ended_by", "", ", ".join(f"{n:,} {name}" for name, n in summary["ended_by"].items()), ""),
+        lazy.Row(
+            "impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in dataset.sizes.items())
+        ),
+        lazy.Row("ended_by", "", ", ".join(f"{n:,} {name}" for name, n in summary["ended_by"].items()), ""),
     ]
     for name, meaning in (("volume_least", "least"), ("volume_greatest", "greatest")):
-        row = result_row("volume", summary[name], dataset.attrs["unit_system"])
+        row = lazy.result_row("volume", summary[name], dataset.attrs["unit_system"])
         rows.append(row._replace(meaning=f"{meaning} {row.meaning}"))
     return rows
