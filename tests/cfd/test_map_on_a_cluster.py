@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 import erosion
-from erosion.cfd.bodies import Bodies
 from erosion.cfd.erosion_map import erosion_map, prepare_map
-from erosion.cfd.map_result import MapOptions
+from erosion.cfd.options import MapOptions
 from erosion.distributions import LogNormal, Normal
 from erosion.joint_laws import Rows
 from tests.cfd.tables import hump, sand
@@ -60,7 +59,7 @@ def test_a_cluster_draws_the_same_metal(client: object) -> None:
 
 
 def test_workers_load_a_plug_in_by_its_path(client: object) -> None:
-    options = MapOptions(Bodies(P))
+    options = MapOptions(P)
     there = prepare_map(PLUG_IN, TABLE, SURFACE, options, {"friction": 0.5}).run()
     with pytest.raises(ValueError, match="`model` must be the path of a plug-in where a cluster computes"):
         erosion_map(erosion.load_model(PLUG_IN), P, TABLE, SURFACE)

@@ -7,9 +7,9 @@ import pytest
 
 import erosion
 import erosion.cfd.erosion_map
-from erosion.cfd.bodies import Bodies
 from erosion.cfd.erosion_map import erosion_map, prepare_map
-from erosion.cfd.map_result import MapOptions, MapSummary
+from erosion.cfd.map_result import MapSummary
+from erosion.cfd.options import MapOptions
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.joint_laws import Correlated, JointLaw, Rows
 from tests.cfd.tables import Table, hump, sand, warnings_of
@@ -91,7 +91,7 @@ def test_it_is_a_map_for_each_draw() -> None:
     laws: dict[str, Any] = {"k": LogNormal(2.0, 0.3), "psi": LogNormal(float(P.psi), 0.1)}
     joint = Correlated(laws, {("k", "psi"): -0.8})
     wear = erosion_map("rotating", P, TABLE, SURFACE, uncertain=joint, draws=8, seed=3)
-    drawn = Bodies(P, uncertain=joint, draws=8, seed=3).common(erosion.load_model("rotating"))
+    drawn = MapOptions(P, uncertain=joint, draws=8, seed=3).common(erosion.load_model("rotating"))
     assert np.corrcoef(np.log(drawn["k"].ravel()), np.log(drawn["psi"].ravel()))[0, 1] < -0.4
     maps = [
         erosion_map("rotating", P.replace(k=k, psi=psi), TABLE, SURFACE)
@@ -137,9 +137,7 @@ def test_a_models_own_parameter_may_be_uncertain() -> None:
 def test_the_identity_of_a_map_knows_the_rows_of_a_law() -> None:
     rows = metal()
     swapped = Rows({"sigma": rows.columns["sigma"][::-1], "psi": rows.columns["psi"]})
-    jobs = [
-        prepare_map("linearized", TABLE, SURFACE, MapOptions(Bodies(P, uncertain=law))) for law in (rows, swapped, rows)
-    ]
+    jobs = [prepare_map("linearized", TABLE, SURFACE, MapOptions(P, uncertain=law)) for law in (rows, swapped, rows)]
     first, other, again = (job.identity()["options"] for job in jobs)
     assert first == again != other
 

@@ -15,12 +15,14 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import Progress, no_progress
-from erosion.cfd.bodies import FRACTION, Bodies, outside_range
 from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Nearness
-from erosion.cfd.map_result import MapOptions, to_dataset
+from erosion.cfd.map_result import to_dataset
+from erosion.cfd.options import FRACTION, MapOptions
 from erosion.cfd.rows import Impacts, ImpactsError
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally, Portion, portion_of
+from erosion.correlations import CORRELATIONS
+from erosion.correlations.ranges import masks_outside
 from erosion.distributions import Distribution
 from erosion.impacts.impact import end_names, impact
 from erosion.impacts.simulate import SimulationError
@@ -29,7 +31,7 @@ from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
 from erosion.models.identity import code_version, identity, model_in_words, provenance, require_code
-from erosion.models.own_parameters import quantities, require_one_impact
+from erosion.models.own_parameters import require_one_impact
 from erosion.models.registry import require_loadable
 from erosion.ode.step_control import require_float64
 from erosion.output.files import digest
@@ -65,21 +67,21 @@ class MapTask:
 
     def compute(self, hits: Hits, number: int) -> Portion:
         """The sums of portion `number`."""
-        model, bodies = self.model, self.options.bodies
-        is_hit = hits.fate == HIT
-        values, ends, struck = bodies.of_rows(model, hits, number), len(end_names(model)), hits
+        model, options, struck = self.model, self.options, hits
+        values, is_hit = options.of_rows(model, hits, number), hits.fate == HIT
         if not is_hit.all():
             struck, values = hits.part(is_hit), {name: value[is_hit] for name, value in values.items()}
-        shape = (bodies.realisations, struck.rows)
-        if not struck.rows:
-            empty = np.zeros(shape)
-            return portion_of(hits, struck, empty, empty.astype(np.int64), np.zeros(0, bool), self.patches, ends)
-        common = bodies.common(model)
-        each, p = bodies.impacts(model, struck, values | common)
-        results = impact(each, p, rtol=self.options.rtol)
-        volume = np.asarray(results.volume) * common.get(FRACTION, bodies.cutting_fraction)
-        volume, outcome = np.broadcast_to(volume, shape), np.broadcast_to(results.outcome, shape)
-        return portion_of(hits, struck, volume, outcome, outside_range(model, struck), self.patches, ends)
+        volume = outcome = np.zeros((options.realisations, struck.rows), np.int64)
+        if struck.rows:
+            common = options.common(model)
+            results = impact(*options.impacts(model, struck, values | common), rtol=options.rtol)
+            removed = np.asarray(results.volume) * common.get(FRACTION, options.cutting_fraction)
+            volume, outcome = (np.broadcast_to(array, volume.shape) for array in (removed, results.outcome))
+        outside = np.zeros(struck.rows, bool)
+        if isinstance(model, Correlated):
+            columns = {"alpha": struck.alpha, "v0": struck.speed, "diameter": struck.diameter}
+            outside = np.any([*masks_outside(CORRELATIONS[model.name].ranges, columns).values()], axis=0)
+        return portion_of(hits, struck, volume, outcome, outside, self.patches, len(end_names(model)))
 
 
 @functools.lru_cache(maxsize=4)
@@ -116,52 +118,45 @@ class MapJob:
         if self.surface is not None:
             arrays = (self.surface.points, self.surface.corners, self.surface.ends, self.surface.patch)
             surface = digest(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
-        table = f"{self.impacts.title} {self.impacts.identity()}"
-        bodies = self.task.options.bodies
-        laws = "".join(f" {name} {law_digest(law)}" for name, law in {**bodies.laws, **bodies.uncertain}.items())
-        options = f"{self._in_words()}; rtol = {self.task.options.rtol}{laws}"
-        return identity({"map": self.task.model}, bodies.p, table=table, surface=surface, options=options)
-
-    def laws_in_words(self) -> dict[str, str]:
-        """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
-        bodies, known = self.task.options.bodies, quantities(self.task.model)
-        words = {}
-        for name, law in {**bodies.laws, **bodies.uncertain}.items():
-            dimension = known[name].dimension if name in known else "1"
-            kind = "uncertain " if name in bodies.uncertain else ""
-            words[name] = kind + law.in_words(dimension, bodies.p.units)
-        return words
+        options = self.task.options
+        laws = "".join(f" {name} {law_digest(law)}" for name, law in options.all_laws.items())
+        return identity(
+            {"map": self.task.model},
+            options.p,
+            table=f"{self.impacts.title} {self.impacts.identity()}",
+            surface=surface,
+            options=f"{options.in_words()}; rtol = {options.rtol}{laws}",
+        )
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Read and compute the table; progress and errors as of `erosion_map`."""
-        task, faces = self.task, 1 if self.surface is None else self.surface.faces
+        task, table, surface, options = self.task, self.impacts, self.surface, self.task.options
         ends = end_names(task.model)
-        tally = FaceTally(faces, task.patches, len(ends), task.options.bodies.realisations)
-        nearness = None if self.surface is None else Nearness(self.surface, self._limit)
+        tally = FaceTally(1 if surface is None else surface.faces, options.realisations)
+        nearness = None if surface is None else Nearness(surface, self._limit)
         far: list[str] = []
 
         def add(portion: Portion) -> None:
             tally.add(portion)
-            progress("map", tally.rows, self.impacts.rows or 0)
+            progress("map", tally.rows, table.rows or 0)
 
         self._compute(self._portions(nearness, far), add)
         self._require_hits(tally)
-        if not tally.impacts.any():
+        if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
-        table, surface, bodies = self.impacts, self.surface, task.options.bodies
         attributes = provenance(
             "a map",
-            bodies.p,
-            **model_in_words(task.model, but={*bodies.laws, *bodies.uncertain}),
+            options.p,
+            **model_in_words(task.model, but=options.all_laws),
             table=table.title,
             surface="" if surface is None else surface.title,
             surface_unit="" if surface is None else surface.unit or "taken in m",
-            options=self._in_words(),
+            options=options.in_words(),
             far_rows="" if nearness is None else nearness.far_in_words(far),
             warnings=" ".join([*table.warnings, *([] if nearness is None else nearness.warnings())]),
         )
         has_range = isinstance(task.model, Correlated)
-        return to_dataset(tally, task.options, surface, table.duration, ends, attributes, has_range=has_range)
+        return to_dataset(tally, options, surface, table.duration, ends, attributes, has_range=has_range)
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
         """Compute all portions, and add them in their order."""
@@ -195,9 +190,8 @@ class MapJob:
     @property
     def _limit(self) -> float | None:
         """In metres."""
-        options = self.task.options
-        factor = conversion_factor("length", options.bodies.p.units, "si")
-        return None if options.limit is None else options.limit * factor
+        limit, units = self.task.options.limit, self.task.options.p.units
+        return None if limit is None else limit * conversion_factor("length", units, "si")
 
     def _portions(self, nearness: Nearness | None, far: list[str]) -> Iterator[Hits]:
         """All rows in portions of a fixed number, the last one of what is left.
@@ -208,7 +202,7 @@ class MapJob:
         """
         options = self.task.options
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
-        blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.bodies.realisations)
+        blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.realisations)
         try:
             held, count, is_first = list[Hits](), 0, True
             for block in blocks:
@@ -263,30 +257,14 @@ class MapJob:
         title = self.impacts.title
         if not tally.rows:
             raise ImpactsError(f"{title}: must hold impacts, but holds none.")
-        if not tally.lost_mass.any():  # with that of the rows that hit
+        if not tally.counts["lost_mass"].any():  # with that of the rows that hit
             raise ImpactsError(f"{title}: every row has the weight 0, so there are no particles.")
-        self._require_right_way(tally.fates)
-        if tally.hits:
-            return
-        reasons = {name: int(tally.fates[1 + i]) for i, name in enumerate(LEFT_OUT)}
-        words = ", and ".join(f"{count:,} {LEFT_OUT[name]}" for name, count in reasons.items() if count)
-        raise ImpactsError(f"{title}: of {tally.rows:,} rows none hits: {words}.")
-
-    def _in_words(self) -> str:
-        """The options that are not the default."""
-        options, bodies = self.task.options, self.task.options.bodies
-        given = {
-            "scaling": bodies.scaling if bodies.scaling != "similar" else None,
-            "diameter": bodies.diameter,
-            "spin": bodies.spin,
-            **bodies.laws,
-            **{f"uncertain {name}": law for name, law in bodies.uncertain.items()},
-            "draws": bodies.draws if bodies.uncertain else None,
-            "seed": bodies.seed_used,
-            "cutting_fraction": None if bodies.cutting_fraction == 1 else bodies.cutting_fraction,
-            **{name: getattr(options, name) for name in ("restitution", "density", "limit")},
-        }
-        return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
+        fates = tally.counts["fates"]
+        self._require_right_way(fates)
+        if not tally.hits:
+            reasons = zip(fates[1:], LEFT_OUT.values(), strict=True)
+            words = ", and ".join(f"{count:,} {reason}" for count, reason in reasons if count)
+            raise ImpactsError(f"{title}: of {tally.rows:,} rows none hits: {words}.")
 
 
 def erosion_map(
@@ -348,8 +326,10 @@ def erosion_map(
             whose surface it does not lie, as in other units.
         SimulationError: where no impact could be computed.
     """
-    bodies = Bodies(p, scaling, diameter, spin, seed, distributions, uncertain or {}, draws, cutting_fraction)
-    options = MapOptions(bodies, restitution, density, limit, rtol)
+    options = MapOptions(
+        p, scaling, diameter, spin, restitution, density, limit, seed, rtol, uncertain or {}, draws, cutting_fraction,
+        distributions,
+    )  # fmt: skip
     return prepare_map(model, impacts, surface, options).run(progress)
 
 
@@ -375,8 +355,8 @@ def prepare_map(
     if surface is not None and not isinstance(surface, Surface):
         raise TypeError(f"Argument `surface` must be what `read_surface` returns, but is {surface!r}.")
     loaded = load_model(model).replace(**(own or {}))
-    require_one_impact(loaded, options.bodies.p)
-    options.bodies.check_laws(loaded)
+    require_one_impact(loaded, options.p)
+    options.check_laws(loaded)
     if isinstance(loaded, Correlated) and options.density is None:
         options = dataclasses.replace(options, density=float(loaded.density))
     return MapJob(MapTask(model, own or {}, options, 1 if surface is None else len(surface.patches)), impacts, surface)

@@ -1,10 +1,6 @@
-"""Tables of impacts with named columns: CSV and Parquet of post-processors, and Ansys Fluent's files `.dpm`.
+"""Tables of impacts with named columns: CSV and Parquet of post-processors."""
 
-A file `.dpm` begins with two lines, the surface and the columns; then one line for each parcel, the numbers in
-parentheses and the name of its injection. All numbers are in SI units whatever the session shows; t is the
-temperature, and `time` the age of the particle.
-"""
-
+import contextlib
 import csv
 import dataclasses
 import io
@@ -13,25 +9,23 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from erosion.cfd.rows import (
     POSITION,
     VELOCITY,
-    WEIGHTS,
     ImpactBlock,
     Impacts,
     ImpactsError,
-    batches,
     beginning,
     blocks,
     digest_of,
-    head,
-    header_names,
+    first_wrong_field,
     open_table,
     require_columns,
+    require_rows,
     weigh,
 )
 from erosion.extras import library
@@ -60,6 +54,9 @@ TABLE_SUFFIXES = (".csv", ".parquet")
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
 _SAME = 1.1  # ratio of densities of one solid
+_PART = re.compile(r"\[\w+\]")
+"""The line with which CFD-Post begins a part of a file."""
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _EXAMPLES: Mapping[str, str] = {
     "mass": "kg", "mass flow": "kg/s", "rate": "1/s", "density": "kg/m^3", "length": "m", "speed": "m/s",
     "angle": "deg", "angular speed": "rad/s", "time": "s",
@@ -98,8 +95,7 @@ _KNOWN: Mapping[str, Known] = {
 }  # fmt: skip
 
 
-@dataclasses.dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column of the file: number in the file × factor = number in SI units."""
 
     name: str
@@ -122,8 +118,14 @@ class NamedImpacts(Impacts):
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
         first, densities = 0, _Densities()
-        for batch in self._batches():
-            columns = {name: self._numbers(batch, name, first) for name in self.columns}
+        wanted = [column.name for column in self.columns.values()]
+        for batch in (_parquet_batches if self.path.suffix == ".parquet" else _csv_batches)(self.path, wanted):
+            columns = dict[str, np.ndarray]()
+            for name, (head, size) in self.columns.items():
+                is_number = batch.column(head).is_valid().to_numpy(zero_copy_only=False)
+                lacking = f": column `{head}` has no number."
+                require_rows(self.title, first, is_number, lambda _, lacking=lacking: lacking)
+                columns[name] = np.asarray(batch.column(head).to_numpy(zero_copy_only=False), float) * size
             if not first:
                 self._require_weights(columns)
             for block in blocks(self.title, first, columns, rows, self.density, self.duration):
@@ -144,21 +146,6 @@ class NamedImpacts(Impacts):
                 f"{self.path}: column {self.columns['count'].name!r} counts the rows, {count[0]:g}, {count[1]:g}, "
                 f"{count[2]:g}, …, not the particles of a row; name it in Argument `ignore`."
             )
-
-    def _numbers(self, batch: Any, name: str, first: int) -> np.ndarray:
-        column = self.columns[name]
-        numbers = batch.column(column.name)
-        if numbers.null_count:
-            row = int(np.argmax(numbers.is_null().to_numpy(zero_copy_only=False)))
-            raise ImpactsError(f"{self.path}: row {first + row + 1:,}: column `{column.name}` has no number.")
-        return np.asarray(numbers.to_numpy(zero_copy_only=False), float) * column.factor
-
-    def _batches(self) -> Iterator[Any]:
-        wanted = [column.name for column in self.columns.values()]
-        if self.path.suffix == ".parquet":
-            yield from _parquet_batches(self.path, wanted)
-        else:
-            yield from _csv_batches(self.path, wanted)
 
 
 def open_named(path: Path, density: float | None, duration: float | None, ignore: Sequence[str] = ()) -> NamedImpacts:
@@ -218,27 +205,21 @@ class _Densities:
 
     def warnings(self, table: str, expected: float | None) -> list[str]:
         """What is doubtful in them, where `expected` is the density of the particle that the user names [kg/m³]."""
-        said, low, high = list[str](), self._least, self._greatest
+        low, high = self._least, self._greatest
         if low > high:
-            return said
+            return []
         between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
-        if low < LIGHTEST:
-            said.append(f"{table}: its particles have a density of {between}, less than any grain; is it a fluid's?")
-        if high > HEAVIEST:
-            said.append(
-                f"{table}: its particles have a density of {between}, more than any solid; if a mass is that of all "
-                "particles of a row, its column must be named `parcel_mass`."
-            )
-        if self._contradictions:
-            said.append(
-                f"{table}: in {self._contradictions:,} rows the density is not that of mass and diameter, which count."
-            )
-        if expected is not None and (low * _SAME < expected or high > _SAME * expected):
-            said.append(
-                f"{table}: its particles have a density of {between}, which counts, but the particle that is named "
-                f"has {expected:g} kg/m³."
-            )
-        return said
+        has = f"its particles have a density of {between},"
+        sentences = {
+            f"{has} less than any grain; is it a fluid's?": low < LIGHTEST,
+            f"{has} more than any solid; if a mass is that of all particles of a row, its column must be named "
+            "`parcel_mass`.": high > HEAVIEST,
+            f"in {self._contradictions:,} rows the density is not that of mass and diameter, which count.":
+                self._contradictions,
+            f"{has} which counts, but the particle that is named has {expected or 0:g} kg/m³.":
+                expected is not None and (low * _SAME < expected or high > _SAME * expected),
+        }  # fmt: skip
+        return [f"{table}: {sentence}" for sentence, is_so in sentences.items() if is_so]
 
 
 def is_named(path: Path) -> bool:
@@ -247,18 +228,11 @@ def is_named(path: Path) -> bool:
 
 
 def _head(path: Path, ignore: Sequence[str]) -> tuple[dict[str, Column], tuple[str, ...], int | None]:
-    """The columns as `_columns` has them, and the number of rows where it is known."""
+    """The columns that are used, by name, the heads of those that are left out, and the number of rows if known."""
     if path.suffix == ".parquet":
         heads, units, rows = _parquet_head(path)
     else:
         heads, units, rows = _csv_header(path)[1], {}, None
-    return *_columns(path, heads, units, ignore), rows
-
-
-def _columns(
-    path: Path, heads: Sequence[str], units: Mapping[str, str], ignore: Sequence[str]
-) -> tuple[dict[str, Column], tuple[str, ...]]:
-    """The columns that are used, by name, and the heads of those that are left out."""
     try:
         table = read_heads(heads, _known(heads), ignore=ignore, units=units, also=("mass flux",))
     except HeaderError as error:
@@ -273,7 +247,7 @@ def _columns(
         raise ImpactsError(f"{path}: has both columns `face` and `mesh_face`; keep one.")
     # The velocity and the surface give both better.
     doubled = [columns.pop(name).name for name in ("speed", "angle") if {name, VELOCITY[0]} <= columns.keys()]
-    return columns, (*table.unused, *doubled)
+    return columns, (*table.unused, *doubled), rows
 
 
 def _known(heads: Sequence[str]) -> Mapping[str, Known]:
@@ -308,15 +282,14 @@ def _csv_header(path: Path) -> tuple[int, list[str]]:
     Empty lines, comments (#) and what CFD-Post writes before "[Data]" stand before it.
     """
     lines = beginning(path).decode(errors="replace").splitlines(keepends=True)
-    first, in_data = -1, True
-    for number, line in enumerate(lines):
-        text = line.strip()
-        if re.fullmatch(r"\[\w+\]", text):
-            in_data = text == "[Data]"
-        elif in_data and not re.match(r'"?\s*#|$', text):
+    first, in_data = len(lines), True
+    for number, line in enumerate(map(str.strip, lines)):
+        if _PART.fullmatch(line):
+            in_data = line == "[Data]"
+        elif in_data and not re.match(r'"?\s*#|$', line):
             first = number
             break
-    if first < 0:
+    if first == len(lines):
         raise ImpactsError(f"{path}: has no line that names columns{'' if in_data else ', for [Data] is missing'}.")
     try:
         heads = next(csv.reader(io.StringIO("".join(lines[first:]), newline="")))
@@ -324,7 +297,7 @@ def _csv_header(path: Path) -> tuple[int, list[str]]:
         raise ImpactsError(f"{path}: is no CSV file ({error}).") from error
     if len(heads) == 1 and (";" in heads[0] or "\t" in heads[0]):
         raise ImpactsError(f"{path}: must have commas between its columns, and points in its numbers.")
-    if first and all(_is_number(head) for head in heads):
+    if first and all(_NUMBER.fullmatch(head.strip()) for head in heads):
         raise ImpactsError(
             f"{path}: line {first + 1} must name the columns, but is {lines[first].strip()[:60]!r}; what begins with # "
             "is a comment, not a header."
@@ -332,14 +305,8 @@ def _csv_header(path: Path) -> tuple[int, list[str]]:
     return first, heads
 
 
-def _is_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
-
-
 def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+    """Some rows at a time; comments among them are left out."""
     arrow, reader = library("pyarrow", "cfd"), library("pyarrow.csv", "cfd")
     first, heads = _csv_header(path)
     begins = [heads[0]] if heads[0] not in wanted and heads.count(heads[0]) == 1 else []
@@ -370,121 +337,48 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
                         )
                 yield batch
         except arrow.ArrowInvalid as error:
-            if wrong:
-                row = wrong[0]
-                if re.fullmatch(r"\[\w+\]", row.text.strip()):
-                    raise ImpactsError(
-                        f"{path}: {row.text.strip()} begins another part; keep the table alone, to the line before."
-                    ) from error
-                raise ImpactsError(
-                    f"{path}: the row {row.text[:60]!r} has {row.actual_columns} fields, but the header names "
-                    f"{row.expected_columns}."
-                ) from error
-            raise ImpactsError(f"{path}: {_wrong_number(path, first, heads, wanted)}.") from error
+            if not wrong:
+                with open_table(path) as text:
+                    lines = (line.decode(errors="replace") for line in itertools.islice(text, first + 1, None))
+                    rows = (row for row in csv.reader(lines) if not (row and row[0].lstrip(' "').startswith("#")))
+                    said = first_wrong_field(rows, heads, wanted, "cannot be read as CSV")
+            elif _PART.fullmatch(wrong[0].text.strip()):
+                said = f"{wrong[0].text.strip()} begins another part; keep the table alone, to the line before"
+            else:
+                fields = f"{wrong[0].actual_columns} fields, but the header names {wrong[0].expected_columns}"
+                said = f"the row {wrong[0].text[:60]!r} has {fields}"
+            raise ImpactsError(f"{path}: {said}.") from error
 
 
-def _wrong_number(path: Path, first: int, heads: Sequence[str], wanted: Sequence[str]) -> str:
-    """The first field that is no number, below a header with `first` lines before it."""
-    places = {heads.index(name): name for name in wanted}
-    with open_table(path) as file:
-        for row, fields in enumerate(
-            csv.reader(line.decode(errors="replace") for line in itertools.islice(file, first, None))
-        ):
-            for place, name in places.items():
-                try:
-                    _ = float(fields[place]) if row and fields else 0.0
-                except ValueError:
-                    return f"row {row:,}: column `{name}` must be a number, but is {fields[place][:40]!r}"
-    return "cannot be read as CSV"
-
-
-def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
-    """Columns, units from the columns' metadata, and the number of rows."""
-    arrow, parquet = library("pyarrow", "cfd"), library("pyarrow.parquet", "cfd")
-    try:
-        with parquet.ParquetFile(path) as file:
-            schema, rows = file.schema_arrow, file.metadata.num_rows
-    except (OSError, arrow.ArrowException) as error:
-        raise ImpactsError(f"{path}: cannot be read as Parquet ({str(error).splitlines()[0][:120]}).") from error
-    units = {}
-    for field in schema:
-        for key in (b"units", b"unit"):
-            if field.metadata and key in field.metadata:
-                units[field.name] = field.metadata[key].decode()
-    return schema.names, units, rows
-
-
-def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+@contextlib.contextmanager
+def _open_parquet(path: Path) -> Iterator[Any]:
     arrow, parquet = library("pyarrow", "cfd"), library("pyarrow.parquet", "cfd")
     try:
         # By default pyarrow keeps all that it has read until the end.
         with parquet.ParquetFile(path, pre_buffer=False) as file:
-            for name in wanted:
-                kind = file.schema_arrow.field(name).type
-                if not (arrow.types.is_integer(kind) or arrow.types.is_floating(kind)):
-                    raise ImpactsError(f"{path}: column {name!r} must hold numbers, but holds {kind}.")
-            yield from file.iter_batches(_BLOCK // 32, columns=list(wanted))
+            yield file
     except (OSError, arrow.ArrowException) as error:
         raise ImpactsError(f"{path}: cannot be read as Parquet ({str(error).splitlines()[0][:120]}).") from error
 
 
-FLUENT_SUFFIXES = (".dpm",)
-_COLUMNS = {
-    **dict(zip("xyz", POSITION, strict=True)), **dict(zip("uvw", VELOCITY, strict=True)), "diameter": "diameter",
-    "mass": "mass", "n-in-parcel": "count", "parcel-mass": "parcel_mass", "mass-flow": "mass_flow",
-    "frequency": "frequency", "flow-time": "time",
-}  # fmt: skip
+def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
+    """Columns, units from the columns' metadata, and the number of rows."""
+    with _open_parquet(path) as file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+    units = {
+        field.name: field.metadata[key].decode()
+        for field in schema
+        for key in (b"units", b"unit")
+        if field.metadata and key in field.metadata
+    }
+    return schema.names, units, rows
 
 
-@dataclasses.dataclass(kw_only=True)
-class FluentImpacts(Impacts):
-    """A sample of parcels at one surface.
-
-    In a steady run a row is a stream of particles, and its `mass-flow` [kg/s] hits for the whole duration.
-    """
-
-    path: Path
-    names: tuple[str, ...]
-    skipped: int
-    columns: dict[str, str]
-
-    def identity(self) -> str:
-        """See `Impacts`."""
-        return digest_of([self.path], f"{self.duration}")
-
-    def blocks(self, rows: int) -> Iterator[ImpactBlock]:
-        """See `Impacts`."""
-        first = 0
-        for columns in batches(self.path, self.skipped, self.names, self.columns):
-            yield from blocks(str(self.path), first, columns, rows, duration=self.duration)
-            first += len(columns["diameter"])
-
-
-def open_fluent(path: Path, density: float | None, duration: float | None) -> FluentImpacts:
-    """A sample of Fluent.
-
-    Raises:
-        ImpactsError: for a file without Fluent's header, or without columns that are needed.
-    """
-    if density is not None:
-        raise ImpactsError(f"{path}: gives the mass of each particle; Argument `particle_density` must be left out.")
-    lines = head(path)
-    numbers = [number for number, line in enumerate(lines[:10]) if "diameter" in line and line.lstrip().startswith("(")]
-    if not numbers:
-        raise ImpactsError(f"{path}: has no header of Fluent, a line such as (x y z u v w diameter t … name).")
-    names = header_names(path, lines[numbers[0]])
-    columns = {ours: name for name, ours in _COLUMNS.items() if name in names}
-    # Fluent gives the weight in several ways, which agree.
-    for weight in [weight for weight in WEIGHTS if weight in columns][1:]:
-        del columns[weight]
-    duration, warnings = weigh(str(path), columns.keys() - {"time"}, duration)
-    require_columns(str(path), columns)
-    return FluentImpacts(
-        title=str(path),
-        path=path,
-        names=names,
-        skipped=numbers[0] + 1,
-        columns=columns,
-        duration=duration,
-        warnings=warnings,
-    )
+def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+    types = library("pyarrow", "cfd").types
+    with _open_parquet(path) as file:
+        for name in wanted:
+            kind = file.schema_arrow.field(name).type
+            if not (types.is_integer(kind) or types.is_floating(kind)):
+                raise ImpactsError(f"{path}: column {name!r} must hold numbers, but holds {kind}.")
+        yield from file.iter_batches(_BLOCK // 32, columns=list(wanted))

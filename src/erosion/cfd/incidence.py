@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.cfd.rows import ImpactBlock, ImpactsError
+from erosion.cfd.rows import ImpactBlock, ImpactsError, require_rows
 from erosion.cfd.surface import METRES, Surface, metres_of
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import STEEPEST
@@ -101,11 +101,6 @@ class Incidence:
     restitution: tuple[float, float] | None = None
     limit: float | None = None
 
-    @property
-    def patches(self) -> tuple[str, ...]:
-        """The names of the surface's patches; one for all rows without a surface."""
-        return ("all",) if self.surface is None else self.surface.patches
-
     def hits(self, block: ImpactBlock) -> Hits:
         """The rows of a block.
 
@@ -119,27 +114,31 @@ class Incidence:
         meets = fate == HIT
         fate[meets & (alpha <= 0)] = RECEDING
         fate[meets & (speed == 0)] = STUCK
-        spin = np.full(block.rows, np.nan) if block.spin is None else block.spin
-        patch = np.zeros(block.rows, np.int64) if self.surface is None else self.surface.patch[face]
-        position = np.full((block.rows, 3), np.nan) if block.position is None else np.asarray(block.position, float)
         return Hits(
-            fate, face, patch, speed, alpha, block.count, block.mass, block.diameter, spin, distance, named, position
+            fate=fate,
+            face=face,
+            patch=np.zeros(block.rows, np.int64) if self.surface is None else self.surface.patch[face],
+            speed=speed,
+            alpha=alpha,
+            count=block.count,
+            mass=block.mass,
+            diameter=block.diameter,
+            spin=np.full(block.rows, np.nan) if block.spin is None else block.spin,
+            distance=distance,
+            named=named,
+            position=np.full((block.rows, 3), np.nan) if block.position is None else np.asarray(block.position, float),
         )
 
     def too_far(self, block: ImpactBlock, hits: Hits, most: int) -> list[str]:
         """The first rows of a block that are too far, in words."""
         rows = np.flatnonzero(hits.fate == TOO_FAR)[: max(most, 0)]
-        return [f"{row_in_words(block, row)} ({hits.distance[row]:.3g} m)" for row in rows]
+        return [f"{block.source}: row {block.first + row + 1:,} ({hits.distance[row]:.3g} m)" for row in rows]
 
     def _motion(self, block: ImpactBlock, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Speed [m/s] and angle of attack [rad], which is not positive where the particle does not approach."""
         if block.velocity is None:
-            assert block.speed is not None
-            assert block.alpha is not None
-            return block.speed, np.minimum(block.alpha, STEEPEST)
-        assert self.surface is not None
-        normal = self._normals[face]
-        velocity = np.asarray(block.velocity, float)
+            return np.asarray(block.speed), np.minimum(np.asarray(block.alpha), STEEPEST)
+        normal, velocity = self._normals[face], np.asarray(block.velocity, float)
         into = _dot(velocity, normal)
         if self.restitution is not None:
             normal_ratio, friction = self.restitution
@@ -152,19 +151,26 @@ class Incidence:
 
     def _faces(self, block: ImpactBlock, fate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of each row the surface's face, the distance to it, and whether it is named; `fate` notes what is far."""
-        distance, surface = np.full(block.rows, np.nan), self.surface
+        surface, its = self.surface, (block.source, block.first)
+        face, distance = np.full(block.rows, -1), np.full(block.rows, np.nan)
         if surface is None:
-            return np.zeros(block.rows, np.int64), distance, np.zeros(block.rows, bool)
-        face = self._named_faces(block, fate)
+            return face + 1, distance, face >= 0
+        if block.face is not None and not (self.mesh_faces and surface.mesh_face is None):
+            face = np.array(block.face, np.int64)
+            if self.mesh_faces:
+                found = np.where(face >= 0, surface.face_of_mesh(face), -1)
+                fate[(face >= 0) & (found < 0)] = ELSEWHERE
+                face = found
+            else:
+                has = f"but {surface.title} has {surface.faces:,} faces, counted from 0."
+                require_rows(*its, face < surface.faces, lambda row: f" names face {face[row]:,}, {has}")
         named, meets = face >= 0, fate == HIT
-        unnamed = np.flatnonzero(~named & meets)
         if block.position is None:
-            if unnamed.size:
-                raise ImpactsError(f"{row_in_words(block, unnamed[0])} names no face of the surface and no position.")
+            require_rows(*its, named | ~meets, lambda _: " names no face of the surface and no position.")
             return np.maximum(face, 0), distance, named
-        _require(block, "position", np.isfinite(block.position).all(axis=1), "must be finite")
+        self._require_number(block, "position", np.isfinite(block.position).all(axis=1), "must be finite")
         position = np.asarray(block.position, float)
-        if unnamed.size:
+        if (unnamed := np.flatnonzero(~named & meets)).size:
             face[unnamed], distance[unnamed] = surface.nearest(position[unnamed])
         if (of_name := np.flatnonzero(named & meets)).size:
             distance[of_name] = surface.distance(face[of_name], position[of_name])
@@ -172,25 +178,6 @@ class Incidence:
         limit = limit_of(surface, face, distance, np.asarray(block.diameter)) if self.limit is None else self.limit
         fate[meets & (distance > limit)] = TOO_FAR
         return face, distance, named
-
-    def _named_faces(self, block: ImpactBlock, fate: np.ndarray) -> np.ndarray:
-        """The surface's faces that rows name, -1 where they name none."""
-        surface = self.surface
-        assert surface is not None
-        if block.face is None or (self.mesh_faces and surface.mesh_face is None):
-            return np.full(block.rows, -1)
-        named = np.asarray(block.face, np.int64)
-        if self.mesh_faces:
-            face = np.where(named >= 0, surface.face_of_mesh(named), -1)
-            fate[(named >= 0) & (face < 0)] = ELSEWHERE
-            return face
-        if np.any(wrong := named >= surface.faces):
-            row = int(np.argmax(wrong))
-            raise ImpactsError(
-                f"{row_in_words(block, row)} names face {named[row]:,}, but {surface.title} has {surface.faces:,} "
-                "faces, counted from 0."
-            )
-        return named.copy()
 
     @functools.cached_property
     def _normals(self) -> np.ndarray:
@@ -202,17 +189,18 @@ class Incidence:
         """Refuse rows that can be no impact."""
         for name in ("mass", "diameter"):
             values = getattr(block, name)
-            _require(block, name, (values > 0) & np.isfinite(values), "must be positive and finite")
-        _require(block, "count", (block.count >= 0) & np.isfinite(block.count), "must be a number of at least 0")
+            self._require_number(block, name, (values > 0) & np.isfinite(values), "must be positive and finite")
+        least = "must be a number of at least 0"
+        self._require_number(block, "count", (block.count >= 0) & np.isfinite(block.count), least)
         if block.spin is not None:
-            _require(block, "spin", np.isfinite(block.spin), "must be finite")
+            self._require_number(block, "spin", np.isfinite(block.spin), "must be finite")
         if block.velocity is not None:
             if self.surface is None:
                 raise ImpactsError(
                     f"{block.source}: gives velocities, so the angle of attack needs the normals of a surface; "
                     "give one, or a table with columns of speed and angle."
                 )
-            _require(block, "velocity", np.isfinite(block.velocity).all(axis=1), "must be finite")
+            self._require_number(block, "velocity", np.isfinite(block.velocity).all(axis=1), "must be finite")
             return
         if block.speed is None or block.alpha is None:
             raise ImpactsError(f"{block.source}: must give velocities, or speeds and angles of attack, but does not.")
@@ -221,8 +209,15 @@ class Incidence:
                 f"{block.source}: gives speeds and angles, of which no rebound can be undone: Argument `restitution` "
                 "must be left out."
             )
-        _require(block, "speed", (block.speed >= 0) & np.isfinite(block.speed), "must be a number of at least 0")
-        _require(block, "alpha", (block.alpha == 0) | are_angles(block.alpha), "must be in [0°, 90°]", _angle_in_words)
+        self._require_number(block, "speed", (block.speed >= 0) & np.isfinite(block.speed), least)
+        good = (block.alpha == 0) | are_angles(block.alpha)
+        self._require_number(block, "alpha", good, "must be in [0°, 90°]", _angle_in_words)
+
+    def _require_number(
+        self, block: ImpactBlock, name: str, good: Any, must: str, in_words: Callable[[Any], str] = str
+    ) -> None:
+        what = f": `{name}` {must}, but is"
+        require_rows(block.source, block.first, good, lambda row: f"{what} {in_words(getattr(block, name)[row])}.")
 
 
 def limit_of(surface: Surface, face: np.ndarray, distance: np.ndarray, diameter: np.ndarray) -> np.ndarray:
@@ -242,27 +237,6 @@ def limit_of(surface: Surface, face: np.ndarray, distance: np.ndarray, diameter:
     if far.any():
         limit[far] = np.maximum(limit[far], surface.bulge[face[far]])
     return limit + diameter
-
-
-def row_in_words(block: ImpactBlock, row: int | np.integer) -> str:
-    """File and number of a row, counted from 1."""
-    return f"{block.source}: row {block.first + int(row) + 1:,}"
-
-
-def _require(
-    block: ImpactBlock,
-    name: str,
-    good: np.ndarray | np.bool_,
-    condition: str,
-    in_words: Callable[[Any], str] = str,
-) -> None:
-    """Raise for the first row whose number is not good."""
-    if good.all():
-        return
-    row = int(np.argmin(good))
-    raise ImpactsError(
-        f"{row_in_words(block, row)}: `{name}` {condition}, but is {in_words(getattr(block, name)[row])}."
-    )
 
 
 def _angle_in_words(angle: float) -> str:
@@ -304,9 +278,9 @@ class Nearness:
         self._surface, self._limit = surface, limit
         self._rows, self._far, self._least, self._greatest = 0, 0, math.inf, 0.0
         self._allowed, self._farthest_allowed = 0, 0.0
-        self._kept: list[Hits] = []
+        self._sample: Hits | None = None  # rows with a position, evenly from all of them
         self._stride = 1
-        self._known: tuple[int, Mapping[float, float]] | None = None
+        self._known: tuple[int, Mapping[float, float]] = (0, {})
 
     def add(self, hits: Hits) -> None:
         """Take note of some rows."""
@@ -314,23 +288,18 @@ class Nearness:
         if not compared.rows:
             return
         distance, far = compared.distance, compared.fate == TOO_FAR
-        if far.any():
-            self._far += int(far.sum())
-            self._least = min(self._least, float(distance[far].min()))
-            self._greatest = max(self._greatest, float(distance[far].max()))
+        self._far += int(far.sum())
+        self._least = min(self._least, float(distance[far].min(initial=math.inf)))
+        self._greatest = max(self._greatest, float(distance[far].max(initial=0.0)))
         if self._limit is not None:
             allowed = ~far & (distance > limit_of(self._surface, compared.face, distance, compared.diameter))
             self._allowed += int(allowed.sum())
             self._farthest_allowed = max(self._farthest_allowed, float(distance[allowed].max(initial=0.0)))
-        self._kept.append(compared.part(slice(-self._rows % self._stride, None, self._stride)))
+        kept = compared.part(slice(-self._rows % self._stride, None, self._stride))
+        self._sample = kept if self._sample is None else Hits.joined([self._sample, kept])
         self._rows += compared.rows
-        while (sample := self._sample).rows > _SAMPLE:
-            self._kept, self._stride = [sample.part(slice(None, None, 2))], 2 * self._stride
-
-    @property
-    def _sample(self) -> Hits:
-        """Rows with a position, evenly from all of them."""
-        return Hits.joined(self._kept)
+        while self._sample.rows > _SAMPLE:
+            self._sample, self._stride = self._sample.part(slice(None, None, 2)), 2 * self._stride
 
     def require(self, table: str) -> None:
         """Refuse a surface on which the rows do not lie.
@@ -341,31 +310,27 @@ class Nearness:
         Raises:
             ImpactsError: with the factor by which the surface is too large or too small, where there is one.
         """
-        if self._limit is not None or not self._rows:
+        if self._limit is not None or self._sample is None:
             return
         surface, shares = self._surface, self._shares()
         best = max(shares.values())
         alike = [factor for factor, share in shares.items() if share > best - _SAME]
         factor = min(alike, key=lambda factor: abs(math.log(factor)))
-        is_other = factor != 1 and best > max(0.5, shares[1.0] + _CLEAR)
-        lie = "lie on a smaller one"
-        if self._far:
-            lie = f"lie {_between(self._least, self._greatest)} from their face"
+        lie = f"lie {_between(self._least, self._greatest)} from their face" if self._far else "lie on a smaller one"
         off = f"{self._far or self._rows:,} of {self._rows:,} rows of {table} {lie}"
-        if is_other:
+        hint = "Argument `limit` says how far off rows may lie."
+        if factor != 1 and best > max(0.5, shares[1.0] + _CLEAR):
             times = f"{1 / factor:.4g} × too large" if factor < 1 else f"{factor:.4g} × too small"
-            raise ImpactsError(
-                f"{surface.title}: is {times} for the impacts: {off}. {_as_units(surface, alike)} "
-                "Argument `limit` says how far off rows may lie."
-            )
+            fits = _as_units(surface, alike)
+            raise ImpactsError(f"{surface.title}: is {times} for the impacts: {off}. {fits} {hint}")
         if self._far > self._rows / 2:
-            raise ImpactsError(
-                f"{surface.title}: is not where the impacts are: {off}, and it is {surface.length:.3g} m across. "
-                "Argument `limit` says how far off rows may lie."
-            )
+            across = f"and it is {surface.length:.3g} m across"
+            raise ImpactsError(f"{surface.title}: is not where the impacts are: {off}, {across}. {hint}")
         smaller = self._smaller()
-        if surface.unit is None and smaller and smaller[0] < _ABSURD and self._extent() < self._side():
-            raise ImpactsError(f"{surface.title}: may be in another unit. {self._spot(smaller)}")
+        if surface.unit is None and smaller and smaller[0] < _ABSURD:
+            face, _ = surface.nearest(self._sample.position)
+            if self._extent() < float(np.median(surface.longest_side[face])):
+                raise ImpactsError(f"{surface.title}: may be in another unit. {self._spot(smaller)}")
 
     def warnings(self) -> list[str]:
         """What a reader of the map must know of its positions."""
@@ -414,13 +379,9 @@ class Nearness:
 
     def _extent(self) -> float:
         """Of the impacts without strays [m]."""
+        assert self._sample is not None
         low, high = np.percentile(self._sample.position, [2, 98], axis=0)
         return float(np.linalg.norm(high - low))
-
-    def _side(self) -> float:
-        """The longest side of the faces that are hit, by the median [m]."""
-        face, _ = self._surface.nearest(self._sample.position)
-        return float(np.median(self._surface.longest_side[face]))
 
     @functools.cached_property
     def _of_units(self) -> Sequence[float]:
@@ -430,12 +391,12 @@ class Nearness:
 
     def _shares(self) -> Mapping[float, float]:
         """The share of rows that lie on the surface, made larger by each factor."""
-        if self._known is None or self._known[0] != self._rows:
-            factors = sorted({*_FACTORS, *self._of_units})
-            self._known = self._rows, {factor: self._share(factor) for factor in factors}
+        if self._known[0] != self._rows:
+            self._known = self._rows, {factor: self._share(factor) for factor in sorted({*_FACTORS, *self._of_units})}
         return self._known[1]
 
     def _share(self, factor: float) -> float:
+        assert self._sample is not None
         surface, position = self._surface, self._sample.position / factor
         # The box is cheap, and where it is far the tree of faces is slow.
         low, high = surface.box

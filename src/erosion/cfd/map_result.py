@@ -2,16 +2,16 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_path, check_tolerance, check_whole
-from erosion.cfd.bodies import Bodies
+from erosion.arguments import check_path
 from erosion.cfd.incidence import LEFT_OUT
+from erosion.cfd.options import MapOptions
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
@@ -19,83 +19,63 @@ from erosion.impacts.dataset_files import write_netcdf
 from erosion.models.identity import code_version
 from erosion.output.files import write_whole
 from erosion.output.tables import Record, Result, Row, to_csv, to_plain, with_error
-from erosion.parameters.parameters import validate
 from erosion.parameters.per_mass import BEYOND_TESTS, FarFromTests, far_from_tests
 from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import System, conversion_factor
 
-
-@dataclasses.dataclass(frozen=True)
-class MapOptions:
-    """The case, and how a map is made of it; see `erosion_map`.
-
-    Raises:
-        ValueError, TypeError: for an option that makes no sense.
-    """
-
-    bodies: Bodies
-    restitution: tuple[float, float] | None = None
-    density: float | None = None
-    limit: float | None = None
-    rtol: float = 1e-9
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rtol", check_tolerance(self.rtol))
-        check_whole("seed", self.bodies.seed, 0)
-        check_whole("draws", self.bodies.draws, 2)
-        validate(self.bodies.p)
-        numbers = {name: getattr(self, name) for name in ("density", "limit")}
-        for name, value in {**numbers, "diameter": self.bodies.diameter}.items():
-            if value is not None and not (isinstance(value, (int, float, np.number)) and 0 < value < np.inf):
-                raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
-        fraction = self.bodies.cutting_fraction
-        if not (isinstance(fraction, (int, float, np.number)) and 0 < fraction <= 1):
-            raise ValueError(f"Argument `cutting_fraction` must be above 0 and at most 1, but is {fraction!r}.")
-        if self.restitution is not None:
-            _check_restitution(self.restitution)
-
-
-def _check_restitution(pair: Any) -> None:
-    """Refuse what is no (e, μ)."""
-    numbers = isinstance(pair, (tuple, list)) and all(isinstance(value, (int, float, np.number)) for value in pair)
-    if not (numbers and len(pair) == 2 and 0 < pair[0] <= 1 and 0 <= pair[1] < 1):
-        raise ValueError(
-            "Argument `restitution` must be (e, μ) with e in (0, 1] and μ in [0, 1), as the wall of the CFD run has "
-            f"them, but is {pair!r}."
-        )
-
-
 YEAR = 365.25 * 86400.0
 """Seconds of a year (Julian)."""
 
-FACES: Mapping[str, Quantity] = {
-    "volume": RESULTS["volume"],
-    "depth": Quantity("h", "depth of wear, volume over area", "length"),
-    "mass": Quantity("Δm", "removed mass", "mass"),
-    "depth_rate": Quantity("ḣ", "depth per time", "speed"),
-    "depth_per_year": Quantity("ḣ", "depth per year", "1"),
-    "mass_flux": Quantity("ṁ", "removed mass per area and time", "mass flux"),
-    "erosion": RESULTS["erosion"],
-    "erosion_ratio": RESULTS["erosion_ratio"],
-    "erodent": Quantity("M", "mass of erodent that hits", "mass"),
-    "impacts": Quantity("n", "rows that hit", "1"),
-    "particles": Quantity("N", "particles that hit", "1"),
-    "alpha_mean": Quantity("ᾱ", "mean angle of attack of the particles", "angle"),
-    "v0_mean": Quantity("v̄₀", "mean impact speed of the particles", "speed"),
-    "relative_error": Quantity("s", "relative standard error of the volume", "1"),
-    "sampling_error": Quantity("s", "relative standard error by the sample of impacts", "1"),
-    "parameter_error": Quantity("s", "relative standard error by uncertain parameters", "1"),
-    "area": Quantity("A", "area", "area"),
-}
+
+@dataclasses.dataclass(frozen=True)
+class Wear(Quantity):
+    """A number of each face.
+
+    Args:
+        heading: of its column in files, in units that fit to the surface, which is in metres, whatever those of the
+            case are. ASCII, as ParaView's filters are.
+        size: the SI unit over that of the column.
+        of_total: whether a patch, and the whole surface, have it as well: `patch_volume`, `total_volume`, …
+    """
+
+    heading: str = ""
+    size: float = 1.0
+    of_total: bool = False
+
+    @classmethod
+    def like(cls, name: str, heading: str, size: float = 1.0) -> "Wear":
+        """A result of an impact, summed over those of a face."""
+        known = RESULTS[name]
+        return cls(known.symbol, known.meaning, known.dimension, "", heading, size, of_total=True)
+
+
+FACES: Mapping[str, Wear] = {
+    "volume": Wear.like("volume", "volume [mm^3]", 1e9),
+    "depth": Wear("h", "depth of wear, volume over area", "length", "", "depth [mm]", 1e3),
+    "mass": Wear("Δm", "removed mass", "mass", "", "mass [kg]", of_total=True),
+    "depth_rate": Wear("ḣ", "depth per time", "speed", "", "depth rate [m/s]"),
+    "depth_per_year": Wear("ḣ", "depth per year", "1", "mm/year", "depth rate [mm/year]"),
+    "mass_flux": Wear("ṁ", "removed mass per area and time", "mass flux", "", "mass flux [kg/(m^2 s)]"),
+    "erosion": Wear.like("erosion", "erosion [mm^3/kg]", 1e9),
+    "erosion_ratio": Wear.like("erosion_ratio", "erosion ratio [kg/kg]"),
+    "erodent": Wear("M", "mass of erodent that hits", "mass", "", "erodent [kg]", of_total=True),
+    "impacts": Wear("n", "rows that hit", "1", "", "impacts", of_total=True),
+    "particles": Wear("N", "particles that hit", "1", "", "particles", of_total=True),
+    "alpha_mean": Wear("ᾱ", "mean angle of attack of the particles", "angle", "", "mean angle [deg]", 180 / math.pi),
+    "v0_mean": Wear("v̄₀", "mean impact speed of the particles", "speed", "", "mean speed [m/s]", of_total=True),
+    "relative_error": Wear("s", "relative standard error of the volume", "1", "", "relative standard error",
+                           of_total=True),
+    "sampling_error": Wear("s", "relative standard error by the sample of impacts", "1", "",
+                           "relative error by sampling", of_total=True),
+    "parameter_error": Wear("s", "relative standard error by uncertain parameters", "1", "",
+                            "relative error by parameters", of_total=True),
+    "area": Wear("A", "area", "area", "", "area [mm^2]", 1e6),
+}  # fmt: skip
 """The variables over faces. `depth_per_year` is in mm/year in all unit systems."""
 
-TOTALS = (
-    "volume", "mass", "erodent", "erosion", "erosion_ratio", "impacts", "particles",
-    "v0_mean", "relative_error", "sampling_error", "parameter_error",
-)  # fmt: skip
-"""Those that a patch, and the whole surface, have as well: `patch_volume`, `total_volume`, …"""
-
+_COLUMNS = sorted(FACES, key=lambda name: name != "depth")
+"""The order of the columns in files: the depth first."""
 
 Variables = dict[str, tuple[Any, ...]]
 """Dimensions, values and attributes by name."""
@@ -118,13 +98,12 @@ def to_dataset(
         options: of the map.
         surface: None for totals alone.
         duration: that the table covers [s], where it is known.
-        ends: the outcomes, columns of `tally.ends`.
+        ends: the outcomes, columns of the tally's `ends`.
         attributes: of the Dataset.
         has_range: whether the model is a correlation, which is made for a range of impacts.
     """
-    units = options.bodies.p.units
-    sums = {**tally.sums, "impacts": tally.impacts.astype(float)}
-    draws = tally.of_draws if options.bodies.uncertain else None
+    units, sums = options.p.units, tally.sums
+    draws = tally.of_draws if options.uncertain else None
     if draws is not None:
         sums["common"] = draws.var(axis=0, ddof=1)
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
@@ -132,29 +111,32 @@ def to_dataset(
     density = None if options.density is None else options.density * conversion_factor("density", "si", units)
     patches = ("all",) if surface is None else surface.patches
     patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
+
+    def by_patch(values: np.ndarray) -> np.ndarray:
+        """Sums over the faces of each patch, rounded once."""
+        return np.array([math.fsum(values[patch == i]) for i in range(len(patches))])
+
     variables: Variables = {}
     if surface is not None:
         variables |= _geometry(surface, units)
-        numbers = _numbers(sums, density)
-        numbers |= _per_area(numbers, surface.area * conversion_factor("area", "si", units), duration, units)
-        for name in (name for name in FACES if name in numbers):
-            variables[name] = ("face", numbers[name], _attributes(name, units))
+        numbers = _numbers(sums, density, surface.area * conversion_factor("area", "si", units), duration, units)
+        variables |= {name: ("face", numbers[name], FACES[name].attributes(units)) for name in FACES if name in numbers}
     variables["patch"] = ("patch", np.array(patches, dtype=object))
-    grouped = {name: _by_patch(values, patch, len(patches)) for name, values in sums.items() if name != "common"}
+    grouped = {name: by_patch(values) for name, values in sums.items() if name != "common"}
     whole = {name: np.array(math.fsum(values)) for name, values in grouped.items()}
     if draws is not None:
-        of_patches = np.array([_by_patch(volume, patch, len(patches)) for volume in draws])
+        of_patches = np.array([by_patch(volume) for volume in draws])
         # What is common to all faces does not average out: the variance of a sum is not the sum of variances.
         grouped["common"], whole["common"] = of_patches.var(axis=0, ddof=1), of_patches.sum(axis=1).var(ddof=1)
-        total = {**_attributes("volume", units), "long_name": "removed volume of all faces for each draw"}
+        total = FACES["volume"].attributes(units) | {"long_name": "removed volume of all faces for each draw"}
         variables["total_volume_of_draw"] = ("draw", of_patches.sum(axis=1), total)
     for prefix, dims, of in (("patch", ("patch",), grouped), ("total", (), whole)):
         for name, value in _numbers(of, density).items():
-            if name in TOTALS:
-                variables[f"{prefix}_{name}"] = (dims, value, _attributes(name, units))
+            if FACES[name].of_total:
+                variables[f"{prefix}_{name}"] = (dims, value, FACES[name].attributes(units))
     variables["end"] = ("end", np.array(ends, dtype=object))
     # An impact may end in another way for another draw: then rows are shared out.
-    counts = tally.ends if draws is None else tally.ends / len(draws)
+    counts = tally.counts["ends"] if draws is None else tally.counts["ends"] / len(draws)
     variables["ends"] = (("patch", "end"), counts, {"long_name": "rows by how their impact ends", "units": "1"})
     variables |= _rows(tally, units, has_range=has_range)
     if duration is not None:
@@ -163,8 +145,22 @@ def to_dataset(
     return xr.Dataset(variables, attrs=attributes)
 
 
-def _numbers(sums: Mapping[str, np.ndarray], density: float | None) -> dict[str, np.ndarray]:
-    """Variables from sums over rows, of faces, patches or all; "common" is the variance by uncertain parameters."""
+def _numbers(
+    sums: Mapping[str, np.ndarray],
+    density: float | None,
+    area: np.ndarray | None = None,
+    duration: float | None = None,
+    units: System = "si",
+) -> dict[str, np.ndarray]:
+    """Variables from sums over rows, of faces, patches or all; depths and rates, where what they need is known.
+
+    Args:
+        sums: by name; "common" is the variance by uncertain parameters.
+        density: of the target.
+        area: of faces.
+        duration: that the table covers [s].
+        units: of lengths.
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
         numbers = {
             "volume": sums["volume"],
@@ -180,47 +176,29 @@ def _numbers(sums: Mapping[str, np.ndarray], density: float | None) -> dict[str,
             numbers["sampling_error"] = np.sqrt(sums["squares"]) / sums["volume"]
             numbers["parameter_error"] = np.sqrt(sums["common"]) / sums["volume"]
     if density is not None:
-        numbers["mass"] = numbers["volume"] * density
-        numbers["erosion_ratio"] = numbers["erosion"] * density
-    return numbers
-
-
-def _per_area(
-    numbers: Mapping[str, np.ndarray], area: np.ndarray, duration: float | None, units: System
-) -> dict[str, np.ndarray]:
-    """Depths and rates, where what they need is known."""
-    made = {"depth": numbers["volume"] / area}
+        numbers |= {"mass": numbers["volume"] * density, "erosion_ratio": numbers["erosion"] * density}
+    if area is None:
+        return numbers
+    numbers["depth"] = numbers["volume"] / area
     if duration is not None:
-        made["depth_rate"] = made["depth"] / duration
-        made["depth_per_year"] = made["depth_rate"] * (YEAR * 1e3 * conversion_factor("length", units, "si"))
+        numbers["depth_rate"] = numbers["depth"] / duration
+        numbers["depth_per_year"] = numbers["depth_rate"] * (YEAR * 1e3 * conversion_factor("length", units, "si"))
         if "mass" in numbers:
-            made["mass_flux"] = numbers["mass"] / (area * duration)
-    return made
-
-
-def _attributes(name: str, units: System) -> dict[str, str]:
-    attributes = FACES[name].attributes(units)
-    return attributes | {"units": "mm/year"} if name == "depth_per_year" else attributes
-
-
-def _by_patch(values: np.ndarray, patch: np.ndarray, patches: int) -> np.ndarray:
-    """Sums over the faces of each patch, rounded once."""
-    return np.array([math.fsum(values[patch == i]) for i in range(patches)])
+            numbers["mass_flux"] = numbers["mass"] / (area * duration)
+    return numbers
 
 
 def _geometry(surface: Surface, units: System) -> Variables:
     """Points and corners of the faces, so that the Dataset alone can be drawn and written; in metres, as CFD has it."""
-    metres = {"units": "m"}
-    names = " ".join(surface.patches)
-    flags = {"flag_values": np.arange(len(surface.patches), dtype=np.int32), "flag_meanings": names}
+    flags = {"flag_values": np.arange(len(surface.patches), dtype=np.int32), "flag_meanings": " ".join(surface.patches)}
     area = surface.area * conversion_factor("area", "si", units)
     variables: Variables = {
-        "point": (("points", "axis"), surface.points, {"long_name": "points of the surface", **metres}),
+        "point": (("points", "axis"), surface.points, {"long_name": "points of the surface", "units": "m"}),
         "corner": ("corners", surface.corners, {"long_name": "points around each face, face after face"}),
         "corner_end": ("face", surface.ends, {"long_name": "where each face's corners end"}),
-        "centre": (("face", "axis"), surface.centre, {"long_name": "centres of the faces", **metres}),
+        "centre": (("face", "axis"), surface.centre, {"long_name": "centres of the faces", "units": "m"}),
         "face_patch": ("face", np.asarray(surface.patch, np.int32), {"long_name": "patch", **flags}),
-        "area": ("face", area, _attributes("area", units)),
+        "area": ("face", area, FACES["area"].attributes(units)),
     }
     if surface.mesh_face is not None:
         variables["mesh_face"] = ("face", surface.mesh_face, {"long_name": "number of the face in the mesh"})
@@ -229,21 +207,22 @@ def _geometry(surface: Surface, units: System) -> Variables:
 
 def _rows(tally: FaceTally, units: System, *, has_range: bool) -> Variables:
     """What became of the rows of the table."""
+    mass, lost = conversion_factor("mass", "si", units), tally.counts["lost_mass"]
     of_mass = {"long_name": "their mass", "units": QUANTITIES["m"].unit(units)}
     variables: Variables = {
         "rows": ((), tally.rows, {"long_name": "rows of the table"}),
         "reason": ("reason", np.array(list(LEFT_OUT), dtype=object)),
-        "left_out": ("reason", tally.fates[1:], {"long_name": "rows that are left out"}),
-        "left_out_mass": ("reason", tally.lost_mass[1:] * conversion_factor("mass", "si", units), of_mass),
+        "left_out": ("reason", tally.counts["fates"][1:], {"long_name": "rows that are left out"}),
+        "left_out_mass": ("reason", lost[1:] * mass, of_mass),
         "rows_to_nearest": ((), tally.unnamed, {"long_name": "rows that name no face"}),
     }
-    distances = {"distance_median": (tally.median_distance, "their median distance, to 0.3 %"),
-                 "distance_max": (tally.farthest, "their greatest distance")}  # fmt: skip
-    for name, (metres, meaning) in distances.items() if tally.unnamed else ():
-        length = metres * conversion_factor("length", "si", units)
-        variables[name] = ((), length, {"long_name": meaning, "units": QUANTITIES["r"].unit(units)})
+    if tally.unnamed:
+        metres, unit = conversion_factor("length", "si", units), {"units": QUANTITIES["r"].unit(units)}
+        median = {"long_name": "their median distance, to 0.3 %", **unit}
+        variables["distance_median"] = ((), tally.median_distance * metres, median)
+        variables["distance_max"] = ((), tally.farthest * metres, {"long_name": "their greatest distance", **unit})
     if has_range:
-        share = tally.outside_mass / tally.lost_mass[0] if tally.lost_mass[0] else math.nan
+        share = float(tally.counts["outside_mass"]) / lost[0] if lost[0] else math.nan
         variables["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})
     return variables
 
@@ -274,26 +253,26 @@ class MapSummary(Result):
     def rows(self) -> list[Row]:
         """The totals, the deepest face, each patch, and how impacts end."""
         data = self.dataset
-        has_uncertain = "total_parameter_error" in data
-        by = "and by uncertain parameters" if has_uncertain else "alone, all parameters taken as exact"
+        by = (
+            "and by uncertain parameters" if "total_parameter_error" in data else "alone, all parameters taken as exact"
+        )
         meaning = f"rows that hit; ± of totals is the standard error by sampling the impacts {by}"
         rows = [Row("impacts", "", f"{int(data['total_impacts']):,}", "", meaning)]
         if "face" in data.dims:
             hit = int((data["impacts"] > 0).sum())
             rows.append(Row("faces hit", "", f"{hit:,} of {data.sizes['face']:,}", "", "of the surface"))
-        rows += self._totals("total", "", ())
+        rows += self._totals("total")
         for name in ("sampling_error", "parameter_error"):
             if f"total_{name}" in data:
                 share = f"{100 * float(data[f'total_{name}']):.3g}"
                 rows.append(Row(name, "", share, "%", f"of V and E: {FACES[name].meaning}"))
-        if data.sizes["patch"] > 1:
-            for i, patch in enumerate(data["patch"].values):
-                rows += self._totals("patch", f" {patch}", (i,))[:1]
+        for i, patch in enumerate(data["patch"].values if data.sizes["patch"] > 1 else ()):
+            rows.append(next(self._totals("patch", f" {patch}", (i,))))
         for name in ("depth", "depth_per_year"):
             if name in data:
                 row = quantity_row(f"greatest {name}", FACES[name], float(data[name].max()), self.units)
-                unit = "mm/year" if name == "depth_per_year" else row.unit
-                rows.append(row._replace(unit=unit, meaning=f"at face {int(np.argmax(data[name].values)):,}"))
+                deepest = f"at face {int(np.argmax(data[name].values)):,}"
+                rows.append(row._replace(unit=FACES[name].fixed or row.unit, meaning=deepest))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
             if count:
@@ -304,9 +283,8 @@ class MapSummary(Result):
                 rows.append(length._replace(symbol="", meaning=f"{meaning} distance of rows that name no face"))
         return rows
 
-    def _totals(self, prefix: str, suffix: str, index: tuple[int, ...]) -> list[Row]:
+    def _totals(self, prefix: str, suffix: str = "", index: tuple[int, ...] = ()) -> Iterator[Row]:
         """Volume, mass, erodent and erosion of everything, or of a patch."""
-        rows = []
         error = float(self.dataset[f"{prefix}_relative_error"].values[index])
         for name in ("volume", "mass", "erodent", "erosion", "erosion_ratio"):
             if f"{prefix}_{name}" not in self.dataset:
@@ -316,26 +294,22 @@ class MapSummary(Result):
             if name in ("volume", "mass"):
                 # Patches are in the unit of the whole.
                 scale = table_scale(FACES[name].dimension, self.units, float(self.dataset[f"total_{name}"]))
-                row = row._replace(
-                    value=with_error(value, value * error if value else 0.0, scale.size), unit=scale.unit
-                )
+                shown = with_error(value, value * error if value else 0.0, scale.size)
+                row = row._replace(value=shown, unit=scale.unit)
             if prefix == "total" and name in ("erosion", "erosion_ratio") and self._far and self._far.is_beyond:
                 row = row._replace(meaning=f"{row.meaning}; {BEYOND_TESTS}")
-            rows.append(row)
-        return rows
+            yield row
 
     @property
     def warnings(self) -> list[str]:
         """Sentences on what is left out or doubtful."""
         data = self.dataset
         sentences = [data.attrs["warnings"]] if data.attrs["warnings"] else []
-        total = int(data["rows"])
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
                 far = f": {data.attrs['far_rows']}" if name == "too-far" else ""
-                sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{far}.")
-        failed = round(float(data["ends"].sum() - data["total_impacts"]))
-        if failed:
+                sentences.append(f"{count:,} of {int(data['rows']):,} rows {LEFT_OUT[name]}, and are not counted{far}.")
+        if failed := round(float(data["ends"].sum() - data["total_impacts"])):
             sentences.append(f"{failed:,} impacts could not be computed, and are not counted.")
         if "beyond_range" in data and float(data["beyond_range"]) > 0:
             share = f"{100 * float(data['beyond_range']):.3g} %"
@@ -347,10 +321,12 @@ class MapSummary(Result):
         """The erosion of the whole, where it is far from what tests find at its mean speed."""
         data = self.dataset
         specific, speed = float(data["total_erosion"]), float(data["total_v0_mean"])
-        density = float(data["total_erosion_ratio"]) / specific if "total_erosion_ratio" in data and specific else None
-        in_si = {name: conversion_factor(FACES[name].dimension, self.units, "si") for name in ("erosion", "v0_mean")}
-        in_si_density = None if density is None else density / in_si["erosion"]
-        return far_from_tests(specific * in_si["erosion"], speed * in_si["v0_mean"], in_si_density)
+        removed, metres = (
+            conversion_factor(FACES[name].dimension, self.units, "si") for name in ("erosion", "v0_mean")
+        )
+        has_density = "total_erosion_ratio" in data and specific
+        density = float(data["total_erosion_ratio"]) / specific / removed if has_density else None
+        return far_from_tests(specific * removed, speed * metres, density)
 
     def to_dict(self) -> Record:
         """Totals, patches, how impacts end and what is left out, with the units of the numbers."""
@@ -366,43 +342,23 @@ class MapSummary(Result):
         if "depth" in data:
             numbers["deepest_face"] = int(np.argmax(data["depth"].values))
             numbers["faces"], numbers["faces_hit"] = data.sizes["face"], int((data["impacts"] > 0).sum())
-        of_patches = [str(name) for name, variable in data.data_vars.items() if variable.dims == ("patch",)]
-        units |= {name.removeprefix("patch_"): data[name].attrs["units"] for name in of_patches}
+        of_patches = {
+            str(name).removeprefix("patch_"): variable
+            for name, variable in data.data_vars.items()
+            if variable.dims == ("patch",)
+        }
+        units |= {name: variable.attrs["units"] for name, variable in of_patches.items()}
         numbers["patches"] = {
-            patch: {name.removeprefix("patch_"): data[name].values[i] for name in of_patches}
+            patch: {name: variable.values[i] for name, variable in of_patches.items()}
             for i, patch in enumerate(data["patch"].values)
         }
         numbers["ends"] = dict(zip(data["end"].values, data["ends"].sum("patch").values, strict=True))
         numbers["left_out"] = dict(zip(data["reason"].values, data["left_out"].values, strict=True))
-        pure = {name for name, unit in units.items() if unit == "1"}
-        numbers["units"] = {name: unit for name, unit in units.items() if name not in pure}
+        numbers["units"] = {name: unit for name, unit in units.items() if unit != "1"}
         return to_plain(numbers)
 
 
 SUFFIXES = (".vtp", ".csv", ".nc")
-
-
-# By variable its heading, and the SI unit over the file's. The units fit to the surface, which is in metres, whatever
-# those of the case are. ASCII, as ParaView's filters are.
-_COLUMNS: Mapping[str, tuple[str, float]] = {
-    "depth": ("depth [mm]", 1e3),
-    "volume": ("volume [mm^3]", 1e9),
-    "mass": ("mass [kg]", 1.0),
-    "depth_rate": ("depth rate [m/s]", 1.0),
-    "depth_per_year": ("depth rate [mm/year]", 1.0),
-    "mass_flux": ("mass flux [kg/(m^2 s)]", 1.0),
-    "erosion": ("erosion [mm^3/kg]", 1e9),
-    "erosion_ratio": ("erosion ratio [kg/kg]", 1.0),
-    "erodent": ("erodent [kg]", 1.0),
-    "impacts": ("impacts", 1.0),
-    "particles": ("particles", 1.0),
-    "alpha_mean": ("mean angle [deg]", 180 / math.pi),
-    "v0_mean": ("mean speed [m/s]", 1.0),
-    "relative_error": ("relative standard error", 1.0),
-    "sampling_error": ("relative error by sampling", 1.0),
-    "parameter_error": ("relative error by parameters", 1.0),
-    "area": ("area [mm^2]", 1e6),
-}
 
 
 def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str] | None = None) -> Path:
@@ -469,24 +425,21 @@ def to_polydata(dataset: xr.Dataset) -> Any:
 
 def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
     """The columns of the variables that the map has."""
-    units, columns = dataset.attrs["unit_system"], {}
-    for name, (heading, size) in _COLUMNS.items():
+    columns = {}
+    for name in _COLUMNS:
         if prefix + name in dataset:
-            factor = conversion_factor(FACES[name].dimension, units, "si") * size
-            values = dataset[prefix + name].values
-            columns[heading] = values if factor == 1 else values * factor
+            wear, values = FACES[name], dataset[prefix + name].values
+            factor = conversion_factor(wear.dimension, dataset.attrs["unit_system"], "si") * wear.size
+            columns[wear.heading] = values if factor == 1 else values * factor
     return columns
 
 
 def _as_csv(dataset: xr.Dataset) -> str:
     """A line for each face, or for each patch if there are no faces."""
     patches = dataset["patch"].values
-    columns: dict[str, Any] = {}
-    prefix = "" if "face" in dataset.dims else "patch_"
-    if not prefix:
-        columns["face"] = range(dataset.sizes["face"])
-        columns["patch"] = [patches[i] for i in dataset["face_patch"].values]
-        columns |= {f"{axis} [m]": dataset["centre"].values[:, i].tolist() for i, axis in enumerate("xyz")}
+    if "face" not in dataset.dims:
+        columns, prefix = {"patch": list(patches)}, "patch_"
     else:
-        columns["patch"] = list(patches)
+        columns, prefix = {"face": range(dataset.sizes["face"]), "patch": patches[dataset["face_patch"].values]}, ""
+        columns |= {f"{axis} [m]": dataset["centre"].values[:, i].tolist() for i, axis in enumerate("xyz")}
     return to_csv(columns | {name: values.tolist() for name, values in _columns(dataset, prefix).items()})

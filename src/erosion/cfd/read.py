@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import check_path
-from erosion.cfd import impact_tables, openfoam
+from erosion.cfd import impact_tables, text_tables
 from erosion.cfd.openfoam import case_of, open_case
 from erosion.cfd.rows import Impacts, ImpactsError
 from erosion.cfd.surface import Surface, metres_of
@@ -140,12 +140,12 @@ def read_impacts(
         raise ImpactsError(
             f"{path}: is no table with named columns (.csv, .parquet), so Argument `ignore` must be left out."
         )
-    if path.is_dir() or openfoam.is_table(path):
-        return openfoam.open_openfoam(path, case, kilograms, seconds)
+    if path.is_dir() or text_tables.is_openfoam(path):
+        return text_tables.open_openfoam(path, case, kilograms, seconds)
     if impact_tables.is_named(path):
         return impact_tables.open_named(path, kilograms, seconds, ignore)
-    if path.name.removesuffix(".gz").endswith(impact_tables.FLUENT_SUFFIXES):
-        return impact_tables.open_fluent(path, kilograms, seconds)
+    if text_tables.is_fluent(path):
+        return text_tables.open_fluent(path, kilograms, seconds)
     raise ImpactsError(f"{path}: is no table of impacts; its name must end in {_IMPACTS}.")
 
 

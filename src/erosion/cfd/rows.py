@@ -4,14 +4,17 @@ import abc
 import codecs
 import contextlib
 import dataclasses
+import functools
 import gzip
 import hashlib
 import io
+import itertools
 import math
 import re
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -96,6 +99,20 @@ class Impacts(abc.ABC):
 
 class ImpactsError(ValueError):
     """A table of impacts or a surface that cannot be used; says which file, which row, and what to do."""
+
+
+def require_rows(source: str, first: int, good: np.ndarray, what: Callable[[int], str]) -> None:
+    """Refuse the first row of some that is not good.
+
+    Args:
+        source: the file, for messages.
+        first: number of the first of these rows in the file, from 0.
+        good: of each row.
+        what: the end of the sentence for a row, by its number among these.
+    """
+    if not good.all():
+        row = int(np.argmin(good))
+        raise ImpactsError(f"{source}: row {first + row + 1:,}{what(row)}")
 
 
 def digest_of(paths: Sequence[Path], more: str) -> str:
@@ -209,41 +226,32 @@ def blocks(
         ImpactsError: naming file, row and column of a number that is not finite or too great, or of a face that is no
             number of one.
     """
-    for rate, weight in _RATES.items():
-        if rate in columns:
-            assert duration is not None
-            columns = {**columns, weight: columns[rate] * duration}
-    for start in range(0, len(next(iter(columns.values()))), rows):
-        part = {name: values[start : start + rows] for name, values in columns.items()}
-        yield _block(source, first + start, part, density)
-
-
-def _block(source: str, first: int, columns: Columns, density: float | None) -> ImpactBlock:
+    columns = {**columns, **{weight: columns[rate] * duration for rate, weight in _RATES.items() if rate in columns}}
     for name, values in columns.items():
-        if not (small := np.abs(values) <= GREATEST).all():
-            row = int(np.argmin(small))
-            condition = f"at most {GREATEST:g}" if np.isfinite(values[row]) else "finite"
-            raise ImpactsError(
-                f"{source}: row {first + row + 1:,}: column `{name}` must be {condition}, but is {values[row]}."
-            )
+        require_rows(source, first, np.abs(values) <= GREATEST, functools.partial(_too_great, name, values))
     mass, diameter = _sizes(columns, density)
     count = columns.get("count")
     if count is None:
         count = columns["parcel_mass"] / mass if "parcel_mass" in columns else np.ones(len(mass))
-    return ImpactBlock(
-        source=source,
-        first=first,
-        count=count,
-        mass=mass,
-        diameter=diameter,
-        velocity=_vector(columns, VELOCITY),
-        speed=columns["speed"] if VELOCITY[0] not in columns else None,
-        alpha=columns["angle"] if VELOCITY[0] not in columns else None,
-        spin=columns.get("spin"),
-        position=_vector(columns, POSITION),
-        face=_faces(source, first, columns),
-        time=columns.get("time"),
-    )
+    fields: dict[str, Any] = {"count": count, "mass": mass, "diameter": diameter}
+    for name, axes in (("velocity", VELOCITY), ("position", POSITION)):
+        if axes[0] in columns:
+            fields[name] = np.stack([columns[axis] for axis in axes], axis=1)
+    own = {"spin": "spin", "time": "time"} | ({} if "velocity" in fields else {"speed": "speed", "angle": "alpha"})
+    fields |= {field: columns[name] for name, field in own.items() if name in columns}
+    if name := next((name for name in ("mesh_face", "face") if name in columns), ""):
+        values, fields["face"] = columns[name], columns[name].astype(np.int64)
+        must = f": column `{name}` must be the number of a face, or -1 for none, but is"
+        good = (fields["face"] == values) & (fields["face"] >= -1)
+        require_rows(source, first, good, lambda row: f"{must} {values[row]:g}.")
+    for begin in range(0, len(count), rows):
+        part = slice(begin, begin + rows)
+        yield ImpactBlock(source, first + begin, **{name: values[part] for name, values in fields.items()})
+
+
+def _too_great(name: str, values: np.ndarray, row: int) -> str:
+    condition = f"at most {GREATEST:g}" if np.isfinite(values[row]) else "finite"
+    return f": column `{name}` must be {condition}, but is {values[row]}."
 
 
 def _sizes(columns: Columns, density: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -256,32 +264,13 @@ def _sizes(columns: Columns, density: float | None) -> tuple[np.ndarray, np.ndar
     return columns["mass"], columns["diameter"]
 
 
-def _vector(columns: Columns, names: tuple[str, ...]) -> np.ndarray | None:
-    return np.stack([columns[name] for name in names], axis=1) if names[0] in columns else None
-
-
-def _faces(source: str, first: int, columns: Columns) -> np.ndarray | None:
-    name = "mesh_face" if "mesh_face" in columns else "face"
-    if name not in columns:
-        return None
-    values = columns[name]
-    faces = values.astype(np.int64)
-    if not (good := (faces == values) & (faces >= -1)).all():
-        row = int(np.argmin(good))
-        raise ImpactsError(
-            f"{source}: row {first + row + 1:,}: column `{name}` must be the number of a face, or -1 for none, "
-            f"but is {values[row]:g}."
-        )
-    return faces
-
-
 _CHUNK = 1 << 22  # bytes that are read and parsed at once
 _HEAD = 1 << 16  # bytes in which a header must end
 _SPACES = bytes.maketrans(b"\t\r", b"  ")
 
 
 @contextlib.contextmanager
-def open_table(path: Path) -> Iterator[io.BufferedIOBase]:
+def open_table(path: Path) -> Iterator[Any]:
     """The file for reading within, decompressed where its name ends in ".gz".
 
     Raises:
@@ -295,42 +284,19 @@ def open_table(path: Path) -> Iterator[io.BufferedIOBase]:
 
 
 def beginning(path: Path) -> bytes:
-    """The bytes in which a header must end.
+    """The bytes in which a header must end, whole lines of them.
 
     Raises:
         ImpactsError: for a file that cannot be read, an empty one, and one that is no text.
     """
     with open_table(path) as file:
         start = file.read(_HEAD).removeprefix(codecs.BOM_UTF8)
+        is_whole = not file.peek(1)
     if not start.strip():
         raise ImpactsError(f"{path}: is empty.")
     if b"\0" in start:
         raise ImpactsError(f"{path}: is no table of text.")
-    return start
-
-
-def head(path: Path) -> list[str]:
-    """The first lines of a file, complete ones; errors as of `beginning`."""
-    start = beginning(path)
-    try:
-        lines = (start if len(start) < _HEAD else start[: start.rfind(b"\n") + 1]).decode().splitlines()
-    except UnicodeDecodeError:
-        lines = []
-    if not lines:
-        raise ImpactsError(f"{path}: is no table of text.")
-    return lines
-
-
-def header_names(path: Path, line: str) -> tuple[str, ...]:
-    """The columns that a header of OpenFOAM or Fluent names.
-
-    Raises:
-        ImpactsError: where it repeats one.
-    """
-    names = tuple(re.sub(r"[#()]", " ", line).split())
-    if repeated := sorted({name for name in names if names.count(name) > 1}):
-        raise ImpactsError(f"{path}: the header repeats {', '.join(repeated)}.")
-    return names
+    return start if is_whole else start[: start.rfind(b"\n") + 1]
 
 
 def batches(
@@ -368,9 +334,12 @@ def batches(
                     for name, column in zip(columns, batch.columns, strict=True)
                 }
         except arrow.ArrowInvalid as error:
+            with open_table(path) as text:
+                lines = (plain(line).decode(errors="replace").split() for line in itertools.islice(text, skipped, None))
+                wrong = first_wrong_field(lines, names, wanted, "cannot be read")
             # A file without rows is one, too: pyarrow takes it for an error.
-            if (message := _first_wrong_row(path, skipped, names, wanted)) is not None:
-                raise ImpactsError(f"{path}: {message}.") from error
+            if wrong is not None:
+                raise ImpactsError(f"{path}: {wrong}.") from error
 
 
 class _Plain(io.RawIOBase):
@@ -386,10 +355,7 @@ class _Plain(io.RawIOBase):
 
     def read(self, size: int = -1, /) -> bytes:
         """Some lines, at most `size` bytes of them."""
-        while not self._rest:
-            lines = self._file.read(_CHUNK)
-            if not lines:
-                return b""
+        while not self._rest and (lines := self._file.read(_CHUNK)):
             self._rest = plain(lines + self._file.readline())
         size = len(self._rest) if size is None or size < 0 else size
         part, self._rest = self._rest[:size], self._rest[size:]
@@ -404,21 +370,25 @@ def plain(lines: bytes) -> bytes:
     return lines.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")
 
 
-def _first_wrong_row(path: Path, skipped: int, names: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """What is wrong with the first row that pyarrow refuses; None for a file without rows."""
+def first_wrong_field(
+    lines: Iterable[Sequence[str]], names: Sequence[str], wanted: Sequence[str], otherwise: str
+) -> str | None:
+    """What is wrong with the first row that pyarrow refuses; None for a file without rows.
+
+    Args:
+        lines: the fields of all lines; empty lines are no rows.
+        names: of all columns.
+        wanted: of those that hold numbers.
+        otherwise: what is said where no row is wrong.
+    """
     row = 0
-    with open_table(path) as file:
-        for number, line in enumerate(file):
-            fields = plain(line).split()
-            if number < skipped or not fields:
-                continue
-            row += 1
-            if len(fields) != len(names):
-                return f"row {row:,} has {len(fields)} fields, but the header names {len(names)}"
-            for name in wanted:
-                field = fields[names.index(name)].decode(errors="replace")
-                try:
-                    _ = float(field)
-                except ValueError:
-                    return f"row {row:,}: column `{name}` must be a number, but is {field[:40]!r}"
-    return None if row == 0 else "cannot be read"
+    for row, fields in enumerate(filter(None, lines), 1):
+        if len(fields) != len(names):
+            return f"row {row:,} has {len(fields)} fields, but the header names {len(names)}"
+        for name in wanted:
+            field = fields[names.index(name)]
+            try:
+                _ = float(field)
+            except ValueError:
+                return f"row {row:,}: column `{name}` must be a number, but is {field[:40]!r}"
+    return otherwise if row else None

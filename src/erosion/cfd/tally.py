@@ -5,6 +5,7 @@ portion are pairwise sums, and portions are added in their order with the roundi
 neither the blocks in which a table is read nor the processes that compute the portions change a bit.
 """
 
+import collections
 import dataclasses
 from collections.abc import Mapping
 
@@ -12,11 +13,11 @@ import numpy as np
 
 from erosion.cfd.incidence import HIT, LEFT_OUT, Hits
 
-SUMS = ("particles", "erodent", "volume", "squares", "angle", "speed")
-"""Of each face: Σw, Σwm [kg], ΣwV [volume], Σ(wV)² [volume²], Σwα [rad], Σwv₀ [m/s]; w is a row's number of particles.
+SUMS = ("particles", "erodent", "volume", "squares", "angle", "speed", "impacts")
+"""Of each face: Σw, Σwm [kg], ΣwV [volume], Σ(wV)² [volume²], Σwα [rad], Σwv₀ [m/s], and the number of rows.
 
-V and V² are means over the draws of uncertain parameters. Rows without a volume ("failed", "unfinished") in one of
-the draws count in none of them.
+w is a row's number of particles. V and V² are means over the draws of uncertain parameters. Rows without a volume
+("failed", "unfinished") in one of the draws count in none of them.
 """
 
 _SHORTEST, _LONGEST, _PER_DECADE = -12, 6, 400  # decades of a metre: bins of distances
@@ -29,26 +30,18 @@ class Portion:
 
     Args:
         faces: those that are hit, in order.
-        impacts: number of rows that have a volume, of each of these faces.
         sums: of each of `SUMS` and of these faces.
         of_draws: ΣwV of each draw of uncertain parameters and of these faces, shape (draws, faces) [volume].
-        ends: impacts, rows that hit times draws, by face's patch and by outcome.
-        fates: rows by fate.
-        lost_mass: of the rows of each fate [kg].
-        outside_mass: of hits outside the range of a correlation [kg].
-        distances: histogram of the distances of rows that name no face.
+        counts: what needs no care, by name: `ends`, impacts (rows that hit times draws) by face's patch and by outcome;
+            `fates`, rows by fate; `lost_mass` of the rows of each fate [kg]; `outside_mass` of hits outside the range
+            of a correlation [kg]; `distances`, a histogram of those of rows that name no face.
         farthest: the greatest of these distances [m].
     """
 
     faces: np.ndarray
-    impacts: np.ndarray
     sums: np.ndarray
     of_draws: np.ndarray
-    ends: np.ndarray
-    fates: np.ndarray
-    lost_mass: np.ndarray
-    outside_mass: float
-    distances: np.ndarray
+    counts: Mapping[str, np.ndarray]
     farthest: float
 
 
@@ -73,25 +66,23 @@ def portion_of(
         patches: number of patches.
         ends: number of outcomes.
     """
-    faces, impacts, sums, of_draws = _by_face(struck, volume)
-    code = (struck.patch * ends + outcome).ravel()
     near = hits.distance[np.isfinite(hits.distance) & ~hits.named]
-    return Portion(
-        faces=faces,
-        impacts=impacts,
-        sums=sums,
-        of_draws=of_draws,
-        ends=np.bincount(code, minlength=patches * ends).reshape(patches, ends),
-        fates=np.bincount(hits.fate, minlength=1 + len(LEFT_OUT)),
-        lost_mass=np.bincount(hits.fate, hits.count * hits.mass, minlength=1 + len(LEFT_OUT)),
-        outside_mass=float(np.sum(struck.count * struck.mass, where=outside)),
-        distances=_histogram(near),
-        farthest=float(near.max(initial=0.0)),
-    )
+    with np.errstate(divide="ignore"):
+        place = np.floor((np.log10(near) - _SHORTEST) * _PER_DECADE) + 1
+    code = (struck.patch * ends + outcome).ravel()
+    counts = {
+        "ends": np.bincount(code, minlength=patches * ends).reshape(patches, ends),
+        "fates": np.bincount(hits.fate, minlength=1 + len(LEFT_OUT)),
+        "lost_mass": np.bincount(hits.fate, hits.count * hits.mass, minlength=1 + len(LEFT_OUT)),
+        "outside_mass": np.sum(struck.count * struck.mass, where=outside),
+        # The first bin holds the shortest.
+        "distances": np.bincount(np.clip(place, 0, _BINS - 1).astype(np.int64), minlength=_BINS),
+    }
+    return Portion(*_by_face(struck, volume), counts, float(near.max(initial=0.0)))
 
 
-def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The faces of rows that have a volume, the numbers of these rows, their `SUMS`, and ΣwV of each draw."""
+def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The faces of rows that have a volume, the `SUMS` of these rows, and ΣwV of each draw."""
     known = np.isfinite(volume).all(axis=0)
     if not known.all():
         struck, volume = struck.part(known), volume[:, known]
@@ -109,32 +100,27 @@ def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         (removed**2).mean(axis=0),
         count * struck.alpha[order],
         count * struck.speed[order],
+        np.ones(struck.rows),
     )
+    if not begins.size:
+        return face, np.array(columns), removed
     # `reduceat` adds the rows of a face in pairs.
-    sums = np.array([np.add.reduceat(column, begins) if begins.size else column for column in columns])
-    of_draws = np.add.reduceat(removed, begins, axis=1) if begins.size else removed
-    return face[begins], np.diff(begins, append=struck.rows), sums, of_draws
+    sums = np.array([np.add.reduceat(column, begins) for column in columns])
+    return face[begins], sums, np.add.reduceat(removed, begins, axis=1)
 
 
 class FaceTally:
     """The sums of all rows so far.
 
     Attributes:
-        impacts: rows with a volume, of each face.
         of_draws: ΣwV of each draw of uncertain parameters and each face, shape (draws, faces) [volume].
-        ends, fates, outside_mass, lost_mass, distances, farthest: as of `Portion`.
+        counts, farthest: as of `Portion`.
     """
 
-    def __init__(self, faces: int, patches: int, ends: int, draws: int = 1) -> None:
-        self._sums = np.zeros((len(SUMS), faces))
-        self._errors = np.zeros((len(SUMS), faces))
-        self.impacts = np.zeros(faces, np.int64)
+    def __init__(self, faces: int, draws: int = 1) -> None:
+        self._sums, self._errors = np.zeros((2, len(SUMS), faces))
         self.of_draws = np.zeros((draws, faces))
-        self.ends = np.zeros((patches, ends), np.int64)
-        self.fates = np.zeros(1 + len(LEFT_OUT), np.int64)
-        self.lost_mass = np.zeros(1 + len(LEFT_OUT))
-        self.outside_mass = 0.0
-        self.distances = np.zeros(_BINS, np.int64)
+        self.counts = collections.defaultdict[str, np.ndarray](lambda: np.zeros((), np.int64))
         self.farthest = 0.0
 
     def add(self, portion: Portion) -> None:
@@ -145,47 +131,33 @@ class FaceTally:
         larger = np.abs(before) >= np.abs(portion.sums)
         self._errors[:, faces] += np.where(larger, (before - after) + portion.sums, (portion.sums - after) + before)
         self._sums[:, faces] = after
-        self.impacts[faces] += portion.impacts
         self.of_draws[:, faces] += portion.of_draws
-        self.ends += portion.ends
-        self.fates += portion.fates
-        self.lost_mass += portion.lost_mass
-        self.outside_mass += portion.outside_mass
-        self.distances += portion.distances
+        for name, values in portion.counts.items():
+            self.counts[name] = self.counts[name] + values
         self.farthest = max(self.farthest, portion.farthest)
 
     @property
-    def sums(self) -> Mapping[str, np.ndarray]:
+    def sums(self) -> dict[str, np.ndarray]:
         """The sums by name, of each face."""
         return dict(zip(SUMS, self._sums + self._errors, strict=True))
 
     @property
     def rows(self) -> int:
         """All rows."""
-        return int(self.fates.sum())
+        return int(self.counts["fates"].sum())
 
     @property
     def hits(self) -> int:
         """The rows that hit."""
-        return int(self.fates[HIT])
+        return int(self.counts["fates"][HIT])
 
     @property
     def unnamed(self) -> int:
         """The rows that name no face, whose distance from the nearest is known."""
-        return int(self.distances.sum())
+        return int(self.counts["distances"].sum())
 
     @property
     def median_distance(self) -> float:
         """The median distance of rows that name no face [m], to 0.3 %; NaN where there are none."""
-        reached = np.cumsum(self.distances)
-        if not reached[-1]:
-            return float("nan")
-        index = int(np.searchsorted(reached, reached[-1] / 2))
+        index = int(np.searchsorted(np.cumsum(self.counts["distances"]), self.unnamed / 2))
         return 0.0 if index == 0 else float(10 ** (_SHORTEST + (index - 0.5) / _PER_DECADE))
-
-
-def _histogram(distance: np.ndarray) -> np.ndarray:
-    """Numbers of distances by their logarithm; the first bin holds the shortest."""
-    with np.errstate(divide="ignore"):
-        place = np.floor((np.log10(distance) - _SHORTEST) * _PER_DECADE) + 1
-    return np.bincount(np.clip(place, 0, _BINS - 1).astype(np.int64), minlength=_BINS)

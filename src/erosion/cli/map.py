@@ -93,7 +93,7 @@ class _Rows:
         duration, ignore = self.number("duration", "time", p), self.ignore or ()
         has_own = impacts.is_file() and lazy.gives_density(impacts, ignore)
         # Samples of Fluent hold masses, and take no density.
-        if density is None and not (has_own or impacts.name.removesuffix(".gz").endswith(lazy.FLUENT_SUFFIXES)):
+        if density is None and not (has_own or lazy.is_fluent(impacts)):
             density = named
         table = lazy.read_impacts(impacts, case=of_mesh, particle_density=density, duration=duration, ignore=ignore)
         if isinstance(table, lazy.NamedImpacts) and has_own:
@@ -125,22 +125,19 @@ class _Rows:
             InputError: one sentence naming the option.
         """
         with user_errors(TypeError):
-            spin = "case" if has_spin and "phidot0" not in {**laws, **uncertain} else None
             return lazy.MapOptions(
-                bodies=lazy.Bodies(
-                    p,
-                    self.scaling,
-                    self.number("diameter", "length", p),
-                    spin,
-                    self.seed or 0,
-                    laws,
-                    uncertain,
-                    64 if self.draws is None else self.draws,
-                    share,
-                ),
-                restitution=self._restitution(),
-                density=per_mass.density,
-                limit=self.number("limit", "length", p),
+                p,
+                self.scaling,
+                self.number("diameter", "length", p),
+                "case" if has_spin and "phidot0" not in {**laws, **uncertain} else None,
+                self._restitution(),
+                per_mass.density,
+                self.number("limit", "length", p),
+                self.seed or 0,
+                uncertain=uncertain,
+                draws=64 if self.draws is None else self.draws,
+                cutting_fraction=share,
+                laws=laws,
             )
 
     def number(self, name: str, dimension: "lazy.Dimension", p: "lazy.Parameters") -> float | None:
@@ -267,7 +264,7 @@ def map_(
         with user_errors():
             lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
-    printed = Output("map", sand.p, options.case, json=json, seed=made.bodies.seed_used)
+    printed = Output("map", sand.p, options.case, json=json, seed=made.seed_used)
     printed.warn_all([lazy.unused_columns({**varied, **uncertain}), lazy.columns_apart(varied)])
     printed.warn_all(part.doubts(sand.model, sand.p, per_mass.cutting_fraction) for part in draws)
     _show(dataset, job, printed, sand.name)
@@ -301,7 +298,7 @@ def _job(
     model: "tuple[str | lazy.CuttingModel, dict[str, float]]",
 ) -> "lazy.MapJob":
     """Open the table and the surface, and check the map."""
-    name, p = target.surface, options.bodies.p
+    name, p = target.surface, options.p
     for option in ("patch", "surface_unit", "reverse"):
         if name is None and getattr(target, option):
             raise InputError(f"Option `--{option.replace('_', '-')}` needs `--surface`, of which it is.")
@@ -335,6 +332,8 @@ def _show(dataset: "xr.Dataset", job: "lazy.MapJob", output: Output, model: str)
         content = summary.to_dict()
         units = content.pop("units")
         each = dict.fromkeys(("alpha", "v0"), "each row's")
-        output.document(content, {model: job.task.model}, units, {**each, **job.laws_in_words()})
+        output.document(
+            content, {model: job.task.model}, units, {**each, **job.task.options.laws_in_words(job.task.model)}
+        )
     else:
         print_table(summary.title, summary.rows())

@@ -1,4 +1,4 @@
-"""From hits to impacts of a model: how the case's body follows the size of a row's particle, its spin, and laws."""
+"""How a map is made: the case, how its body follows the size of a row's particle, its spin, and laws."""
 
 import dataclasses
 import math
@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
+from erosion.arguments import check_tolerance, check_whole
 from erosion.cfd.incidence import Hits
 from erosion.cfd.rows import ImpactsError
-from erosion.correlations import CORRELATIONS
-from erosion.correlations.ranges import masks_outside
 from erosion.distributions import Distribution
 from erosion.joint_laws import SHARE, LawSet, require_units
 from erosion.models.base import CuttingModel
-from erosion.models.correlated import Correlated, CorrelatedBySize
-from erosion.models.own_parameters import ranges, with_values
-from erosion.parameters.parameters import Parameters
+from erosion.models.correlated import CorrelatedBySize
+from erosion.models.own_parameters import quantities, ranges, with_values
+from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.units import conversion_factor
 
 SCALINGS = ("similar", "none")
@@ -29,36 +28,36 @@ FRACTION = "cutting_fraction"
 
 
 @dataclasses.dataclass(frozen=True)
-class Bodies:
-    """The particles of a table as bodies of a case.
+class MapOptions:
+    """The case, and how a map is made of it; see `erosion_map`.
 
     Speed, angle and mass are always the row's. The other parameters follow from the case, which describes one
     particle: that of the case's mass, or of `diameter` where it is given.
 
     Args:
         p: the case, all scalars.
-        scaling: "similar": a particle that is g times as large as the case's has g times its r and b. "none": all
-            particles have the case's r and b.
-        diameter: of the sphere in the CFD run that has the case's r and b [length]. Without it the case's particle
-            is the one of the case's mass, so that g is the cube root of the ratio of masses.
-        spin: "column", "case" (its φ̇₀), "none", or a law of φ̇₀ from impact to impact, which joins `laws`; None takes
-            the table's spin, and the case's where the table has none.
-        seed: of the numbers drawn from laws.
+        scaling, diameter, restitution, density, limit, seed, rtol, uncertain, draws, cutting_fraction: see
+            `erosion_map`.
+        spin: see `erosion_map`; a law joins `laws`.
         laws: by parameter of the case or the model's own, its law from impact to impact.
-        uncertain: by parameter, or "cutting_fraction", the law of one number for all impacts that is not known.
-        draws: of the uncertain parameters.
-        cutting_fraction: the share of the particles that cut.
+
+    Raises:
+        ValueError, TypeError: for an option that makes no sense.
     """
 
     p: Parameters
     scaling: str = "similar"
     diameter: float | None = None
     spin: str | Distribution | None = None
+    restitution: tuple[float, float] | None = None
+    density: float | None = None
+    limit: float | None = None
     seed: int = 0
-    laws: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    rtol: float = 1e-9
     uncertain: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     draws: int = 64
     cutting_fraction: float = 1.0
+    laws: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.scaling not in SCALINGS:
@@ -72,15 +71,33 @@ class Bodies:
         if isinstance(self.spin, Distribution):
             object.__setattr__(self, "laws", {**self.laws, "phidot0": self.spin})
             object.__setattr__(self, "spin", None)
+        object.__setattr__(self, "rtol", check_tolerance(self.rtol))
+        check_whole("seed", self.seed, 0)
+        check_whole("draws", self.draws, 2)
+        validate(self.p)
+        for name in ("density", "limit", "diameter"):
+            if (value := getattr(self, name)) is not None and not (_are_numbers(value) and 0 < value < np.inf):
+                raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
+        if not (_are_numbers(self.cutting_fraction) and 0 < self.cutting_fraction <= 1):
+            raise ValueError(
+                f"Argument `cutting_fraction` must be above 0 and at most 1, but is {self.cutting_fraction!r}."
+            )
+        pair: Any = (1, 0) if self.restitution is None else self.restitution
+        is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2 and _are_numbers(*pair)
+        if not (is_pair and 0 < pair[0] <= 1 and 0 <= pair[1] < 1):
+            raise ValueError(
+                "Argument `restitution` must be (e, μ) with e in (0, 1] and μ in [0, 1), as the wall of the CFD run "
+                f"has them, but is {pair!r}."
+            )
 
     def _check_names(self) -> None:
         """Refuse laws of what has another value already."""
         if not isinstance(self.uncertain, Mapping):
             raise TypeError(f"Argument `uncertain` must be a mapping of parameters to laws, but is {self.uncertain!r}.")
         for name in OF_ROWS:
-            if name in self.laws or name in self.uncertain:
+            if name in self.all_laws:
                 raise ValueError(f"Argument `{name}` must be left out: each row of the table has its own.")
-        if self.spin is not None and ("phidot0" in self.laws or "phidot0" in self.uncertain):
+        if self.spin is not None and "phidot0" in self.all_laws:
             raise ValueError("Argument `spin` must be left out where `phidot0` has a law.")
         if both := [name for name in self.uncertain if name in self.laws]:
             raise ValueError(
@@ -96,20 +113,49 @@ class Bodies:
         Raises:
             ValueError, TypeError: naming the first law that does not.
         """
-        require_units({**self.laws, **self.uncertain}, self.p.units)
+        require_units(self.all_laws, self.p.units)
         varied, common = LawSet(self.laws, ranges(model)).middle, self.common(model)
         # So that an own parameter that cannot be an array is refused too.
         with_values(model, self.p, {name: value for name, value in (varied | common).items() if name != FRACTION})
 
     @property
+    def all_laws(self) -> dict[str, Any]:
+        """The laws of all that varies or is uncertain, by parameter."""
+        return {**self.laws, **self.uncertain}
+
+    @property
     def seed_used(self) -> int | None:
         """The seed, where numbers are drawn."""
-        return self.seed if self.laws or self.uncertain else None
+        return self.seed if self.all_laws else None
 
     @property
     def realisations(self) -> int:
         """How many times the map is computed: once for each draw of uncertain parameters, 1 without these."""
         return self.draws if self.uncertain else 1
+
+    def in_words(self) -> str:
+        """The options that are not the default."""
+        given = {
+            "scaling": None if self.scaling == "similar" else self.scaling,
+            "diameter": self.diameter,
+            "spin": self.spin,
+            **self.laws,
+            **{f"uncertain {name}": law for name, law in self.uncertain.items()},
+            "draws": self.draws if self.uncertain else None,
+            "seed": self.seed_used,
+            FRACTION: None if self.cutting_fraction == 1 else self.cutting_fraction,
+            **{name: getattr(self, name) for name in ("restitution", "density", "limit")},
+        }
+        return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
+
+    def laws_in_words(self, model: CuttingModel) -> dict[str, str]:
+        """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
+        known = quantities(model)
+        return {
+            name: ("uncertain " if name in self.uncertain else "")
+            + law.in_words(known[name].dimension if name in known else "1", self.p.units)
+            for name, law in self.all_laws.items()
+        }
 
     def common(self, model: CuttingModel) -> dict[str, np.ndarray]:
         """The uncertain parameters, the same for all rows; each of shape (draws, 1).
@@ -135,7 +181,13 @@ class Bodies:
         laws = LawSet(self.laws, ranges(model))
         points = np.random.default_rng([self.seed, portion]).uniform(2.0**-53, 1.0, (hits.rows, laws.dimension))
         values = laws.draw(points)
-        return values if "phidot0" in {**self.laws, **self.uncertain} else {**values, "phidot0": self._spins(hits)}
+        if "phidot0" in self.all_laws:
+            return values
+        lacks = np.isnan(hits.spin)
+        if self.spin == "column" and lacks.any():
+            raise ImpactsError("Argument `spin` must be a law, case or none, as the table has no column of it.")
+        usual = 0.0 if self.spin == "none" else float(self.p.phidot0)
+        return {**values, "phidot0": np.where(lacks | (self.spin in ("none", "case")), usual, hits.spin)}
 
     def impacts(
         self, model: CuttingModel, hits: Hits, values: Mapping[str, np.ndarray]
@@ -151,39 +203,19 @@ class Bodies:
         units = self.p.units
         model, p = with_values(model, self.p, {name: value for name, value in values.items() if name != FRACTION})
         mass = hits.mass * conversion_factor("mass", "si", units)
-        p = dataclasses.replace(
-            p.similar(self._growth(mass, hits.diameter)),
-            m=mass,
-            v0=hits.speed * conversion_factor("speed", "si", units),
-            alpha=hits.alpha,
-        )
+        if self.scaling == "none":
+            growth = np.ones_like(mass)
+        elif self.diameter is None:
+            growth = np.cbrt(mass / float(self.p.m))
+        else:
+            growth = hits.diameter * (conversion_factor("length", "si", units) / self.diameter)
+        speed = hits.speed * conversion_factor("speed", "si", units)
+        p = dataclasses.replace(p.similar(growth), m=mass, v0=speed, alpha=hits.alpha)
         if isinstance(model, CorrelatedBySize):
             # The table knows the size, for which the case alone has but a density to guess from.
             model = model.replace(particle_density=6 * hits.mass / (math.pi * hits.diameter**3))
         return model, p
 
-    def _spins(self, hits: Hits) -> np.ndarray:
-        """φ̇₀ of all rows of a portion without a law [rad/s]."""
-        if self.spin == "none":
-            return np.zeros(hits.rows)
-        if self.spin == "case":
-            return np.full(hits.rows, float(self.p.phidot0))
-        if self.spin == "column" and np.isnan(hits.spin).any():
-            raise ImpactsError("Argument `spin` must be a law, case or none, as the table has no column of it.")
-        return np.where(np.isnan(hits.spin), float(self.p.phidot0), hits.spin)
 
-    def _growth(self, mass: np.ndarray, diameter: np.ndarray) -> np.ndarray:
-        """Size of each particle over that of the case's."""
-        if self.scaling == "none":
-            return np.ones_like(mass)
-        if self.diameter is None:
-            return np.cbrt(mass / float(self.p.m))
-        return diameter * (conversion_factor("length", "si", self.p.units) / self.diameter)
-
-
-def outside_range(model: CuttingModel, hits: Hits) -> np.ndarray:
-    """Whether rows are outside the range of a correlation; False for other models."""
-    if not isinstance(model, Correlated):
-        return np.zeros(hits.rows, bool)
-    columns = {"alpha": hits.alpha, "v0": hits.speed, "diameter": hits.diameter}
-    return np.any([*masks_outside(CORRELATIONS[model.name].ranges, columns).values()], axis=0)
+def _are_numbers(*values: Any) -> bool:
+    return all(isinstance(value, (int, float, np.number)) for value in values)

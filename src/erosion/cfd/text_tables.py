@@ -1,0 +1,335 @@
+"""Tables of impacts as text, of the cloud function objects of OpenFOAM and of Ansys Fluent's samples `.dpm`.
+
+A file `.dpm` begins with two lines, the surface and the columns; then one line for each parcel, the numbers in
+parentheses and the name of its injection. All numbers are in SI units whatever the session shows; t is the
+temperature, and `time` the age of the particle.
+"""
+
+import dataclasses
+import hashlib
+import math
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from erosion.cfd.openfoam import Mesh, case_of, dictionary, open_case
+from erosion.cfd.rows import (
+    POSITION,
+    VELOCITY,
+    WEIGHTS,
+    ImpactBlock,
+    Impacts,
+    ImpactsError,
+    batches,
+    beginning,
+    blocks,
+    digest_of,
+    require_columns,
+    require_rows,
+    weigh,
+)
+
+OPENFOAM_SUFFIXES, FLUENT_SUFFIXES = (".post", ".dat"), (".dpm",)
+_OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "Time": "time",
+                "currentProc": "processor"}  # fmt: skip
+_VECTORS = {"U": VELOCITY, "position": POSITION}
+_AXES = ("012", "xyz")  # how versions name the components
+_WINDOW = re.compile(r"\d+\.?\d*(?:[eE][-+]?\d+)?")
+_OF_FLUENT = {
+    **dict(zip("xyz", POSITION, strict=True)), **dict(zip("uvw", VELOCITY, strict=True)), "diameter": "diameter",
+    "mass": "mass", "n-in-parcel": "count", "parcel-mass": "parcel_mass", "mass-flow": "mass_flow",
+    "frequency": "frequency", "flow-time": "time",
+}  # fmt: skip
+
+
+class Table(NamedTuple):
+    """One file; of OpenFOAM, that of one patch in one window of time.
+
+    Args:
+        path: the file.
+        skipped: lines before the first row.
+        names: its columns as the header names them.
+        columns: the header's names by those of `rows.NAMES`.
+        patch: the name of the patch.
+        window: the folder's name, the time at which it was written; empty where there is none.
+    """
+
+    path: Path
+    skipped: int
+    names: tuple[str, ...]
+    columns: dict[str, str]
+    patch: str = ""
+    window: str = ""
+
+
+@dataclasses.dataclass(kw_only=True)
+class TextImpacts(Impacts):
+    """All tables of a function object, or a sample of parcels at one surface.
+
+    In a steady run of Fluent a row is a stream of particles, and its `mass-flow` [kg/s] hits for the whole duration.
+    """
+
+    tables: tuple[Table, ...]
+    mesh: Mesh | None = None
+    most_stored: int | None = None
+
+    def identity(self) -> str:
+        """See `Impacts`."""
+        processors = {} if self.mesh is None else self.mesh.processors
+        addressing = [hashlib.sha256(processors[number].tobytes()).hexdigest() for number in sorted(processors)]
+        return digest_of([table.path for table in self.tables], f"{self.density} {self.duration} {addressing}")
+
+    def blocks(self, rows: int) -> Iterator[ImpactBlock]:
+        """See `Impacts`."""
+        is_parallel: bool | None = None
+        last = dict[str, tuple[Path, float]]()  # of each patch, the window before and its last time
+        for table in self.tables:
+            first, latest, stored = 0, -math.inf, np.zeros(0, np.int64)
+            for columns in batches(table.path, table.skipped, table.names, table.columns):
+                if is_parallel is None:
+                    is_parallel = self._is_parallel(table, columns)
+                if "mesh_face" in columns:
+                    columns["mesh_face"] = self._mesh_faces(table, first, columns, is_parallel)
+                if "time" in columns:
+                    begins, before = columns["time"].min(), last.get(table.patch)
+                    if before is not None and begins < before[1]:
+                        raise ImpactsError(
+                            f"{table.path}: begins at {begins:g} s, before {before[0]} ends at {before[1]:g} s: a "
+                            "restart repeated this time. Move the windows of one of both runs away."
+                        )
+                    latest = max(latest, float(columns["time"].max()))
+                stored = self._require_complete(table, stored, columns)
+                yield from blocks(str(table.path), first, columns, rows, self.density, self.duration)
+                first += len(columns["diameter"])
+            if first:
+                last[table.patch] = (table.path, latest)
+
+    def _is_parallel(self, table: Table, columns: Mapping[str, np.ndarray]) -> bool:
+        """Whether faces are counted in each processor's part of the mesh."""
+        if "mesh_face" not in columns or "processor" not in columns:
+            return False
+        if columns["processor"].any():
+            return True
+        if self.mesh is None or 0 not in self.mesh.processors or table.patch not in self.mesh.patches:
+            return False
+        # All rows are of processor 0, and the case is decomposed: the faces tell whether the run was serial.
+        patch, faces = self.mesh.patches[table.patch], columns["mesh_face"]
+        if not patch.has(faces).all():
+            return True
+        addressing = self.mesh.processors[0]
+        mapped = addressing[np.minimum(faces.astype(np.int64), len(addressing) - 1)]
+        if patch.has(mapped).all() and (mapped != faces).any():
+            raise ImpactsError(
+                f"{table.path}: names faces of patch {table.patch!r}, whether they are counted in the whole mesh of "
+                f"{self.mesh.case} or in its part in processor0. If the run was serial, move the folders processor0, "
+                "processor1, … away; if not, give all windows."
+            )
+        return False
+
+    def _mesh_faces(self, table: Table, first: int, columns: Mapping[str, np.ndarray], is_parallel: bool) -> np.ndarray:
+        """The faces' numbers in the whole mesh, checked against the patch's."""
+        faces = columns["mesh_face"]
+        if is_parallel or ("processor" in columns and columns["processor"].any()):
+            faces = self._undecomposed(table, first, columns)
+            if not is_parallel:
+                raise ImpactsError(f"{table.path}: is of a parallel run, but the rows before it are of a serial one.")
+        if self.mesh is None or table.patch not in self.mesh.patches:
+            return faces
+        own, named = self.mesh.patches[table.patch].has(faces), columns["mesh_face"]
+        doubt = (
+            f", which is none of patch {table.patch!r} of {self.mesh.case}. Is the table of another mesh, or of a "
+            "parallel run whose folders processor0, processor1, … are gone?"
+        )
+        require_rows(str(table.path), first, own, lambda row: f" names face {named[row]:.0f}{doubt}")
+        return faces
+
+    def _undecomposed(self, table: Table, first: int, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Faces of the whole mesh from those of the processors' parts."""
+        processors = {} if self.mesh is None else self.mesh.processors
+        faces = columns["mesh_face"].copy()
+        for processor in np.unique(columns["processor"]).astype(int):
+            if processor not in processors:
+                where = "the case, which is not given" if self.mesh is None else f"{self.mesh.case}"
+                raise ImpactsError(
+                    f"{table.path}: is of a parallel run, and its faces are those of a processor's part of the mesh: "
+                    f"processor{processor}/constant/polyMesh/faceProcAddressing is needed of {where}."
+                )
+            addressing, own = processors[processor], columns["processor"] == processor
+            good = ~own | ((faces >= 0) & (faces < len(addressing)))
+            of = f"of processor {processor}, which has {len(addressing):,} faces."
+            require_rows(str(table.path), first, good, lambda row, of=of: f" names face {faces[row]:.0f} {of}")
+            faces[own] = addressing[faces[own].astype(np.int64)]
+        return faces
+
+    def _require_complete(self, table: Table, stored: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Count rows by processor, and refuse a table that is full: what came later is lost."""
+        length = len(columns["diameter"])
+        processors = columns.get("processor", np.zeros(length)).astype(np.int64)
+        counted = np.bincount(processors, minlength=len(stored))
+        counted[: len(stored)] += stored
+        if self.most_stored is not None and counted.max(initial=0) >= self.most_stored:
+            raise ImpactsError(
+                f"{table.path}: holds {counted.max():,} rows of processor {counted.argmax()}, which is the case's "
+                "`maxStoredParcels`: later impacts were not written. Increase it, and run the case again."
+            )
+        return counted
+
+
+def open_openfoam(path: Path, case: Path | None, density: float | None, duration: float | None) -> TextImpacts:
+    """The tables of a file, a window, a function object or a whole case.
+
+    Raises:
+        ImpactsError: where there are none, or of several function objects, or their headers are not usable.
+    """
+    tables = [_openfoam_table(file) for file in ([path] if path.is_file() else _files(path))]
+    tables.sort(key=lambda table: (float(table.window or 0), table.patch))
+    mesh_case = case_of(path) if case is None else case
+    mesh = None if mesh_case is None else open_case(mesh_case)
+    first = tables[0]
+    for table in tables:
+        if table.names != first.names:
+            raise ImpactsError(f"{table.path}: has other columns than {first.path}; read them one by one.")
+    require_columns(str(first.path), first.columns, has_density=density is not None)
+    if not {"mesh_face", POSITION[0]} & first.columns.keys():
+        raise ImpactsError(f"{first.path}: names neither the face (`facei`) nor the position of an impact.")
+    _, warnings_of_weights = weigh(str(first.path), first.columns, duration)
+    if duration is None and mesh is not None and (start := _start(mesh.case)) is not None:
+        end = max((float(table.window) for table in tables if table.window), default=start)
+        duration = end - start if end > start else None
+    return TextImpacts(
+        title=str(path),
+        tables=tuple(tables),
+        mesh=mesh,
+        most_stored=None if mesh is None else _most_stored(mesh.case, first.path),
+        density=density,
+        duration=duration,
+        mesh_faces="mesh_face" in first.columns,
+        warnings=warnings_of_weights,
+    )
+
+
+def open_fluent(path: Path, density: float | None, duration: float | None) -> TextImpacts:
+    """A sample of Fluent.
+
+    Raises:
+        ImpactsError: for a file without Fluent's header, or without columns that are needed.
+    """
+    if density is not None:
+        raise ImpactsError(f"{path}: gives the mass of each particle; Argument `particle_density` must be left out.")
+    lines = _head(path)
+    numbers = [number for number, line in enumerate(lines[:10]) if "diameter" in line and line.lstrip().startswith("(")]
+    if not numbers:
+        raise ImpactsError(f"{path}: has no header of Fluent, a line such as (x y z u v w diameter t … name).")
+    names = _names(path, lines[numbers[0]])
+    columns = {ours: name for name, ours in _OF_FLUENT.items() if name in names}
+    # Fluent gives the weight in several ways, which agree.
+    for weight in [weight for weight in WEIGHTS if weight in columns][1:]:
+        del columns[weight]
+    duration, warnings = weigh(str(path), columns.keys() - {"time"}, duration)
+    require_columns(str(path), columns)
+    table = Table(path, numbers[0] + 1, names, columns)
+    return TextImpacts(title=str(path), tables=(table,), duration=duration, warnings=warnings)
+
+
+def is_openfoam(path: Path) -> bool:
+    """Whether the name is one of a table of OpenFOAM, compressed or not."""
+    return _plain_name(path).suffix in OPENFOAM_SUFFIXES
+
+
+def is_fluent(path: Path) -> bool:
+    """Whether the name is one of a sample of Fluent, compressed or not."""
+    return _plain_name(path).suffix in FLUENT_SUFFIXES
+
+
+def _files(folder: Path) -> list[Path]:
+    """The tables of a window, a function object or a whole case."""
+    # Beside those of clouds a case has tables of forces, probes and others.
+    roots = (folder / "postProcessing" / "lagrangian", folder / "lagrangian", folder)
+    root = next(root for root in roots if root.is_dir())
+    files = sorted(file for file in root.rglob("*") if file.is_file() and is_openfoam(file) and _in_window(file))
+    files = files or sorted(file for file in root.iterdir() if file.is_file() and is_openfoam(file))
+    if not files:
+        names = sorted(file.name + "/" * file.is_dir() for file in folder.iterdir())
+        listed = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}" if names else "nothing"
+        raise ImpactsError(f"{folder}: has no tables of impacts (.post, .dat), but {listed}.")
+    objects = {_function_object(file) for file in files}
+    if len(objects) > 1:
+        listed = ", ".join(str(one.relative_to(folder)) for one in sorted(objects))
+        raise ImpactsError(
+            f"{folder}: has tables of {len(objects)} function objects, {listed}; give one of these folders."
+        )
+    if twice := [file for file in files if file.suffix == ".gz" and file.with_suffix("") in files]:
+        raise ImpactsError(f"{twice[0]}: is there twice, also as {twice[0].stem}; remove one of them.")
+    return files
+
+
+def _openfoam_table(path: Path) -> Table:
+    lines = _head(path)
+    header = [number for number, line in enumerate(lines) if line.startswith("#")]
+    names = _names(path, lines[header[-1]]) if header else ()
+    if "Time" not in names:
+        raise ImpactsError(f"{path}: has no header of OpenFOAM, a line that starts with '# Time'.")
+    columns = {ours: name for name, ours in _OF_OPENFOAM.items() if name in names}
+    for vector, ours in _VECTORS.items():
+        for axes in _AXES:
+            if all(vector + axis in names for axis in axes):
+                columns |= {name: vector + axis for name, axis in zip(ours, axes, strict=True)}
+    window = path.parent.name if _in_window(path) else ""
+    return Table(path, header[-1] + 1, names, columns, _plain_name(path).stem, window)
+
+
+def _head(path: Path) -> list[str]:
+    """The complete lines at the beginning of a file; errors as of `beginning`."""
+    try:
+        lines = beginning(path).decode().splitlines()
+    except UnicodeDecodeError:
+        lines = []
+    if not lines:
+        raise ImpactsError(f"{path}: is no table of text.")
+    return lines
+
+
+def _names(path: Path, line: str) -> tuple[str, ...]:
+    """The columns that a header names.
+
+    Raises:
+        ImpactsError: where it repeats one.
+    """
+    names = tuple(re.sub(r"[#()]", " ", line).split())
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ImpactsError(f"{path}: the header repeats {', '.join(repeated)}.")
+    return names
+
+
+def _in_window(path: Path) -> bool:
+    """Whether the file lies in a folder that has a time for its name."""
+    return bool(_WINDOW.fullmatch(path.parent.name))
+
+
+def _function_object(path: Path) -> Path:
+    return path.parent.parent if _in_window(path) else path.parent
+
+
+def _plain_name(path: Path) -> Path:
+    return path.with_suffix("") if path.suffix == ".gz" else path
+
+
+def _most_stored(case: Path, table: Path) -> int | None:
+    """`maxStoredParcels` of the function object of a table; None where the case does not say it."""
+    folder = _function_object(table)
+    content = dictionary(case / "constant" / f"{folder.parent.name}Properties")
+    try:
+        value = content["cloudFunctions"][folder.name]["maxStoredParcels"] if content else None
+    except (KeyError, TypeError):
+        return None
+    return int(value) if isinstance(value, (int, float)) else None
+
+
+def _start(case: Path) -> float | None:
+    """The time at which the run began; None where the case does not say it."""
+    content = dictionary(case / "system" / "controlDict")
+    start = content.get("startTime") if content and content.get("startFrom") == "startTime" else None
+    return float(start) if isinstance(start, (int, float)) else None
