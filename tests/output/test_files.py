@@ -2,15 +2,13 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from erosion.output.files import _name_of_draft, require_writable, uninterrupted, write_whole, written_whole
+from erosion.output.files import require_writable, uninterrupted, write_whole, written_whole
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -192,78 +190,17 @@ def test_signals_do_not_come_to_other_threads() -> None:
     assert reached == [signal.default_int_handler]
 
 
-HALF_WRITTEN = """
-import sys, time
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from erosion.output.files import written_whole
-with written_whole(Path(sys.argv[1])) as draft:
-    draft.write_bytes(b"half")
-    print("half", flush=True)
-    time.sleep(60)
-"""
-
-
-@pytest.mark.parametrize("write", [require_writable, lambda path: write_whole(path, b"new")])
-def test_the_next_writer_clears_what_a_killed_one_left(tmp_path: Path, write) -> None:
+def test_what_a_killed_writer_left_is_in_nobodys_way(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
-    with subprocess.Popen([sys.executable, "-c", HALF_WRITTEN, path], stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
-        writer.stdout.readline()
-        (draft,) = tmp_path.iterdir()
-        write(path)
-        assert draft.is_dir(), "its writer lives"
-        writer.kill()
-    assert draft.is_dir()
-    write(tmp_path / "another.txt")
-    assert draft.is_dir(), "of another file"
-    write(path)
-    assert not draft.exists()
-
-
-def test_nothing_of_the_users_is_taken_for_a_draft(tmp_path: Path) -> None:
-    path = tmp_path / "s.csv"
-    token = "0123456789abcdef"
-    of_another_file = _name_of_draft(tmp_path / "t.csv", 2 * token).replace("t.csv", "s.csv")
-    names = ["my-backup", token, 2 * token, 4 * token]
-    own = [tmp_path / f".s.csv.{name}.part" for name in names] + [tmp_path / of_another_file]
-    for folder in own:
-        folder.mkdir()
-        (folder / "s.csv").write_bytes(b"measured")
-    (tmp_path / ".s.csv.file.part").write_bytes(b"a file")
-    (tmp_path / ".s.csv.link.part").symlink_to(own[0])
-    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
-    require_writable(path)
+    left = tmp_path / ".out.txt.0123abcd.part"
+    left.mkdir()
+    (left / "out.txt").write_bytes(b"half")
     write_whole(path, b"new")
-    assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before | {path: b"new"}
-    assert all(folder.is_dir() for folder in own)
-
-
-def test_a_link_with_the_name_of_a_draft_is_not_followed(tmp_path: Path) -> None:
-    path, elsewhere = tmp_path / "s.csv", tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    (elsewhere / "s.csv").write_bytes(b"measured")
-    (tmp_path / _name_of_draft(path, "0" * 32)).symlink_to(elsewhere)
-    write_whole(path, b"new")
-    assert (elsewhere / "s.csv").read_bytes() == b"measured"
     assert path.read_bytes() == b"new"
+    assert (left / "out.txt").read_bytes() == b"half"
 
 
-def test_what_someone_puts_into_a_draft_stays(tmp_path: Path) -> None:
-    path = tmp_path / "out.txt"
-    with written_whole(path) as draft:
-        draft.write_bytes(b"new")
-        (draft.parent / "notes.txt").write_bytes(b"mine")
-    dead = tmp_path / _name_of_draft(path, "0" * 32)
-    dead.mkdir()
-    for name in ("out.txt", "notes.txt"):
-        (dead / name).write_bytes(b"mine")
-    write_whole(path, b"newer")
-    assert path.read_bytes() == b"newer"
-    assert [file.name for file in tmp_path.rglob("*") if file.is_file() and file != path] == 2 * ["notes.txt"]
-
-
-def test_writers_of_one_file_do_not_clear_each_other(tmp_path: Path) -> None:
+def test_writers_of_one_file_do_not_disturb_each_other(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda i: write_whole(path, b"%d" % i), range(400)))

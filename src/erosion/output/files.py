@@ -4,15 +4,13 @@ import contextlib
 import errno
 import hashlib
 import os
-import secrets
 import shutil
 import signal
 import stat
+import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-
-_TOKEN = 32  # hexadecimal digits: 128 bits
 
 
 def digest(content: bytes) -> str:
@@ -185,69 +183,17 @@ def _target(path: Path) -> Path:
 
 @contextlib.contextmanager
 def _draft(path: Path) -> Iterator[Path]:
-    """A path in a hidden folder beside the file, of its own for each writer, cleared afterwards; errors name `path`."""
+    """A path in a hidden folder beside the file, of its own for each writer, which goes afterwards; errors name `path`.
+
+    A program that is killed while it writes leaves the folder, `.NAME.RANDOM.part`.
+    """
     target = _target(path)
     try:
-        _clear_drafts(target)
-        with _own_folder(target) as folder:
-            yield folder / target.name
+        with tempfile.TemporaryDirectory(
+            prefix=f".{target.name[:40]}.", suffix=".part", dir=target.parent, ignore_cleanup_errors=True
+        ) as folder:
+            yield Path(folder) / target.name
     except OSError as error:
         # Libraries put long texts of their own into `strerror`.
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise type(error)(error.errno, reason, str(path)) from error
-
-
-@contextlib.contextmanager
-def _own_folder(target: Path) -> Iterator[Path]:
-    """A new folder for a draft, claimed as long as its writer lives."""
-    while True:
-        folder = target.with_name(_name_of_draft(target, secrets.token_hex(_TOKEN // 2)))
-        folder.mkdir()
-        with contextlib.ExitStack() as claim:
-            try:
-                claim.enter_context(claimed(folder))
-                folder.lstat()
-            except FileNotFoundError:
-                continue  # another writer took it for a dead one's before it was claimed
-            try:
-                yield folder
-            finally:
-                _remove_draft(folder, target)
-            return
-
-
-def _clear_drafts(target: Path) -> None:
-    """Remove what writers of the same file left that were killed."""
-    with contextlib.suppress(OSError), os.scandir(target.parent) as entries:
-        drafts = [entry.path for entry in entries if _is_draft(entry.name, target)]
-        for draft in drafts:
-            with contextlib.suppress(OSError), claimed(Path(draft), alone=True) as is_alone:
-                if is_alone:
-                    _remove_draft(Path(draft), target)
-
-
-def _remove_draft(folder: Path, target: Path) -> None:
-    """Remove a draft and its folder; what anyone else has put there stays."""
-    draft = folder / target.name
-    with contextlib.suppress(OSError):
-        if folder.is_symlink():
-            return
-        if draft.is_dir() and not draft.is_symlink():
-            shutil.rmtree(draft, ignore_errors=True)
-        else:
-            draft.unlink(missing_ok=True)
-        folder.rmdir()
-
-
-def _name_of_draft(target: Path, token: str) -> str:
-    """The name of the folder in which a file is written: it ends in a token and the digest of token and file.
-
-    By the digest a folder is known that this program made, for this file: nobody else's is named so.
-    """
-    of_both = hashlib.sha256(b"erosion/" + token.encode() + b"/" + os.fsencode(target.name)).hexdigest()
-    return f".{target.name[:40]}.{token}{of_both[:_TOKEN]}.part"
-
-
-def _is_draft(name: str, target: Path) -> bool:
-    _, _, end = name.rpartition(".part")[0].rpartition(".")
-    return name == _name_of_draft(target, end[:_TOKEN])
