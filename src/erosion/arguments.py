@@ -78,6 +78,13 @@ def check_scalars(values: Mapping[str, Any], instead: str = "") -> None:
             raise ValueError(f"Argument `{name}` must be a scalar here, but has shape {shape}{instead}.")
 
 
+def refuse(lead: str, *table: tuple[object, str], kind: type[Exception] = ValueError) -> None:
+    """Raise an error where a condition of a table is true: `lead`, and then the clause beside the first of them."""
+    for condition, clause in table:
+        if condition:
+            raise kind(f"{lead}{clause}")
+
+
 def check_unmasked(name: str, value: Any) -> None:
     """A `ValueError` where values are masked: all that computes with arrays ignores the mask."""
     if np.ma.is_masked(value):

@@ -18,7 +18,7 @@ import hashlib
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -274,6 +274,41 @@ class Samples(Distribution):
         return float(np.searchsorted(self.values, x, side="right") / len(self.values))
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class OfScipy(Distribution):
+    """A frozen distribution of `scipy.stats`, or any other law of one number with `ppf` and `cdf`."""
+
+    law: Any
+
+    def __post_init__(self) -> None:
+        middle = np.asarray(self.law.ppf(np.array([0.5])), float)
+        if middle.shape != (1,) or not np.isfinite(middle[0]):
+            raise ValueError(f"Argument `law` must have one finite number for each share, but {self.law} has not.")
+
+    def __str__(self) -> str:
+        if not hasattr(self.law, "dist"):
+            return str(self.law)
+        numbers = [f"{value:.5g}" for value in self.law.args]
+        numbers += [f"{name}={value:.5g}" for name, value in self.law.kwds.items()]
+        return f"{self.law.dist.name}({', '.join(numbers)})"
+
+    def in_words(self, dimension: Dimension, system: System) -> str:
+        """As scipy has it; its numbers are in the units of the parameter."""
+        return str(self)
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        return np.asarray(self.law.ppf(u), float)
+
+    def cdf(self, x: float) -> float:
+        return float(self.law.cdf(x))
+
+
+def as_law(law: Any) -> Any:
+    """A law as a `Distribution`; what is no law of one number stays what it is."""
+    is_foreign = not isinstance(law, Distribution) and hasattr(law, "ppf") and hasattr(law, "cdf")
+    return OfScipy(law) if is_foreign else law
+
+
 LAWS: Mapping[str, type[Any]] = {
     "normal": Normal,
     "lognormal": LogNormal,
@@ -318,7 +353,8 @@ def read_distribution(text: str, name: str, dimension: Dimension, system: System
     if call is None:
         return None
     if call["name"] == "samples":
-        return read_samples(call["arguments"].strip(), name, dimension, system)
+        path = call["arguments"].strip()
+        return Samples(read_column(path, name, dimension, system), path)
     law = LAWS.get(call["name"])
     if law is None:
         raise ValueError(f"must be one of {', '.join((*LAWS, 'samples'))}, but is {call['name']!r}")
@@ -339,26 +375,19 @@ def read_distribution(text: str, name: str, dimension: Dimension, system: System
         raise ValueError(f"must be a law, but is {text.strip()!r}: {str(error).rstrip('.')}") from error
 
 
-def read_samples(path: str | Path, name: str, dimension: Dimension, system: System) -> Samples:
-    """A column of a CSV file as a law; errors as of `read_column`."""
-    return Samples(read_column(path, name, dimension, system), str(path))
-
-
 def read_column(path: str | Path, name: str, dimension: Dimension, system: System) -> list[float]:
     """The column of a CSV file that is called as a parameter, with its unit if it has one: "v0 [m/s]".
 
     Raises:
         ValueError: with a clause that starts with "must", to follow the parameter's name.
     """
-    table = _read_columns(path)
-    heads = matching(table[0], of_parameters({name: dimension}))
-    columns = [i for i, head in enumerate(heads) if head is not None]
-    if len(columns) != 1:
-        there = shown(", ".join(table[0])).strip("'") or "none"
+    header, rows = _read_table(path)
+    heads = matching(header, of_parameters({name: dimension}))
+    if sum(head is not None for head in heads) != 1:
+        there = shown(", ".join(header)).strip("'") or "none"
         raise ValueError(f"must have one column `{name}` in {path}, whose columns are {there}")
-    of_parameter: dict[str, Dimension] = {parameter: quantity.dimension for parameter, quantity in QUANTITIES.items()}
-    _require_no_weights(path, table, {**of_parameter, name: dimension})
-    return _numbers(path, table, columns[0], heads[columns[0]], dimension, system)
+    others: dict[str, Dimension] = {parameter: quantity.dimension for parameter, quantity in QUANTITIES.items()}
+    return _numbers(path, (header, rows), heads, {**others, name: dimension}, system)[name]
 
 
 def read_columns(
@@ -369,66 +398,59 @@ def read_columns(
     Raises:
         ValueError: with a clause that starts with "must", for a column that may be a parameter, too.
     """
-    table = _read_columns(path)
+    header, rows = _read_table(path)
     try:
-        heads, unused = read_heads(table[0], of_parameters(dimensions), leave_out="remove it from the file")
+        heads, unused = read_heads(header, of_parameters(dimensions), leave_out="remove it from the file")
     except HeaderError as error:
-        at = "" if error.index is None else f"{table[0][error.index].strip()!r} "
+        at = "" if error.index is None else f"{header[error.index].strip()!r} "
         raise ValueError(f"must have columns that are understood, but in {path} {at}{error}") from error
-    _require_no_weights(path, table, dimensions)
-    columns = {
-        head.name: _numbers(path, table, i, head, dimensions[head.name], system)
-        for i, head in enumerate(heads)
-        if head is not None
-    }
-    return columns, unused
+    return _numbers(path, (header, rows), heads, dimensions, system), unused
 
 
 _Table = tuple[list[str], list[tuple[int, list[str]]]]
 
 
-def _require_no_weights(path: str | Path, table: _Table, dimensions: Mapping[str, Dimension]) -> None:
-    """Refuse a table in which a row may count more often than another: all are drawn alike."""
-    heads, rows = table
-    numbered = [i for i in range(len(heads)) if _are_numbers_of_rows([cells[i] for _, cells in rows])]
-    others = [head for i, head in enumerate(heads) if i not in numbered]
+def _numbers(
+    path: str | Path,
+    table: _Table,
+    heads: Sequence[Head | None],
+    dimensions: Mapping[str, Dimension],
+    system: System,
+) -> dict[str, list[float]]:
+    """The columns that are understood, in the units of `system`; one of another name than its parameter's needs a unit.
+
+    All rows are drawn alike, so a column that may say how often a row counts is refused.
+    """
+    header, rows = table
+    of_rows = [[str(first + i) for i in range(len(rows))] for first in (0, 1)]
+    others = [text for i, text in enumerate(header) if [cells[i].strip() for _, cells in rows] not in of_rows]
     if (weight := weight_among(others, of_parameters(dimensions))) is not None:
         raise ValueError(
             f"must have rows that count alike, but in {path} {weight!r} may be a weight; if it is none, remove it from "
             "the file, or else repeat rows by it"
         )
+    columns: dict[str, list[float]] = {head.name: [] for head in heads if head is not None}
+    for i, head in enumerate(heads):
+        for line, cells in rows if head else ():
+            name, dimension, text = head.name, dimensions[head.name], f"{cells[i]} {head.unit}"
+            try:
+                if (dimension == "angle" or (head.alias and dimension != "1")) and not has_unit(text):
+                    such_as = "deg" if dimension == "angle" else ascii_unit(unit_name(dimension, system))
+                    raise ValueError(
+                        f"must have a unit in the header, such as `{head_parts(header[i])[0]} [{such_as}]`"
+                    )
+                columns[name].append(read_quantity(text, dimension, system))
+            except ValueError as error:
+                message = f"must have a number in each row of column `{name}` in {path}, line {line} ({error})"
+                raise ValueError(message) from error
+    if columns and not rows:
+        raise ValueError(
+            f"must have a number in each row of column `{next(iter(columns))}` in {path}, which has no rows"
+        )
+    return columns
 
 
-def _are_numbers_of_rows(cells: list[str]) -> bool:
-    """Whether they count the rows from 0 or from 1."""
-    return any([cell.strip() for cell in cells] == [str(first + i) for i in range(len(cells))] for first in (0, 1))
-
-
-def _numbers(
-    path: str | Path, table: _Table, index: int, head: Head | None, dimension: Dimension, system: System
-) -> list[float]:
-    """A column in the units of `system`; one of another name than its parameter's must have a unit."""
-    assert head is not None
-    name, values = head.name, []
-    for line, cells in table[1]:
-        text = f"{cells[index]} {head.unit}"
-        try:
-            if (dimension == "angle" or (head.alias and dimension != "1")) and not has_unit(text):
-                such_as = "deg" if dimension == "angle" else ascii_unit(unit_name(dimension, system))
-                raise ValueError(
-                    f"must have a unit in the header, such as `{head_parts(table[0][index])[0]} [{such_as}]`"
-                )
-            values.append(read_quantity(text, dimension, system))
-        except ValueError as error:
-            raise ValueError(
-                f"must have a number in each row of column `{name}` in {path}, line {line} ({error})"
-            ) from error
-    if not values:
-        raise ValueError(f"must have a number in each row of column `{name}` in {path}, which has no rows")
-    return values
-
-
-def _read_columns(path: str | Path) -> _Table:
+def _read_table(path: str | Path) -> _Table:
     """The header of a CSV file, and the cells of each row with the number of its line; every row is as long."""
     if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):  # a pipe waits for its writer
         raise ValueError(f"must name a CSV file, but {str(path)!r} is no file")

@@ -13,14 +13,14 @@ import dataclasses
 import functools
 import hashlib
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import special
 
-from erosion.arguments import check_unmasked
+from erosion.arguments import check_unmasked, refuse
 from erosion.distributions import MOST_OUTSIDE, Distribution, Samples, read_columns, shares_within
 from erosion.output.files import digest
 from erosion.parameters.headings import unused_note
@@ -67,8 +67,7 @@ class JointLaw(Mapping[str, Any], abc.ABC):
         """What ties the parameters together."""
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self.marginals:
-            raise KeyError(name)
+        _ = self.marginals[name]  # a `KeyError` for another name
         return Member(self, name)
 
     def __iter__(self) -> Iterator[str]:
@@ -150,14 +149,9 @@ class Rows(JointLaw):
         checksum = hashlib.sha256(b"".join(values.tobytes() for values in self.columns.values())).hexdigest()[:8]
         return f"Rows({self.source}: {', '.join(self.columns)}; {self._count:,} rows, {checksum})"
 
-    @property
+    @functools.cached_property
     def marginals(self) -> Mapping[str, Distribution]:
         """The values of each column."""
-        return self._samples
-
-    @functools.cached_property
-    def _samples(self) -> dict[str, Samples]:
-        """The same, sorted once."""
         return {name: Samples(values, self.source) for name, values in self.columns.items()}
 
     @property
@@ -198,14 +192,13 @@ class Correlated(JointLaw):
 
     def __post_init__(self) -> None:
         for pair, value in self.correlation.items():
-            if len(pair) != 2 or pair[0] == pair[1] or not {*pair} <= {*self.laws}:
-                raise ValueError(f"Argument `correlation` must name pairs of {', '.join(self.laws)}, but has {pair!r}.")
-            if pair[::-1] in self.correlation:
-                raise ValueError(f"Argument `correlation` must give {' and '.join(pair)} once, but gives them twice.")
-            if not -1 < value < 1:
-                raise ValueError(
-                    f"Argument `correlation` must be in (-1, 1), but is {value!r} for {' and '.join(pair)}."
-                )
+            refuse(
+                "Argument `correlation` must ",
+                (len(pair) != 2 or pair[0] == pair[1] or not {*pair} <= {*self.laws},
+                 f"name pairs of {', '.join(self.laws)}, but has {pair!r}."),
+                (pair[::-1] in self.correlation, f"give {' and '.join(pair)} once, but gives them twice."),
+                (not -1 < value < 1, f"be in (-1, 1), but is {value!r} for {' and '.join(pair)}."),
+            )  # fmt: skip
         if np.linalg.eigvalsh(self.matrix).min() < 1e-9:
             raise ValueError("Argument `correlation` must be possible: these pairs contradict each other.")
         for name, law in self.laws.items():
@@ -250,6 +243,10 @@ class Correlated(JointLaw):
         return f"correlated: {pairs}"
 
 
+def _joint_of(law: Any) -> JointLaw | None:
+    return law.joint if isinstance(law, Member) else None
+
+
 def law_digest(law: Any) -> str:
     """The digest of a law: of its numbers and, where it is somebody's own, of its draws, whatever its code looks like.
 
@@ -257,8 +254,8 @@ def law_digest(law: Any) -> str:
         law: a `Distribution`, or a law of somebody's own with `ppf` and `cdf`.
     """
     if type(law).__module__ == Distribution.__module__:  # its class says the rest
-        return digest(b"".join([type(law).__name__.encode(), *_numbers_of(law, set())]))
-    joint = law.joint if isinstance(law, Member) else None
+        return digest(b"".join([type(law).__name__.encode(), *_numbers_of(law, ())]))
+    joint = _joint_of(law)
     dimension = 1 if joint is None else joint.dimension
     # Evenly, at random for several parameters together, and ever nearer to both ends.
     even = np.repeat((np.arange(_DRAWN)[:, None] + 0.5) / _DRAWN, dimension, axis=1)
@@ -271,41 +268,43 @@ def law_digest(law: Any) -> str:
     shares = np.array([float(law.cdf(value)) for value in (0.0, 1.0, *places.tolist())])
     drawn = {} if joint is None else joint.draw(points, dict.fromkeys(joint, (0.0, 1.0)))
     pieces = [own, shares, *drawn.values()]
-    return digest(b"".join([*(np.ascontiguousarray(piece).tobytes() for piece in pieces), *_numbers_of(law, set())]))
+    return digest(b"".join([*(np.ascontiguousarray(piece).tobytes() for piece in pieces), *_numbers_of(law, ())]))
 
 
-def _numbers_of(thing: Any, within: set[int]) -> Iterator[bytes]:
+def _numbers_of(thing: Any, within: Collection[int]) -> Iterator[bytes]:
     """The numbers that a law holds, in its attributes, in what its functions hold, and in theirs."""
     if id(thing) in within:
         return
     within = {*within, id(thing)}
-    if isinstance(thing, np.ndarray) or (isinstance(thing, (int, float, np.generic)) and not isinstance(thing, bool)):
+    if isinstance(thing, (np.ndarray, np.generic, int, float)) and not isinstance(thing, bool):
         array = np.asarray(thing)
         yield f"{array.dtype.str} {array.shape}".encode() + array.tobytes()
-    elif isinstance(thing, Mapping) and not isinstance(thing, JointLaw):
-        for name in thing:
-            yield str(name).encode()
-            yield from _numbers_of(thing[name], within)
-    elif isinstance(thing, (list, tuple)):
-        for part in thing:
-            yield from _numbers_of(part, within)
-    elif isinstance(thing, types.FunctionType):
-        for cell in thing.__closure__ or ():
-            yield from _numbers_of(cell.cell_contents, within)
+    for name, part in _parts_of(thing):
+        yield str(name).encode()
+        yield from _numbers_of(part, within)
+
+
+def _parts_of(thing: Any) -> list[tuple[object, Any]]:
+    """What holds numbers within a thing; the keys of a mapping count as well."""
+    if isinstance(thing, Mapping) and not isinstance(thing, JointLaw):
+        return [*thing.items()]
+    parts: Iterable[Any] = thing if isinstance(thing, (list, tuple)) else ()
+    if isinstance(thing, types.FunctionType):
+        parts = [cell.cell_contents for cell in thing.__closure__ or ()]
     elif dataclasses.is_dataclass(thing) and not isinstance(thing, type):
         # Not what it has computed and keeps.
-        for field in dataclasses.fields(thing):
-            yield from _numbers_of(getattr(thing, field.name, None), within)
+        parts = [getattr(thing, field.name, None) for field in dataclasses.fields(thing)]
     elif isinstance(thing, Distribution):
         slots = [name for one in type(thing).__mro__ for name in vars(one).get("__slots__", ())]
-        for name in (*vars(thing), *slots):
-            yield from _numbers_of(getattr(thing, name, None), within)
+        parts = [getattr(thing, name, None) for name in (*vars(thing), *slots)]
+    return [("", part) for part in parts]
 
 
 def unused_columns(laws: Mapping[str, Any]) -> list[str]:
     """Sentences on columns of tables that are not used."""
-    joints = [law.joint for law in laws.values() if isinstance(law, Member)]
-    tables = {rows.source: rows.unused for rows in joints if isinstance(rows, Rows) and rows.unused}
+    tables = {
+        rows.source: rows.unused for rows in map(_joint_of, laws.values()) if isinstance(rows, Rows) and rows.unused
+    }
     return [f"{source}: {unused_note(unused)}." for source, unused in tables.items()]
 
 
@@ -329,8 +328,7 @@ def require_units(laws: Mapping[str, Any], units: System) -> None:
     Raises:
         ValueError: naming the rows.
     """
-    for law in laws.values():
-        rows = law.joint if isinstance(law, Member) else None
+    for rows in map(_joint_of, laws.values()):
         if isinstance(rows, Rows) and rows.units not in (None, units):
             raise ValueError(f"The rows of {rows.source} are in {rows.units}, but the case is in {units}.")
 
@@ -343,6 +341,7 @@ class LawSet:
         laws: by parameter, its `Distribution`; those of a joint law all together. Each is restricted to the range of
             its parameter.
         ranges: of the parameters that there are; see `erosion.models.own_parameters.ranges`.
+        argument: what messages call the law of a parameter.
 
     Raises:
         TypeError, ValueError: naming the first law that makes no sense.
@@ -350,29 +349,30 @@ class LawSet:
 
     laws: Mapping[str, Any]
     ranges: Ranges
+    argument: str = "`{}`"
 
     def __post_init__(self) -> None:
         for name, law in self.laws.items():
+            argument = f"Argument {self.argument.format(name)}"
             if name not in self.ranges:
-                raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(self.ranges)}.")
+                raise TypeError(f"{argument} is not a parameter; they are {', '.join(self.ranges)}.")
             if not isinstance(law, Distribution):
-                raise TypeError(f"Argument `{name}` must be a distribution such as Normal(1, 0.1), but is {law!r}.")
+                raise TypeError(f"{argument} must be a distribution such as Normal(1, 0.1), but is {law!r}.")
+            joint, (low, high), (least, greatest) = _joint_of(law), self._part(name), self.ranges[name]
             # A row is taken as it is; of a law, what is out of range can be cut off.
-            in_rows = isinstance(law, Member) and isinstance(law.joint, Rows)
-            low, high = self._part(name)
-            if low + 1 - high > (0.0 if in_rows else MOST_OUTSIDE):
-                alone = law.joint.marginals[law.name] if isinstance(law, Member) else law
-                outside = f"{low + 1 - high:.1%} of {alone} is not"
-                raise ValueError(f"Argument `{name}` must be {self._range_in_words(name)}, but {outside}.")
-        for joint in self._joints:
-            if missing := [name for name in joint if name not in self.laws]:
+            if low + 1 - high > (0.0 if isinstance(joint, Rows) else MOST_OUTSIDE):
+                wish = "positive" if least == 0 else f"at least {np.nextafter(least, np.inf) + 0.0:g}"
+                wish += "" if greatest == np.inf else f" and at most {greatest:g}"
+                alone = law if joint is None else joint.marginals[name]
+                raise ValueError(f"{argument} must be {wish}, but {low + 1 - high:.1%} of {alone} is not.")
+            if missing := [other for other in joint or () if other not in self.laws]:
                 raise ValueError(f"Arguments must include all of a joint law, but {missing[0]} is missing.")
 
     @functools.cached_property
     def _joints(self) -> list[JointLaw]:
         """The joint laws, each once."""
-        joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
-        return [joint for i, joint in enumerate(joints) if all(joint is not other for other in joints[:i])]
+        joints = {id(joint): joint for law in self.laws.values() if (joint := _joint_of(law)) is not None}
+        return [*joints.values()]
 
     @functools.cached_property
     def inputs(self) -> dict[tuple[str, ...], int]:
@@ -387,10 +387,9 @@ class LawSet:
 
     def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """Values by name, shape (…), from uniform numbers in (0, 1), shape (…, dimension)."""
-        values, begin = {}, 0
-        joints = {tuple(joint): joint for joint in self._joints}
-        for names, size in self.inputs.items():
-            part, begin = points[..., begin : begin + size], begin + size
+        values, joints = {}, {tuple(joint): joint for joint in self._joints}
+        parts = np.split(points, np.cumsum([*self.inputs.values()])[:-1], axis=-1)
+        for names, part in zip(self.inputs, parts, strict=False):  # of no law there is an empty part
             if names in joints:
                 values |= joints[names].draw(part, {name: self._part(name) for name in names})
             else:
@@ -410,11 +409,6 @@ class LawSet:
     def _part(self, name: str) -> tuple[float, float]:
         """From which share of a law to which it is within the parameter's range."""
         return shares_within(self.laws[name], *self.ranges[name])
-
-    def _range_in_words(self, name: str) -> str:
-        low, high = self.ranges[name]
-        below = "positive" if low == 0 else f"at least {np.nextafter(low, np.inf) + 0.0:g}"
-        return below if high == np.inf else f"{below} and at most {high:g}"
 
 
 def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: System) -> Rows:

@@ -9,8 +9,10 @@ import signal
 import stat
 import tempfile
 import threading
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 
 def digest(content: bytes) -> str:
@@ -90,6 +92,22 @@ def readable(path: Path, kind: type[ValueError] = ValueError) -> Iterator[None]:
         raise kind(f"{path}: cannot be read ({error.strerror or error}).") from error
     except UnicodeDecodeError as error:
         raise kind(f"{path}: is not a text file in UTF-8.") from error
+
+
+def read_toml(path: Path, kind: type[ValueError] = ValueError) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        ValueError: of that kind, for a file that cannot be read, or is not in TOML.
+    """
+    with readable(path, kind):
+        text = path.read_text(encoding="utf-8-sig")
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
+        raise kind(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
+    except RecursionError as error:
+        raise kind(f"{path}: is nested too deeply.") from error
 
 
 @contextlib.contextmanager

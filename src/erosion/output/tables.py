@@ -89,6 +89,11 @@ def abbreviate(value: object) -> str:
     return repr(float(number)).removesuffix(".0")
 
 
+def sentences(*table: tuple[object, str]) -> tuple[str, ...]:
+    """The sentences of a table of conditions, each with its sentence, whose condition is true."""
+    return tuple(sentence for condition, sentence in table if condition)
+
+
 def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
     """An aligned table under a title, without colour, ending without a newline."""
     return "\n".join(line.plain.rstrip() for line in to_lines(title, rows, headings)).rstrip()

@@ -23,12 +23,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from erosion.arguments import check_path
-from erosion.output.files import beside, is_file, readable
+from erosion.arguments import check_path, refuse
+from erosion.output.files import beside, is_file, read_toml
 from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.units import System, about, check_system, has_control_characters, has_unit, shown, unit_name
+from erosion.parameters.units import about, check_system, has_control_characters, has_unit, shown, unit_name
 
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
@@ -70,14 +70,7 @@ class CaseFile:
             CaseError: for a file that cannot be read, or is not in TOML.
         """
         path = check_path("path", path)
-        with readable(path, CaseError):
-            text = path.read_text(encoding="utf-8-sig")
-        try:
-            return cls(path, with_paths(tomllib.loads(text), functools.partial(beside, path)))
-        except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
-            raise CaseError(f"{path}: is not valid TOML: {str(error).rstrip('.')}.") from error
-        except RecursionError as error:
-            raise CaseError(f"{path}: is nested too deeply to be a case file.") from error
+        return cls(path, with_paths(read_toml(path, CaseError), functools.partial(beside, path)))
 
     def parameters(self) -> Parameters:
         """The validated parameters in the file's units; see `load_case`.
@@ -136,14 +129,16 @@ class CaseFile:
             CaseError: for a model that is no name, and parameters without a model.
         """
         model, own = self.table.get("model"), self.table.get("set", {})
-        if not (model is None or isinstance(model, str)):
-            raise CaseError(f"{self.path}: field `model` must be a name in quotes, but is {shown(model)}.")
-        if not isinstance(own, dict):
-            raise CaseError(
-                f"{self.path}: field `set` must be a table such as {{friction = 0.3}}, but is {shown(own)}."
-            )
-        if own and model is None:
-            raise CaseError(f"{self.path}: field `set` needs the field `model`, whose parameters it sets.")
+        refuse(
+            f"{self.path}: field ",
+            (not isinstance(model, str | None), f"`model` must be a name in quotes, but is {shown(model)}."),
+            (
+                not isinstance(own, dict),
+                f"`set` must be a table such as {{friction = 0.3}}, but is {shown(own)}.",
+            ),
+            (own and model is None, "`set` needs the field `model`, whose parameters it sets."),
+            kind=CaseError,
+        )
         return model, own
 
     def title(self) -> str:
@@ -153,11 +148,17 @@ class CaseFile:
             CaseError: for a title that is no text or holds control characters.
         """
         title = self.table.get("title", "")
-        if not isinstance(title, str):
-            raise CaseError(f"{self.path}: field `title` must be text in quotes, but is {shown(title)}.")
-        words = " ".join(title.split())
-        if has_control_characters(words):  # a terminal would obey them
-            raise CaseError(f"{self.path}: field `title` must have no control characters, but is {shown(title)}.")
+        words = " ".join(str(title).split())
+        # A terminal would obey control characters.
+        refuse(
+            f"{self.path}: field `title` must ",
+            (not isinstance(title, str), f"be text in quotes, but is {shown(title)}."),
+            (
+                has_control_characters(words),
+                f"have no control characters, but is {shown(title)}.",
+            ),  # terminals obey them
+            kind=CaseError,
+        )
         return words or self.path.stem
 
     def section(self, name: str) -> dict[str, Any]:
@@ -249,12 +250,9 @@ def dump_case(p: Parameters, title: str = "") -> str:
 
 def dump_per_mass(per_mass: PerMass) -> str:
     """The lines of a case file that `CaseFile.per_mass` reads back."""
-    lines = []
-    if per_mass.density is not None:
-        lines.append(f'density = "{per_mass.density:.15g} kg/m^3"  # of the target\n')
-    # Also where all particles cut: `advise` takes another share without it.
-    lines.append(f"cutting_fraction = {per_mass.cutting_fraction!r}  # share of the particles that cut\n")
-    return "".join(lines)
+    density = "" if per_mass.density is None else f'density = "{per_mass.density:.15g} kg/m^3"  # of the target\n'
+    # The share also where all particles cut: `advise` takes another one without it.
+    return f"{density}cutting_fraction = {per_mass.cutting_fraction!r}  # share of the particles that cut\n"
 
 
 def _parameters(table: Mapping[str, Any]) -> Parameters:
@@ -274,26 +272,21 @@ def _parameters(table: Mapping[str, Any]) -> Parameters:
                 f"Field `{name}` is unknown; the fields are "
                 f"{', '.join((*TEXT_KEYS, *PER_MASS_KEYS, *MODEL_KEYS, *QUANTITIES))}."
             )
-    units = table.get("units")
-    if units is None:
+    if (units := table.get("units")) is None:
         _require_units(quantities)
-        units = "si"
-    system = check_system(str(units))
-    return Parameters.from_quantities(system, _named(table, system) | quantities)
-
-
-def _named(table: Mapping[str, Any], units: System) -> dict[str, float]:
-    """What the particle and the target that the file names set."""
-    of_particle = particle(table["particle"]).parameters(units) if "particle" in table else {}
-    of_target = target(table["target"]).parameters(units) if "target" in table else {}
-    return of_particle | of_target
+    system = check_system(str(units or "si"))
+    grit, metal = (
+        read(table[name]).parameters(system) if name in table else {}
+        for name, read in (("particle", particle), ("target", target))
+    )
+    return Parameters.from_quantities(system, grit | metal | quantities)
 
 
 def _require_units(quantities: dict[str, int | float | str]) -> None:
     for name, value in quantities.items():
         bare = not isinstance(value, str) or not has_unit(value)
-        number = shown(value).strip("'")
         if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):
+            number = shown(value).strip("'")
             raise ValueError(
                 f"Field `{name}` is the bare number {number}, but the file names no `units`; "
                 'write units = "inch-pound" or "si", or give the quantity a unit.'

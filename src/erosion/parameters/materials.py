@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from erosion.output.files import readable
+from erosion.arguments import refuse
+from erosion.output.files import read_toml
 from erosion.parameters.units import Dimension, System, about, conversion_factor, read_quantity, shown
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
@@ -182,12 +183,9 @@ def particle(text: "str | Particle") -> Particle:
     entry = _entry("particle", match["name"], "particles", file)
     with about("Argument `particle`"):
         size = read_quantity(match["size"], "length", "si")
-    if size <= 0:
-        raise ValueError(f"Argument `particle` must have a positive size, but is {shown(text)}.")
+    wish = "positive size" if size <= 0 else f"size from {_SMALLEST:g} m to {_LARGEST:g} m"
     if not _SMALLEST <= size <= _LARGEST:
-        raise ValueError(
-            f"Argument `particle` must have a size from {_SMALLEST:g} m to {_LARGEST:g} m, but is {shown(text)}."
-        )
+        raise ValueError(f"Argument `particle` must have a {wish}, but is {shown(text)}.")
     return Particle(size=size, **entry)
 
 
@@ -233,10 +231,9 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
         density = np.ravel(np.asarray(mass) / largest)
     density = density[np.isfinite(density) & (density > 0)]
-    heaviest, lightest = (density.max(), density.min()) if density.size else (_WATER, _WATER)
-    if heaviest > HEAVIEST:
+    if density.size and density.max() > HEAVIEST:
         bound = f"heavier than osmium ({HEAVIEST:g} kg/m³)"
-    elif lightest < LIGHTEST:
+    elif density.size and density.min() < LIGHTEST:
         bound = f"lighter than a hollow bead ({LIGHTEST:g} kg/m³)"
     else:
         return None
@@ -246,7 +243,6 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
     )
 
 
-_WATER = 1e3  # kg/m³
 HEAVIEST = 22590.0  # kg/m³, osmium, the heaviest solid
 LIGHTEST = 100.0  # kg/m³; the lightest hollow glass beads have a little more
 
@@ -285,23 +281,11 @@ def _table(file: Path | None) -> Mapping[str, Mapping[str, dict[str, Any]]]:
         return _built_in()
     if file.exists() and not file.is_file():  # a pipe waits for its writer
         raise ValueError(f"{file}: is no file.")
-    with readable(file):
-        text = file.read_text(encoding="utf-8-sig")
+    content = read_toml(file)
     try:
-        return _checked(_parsed(text))
+        return _checked(content)
     except ValueError as error:
         raise ValueError(f"{file}: {str(error).rstrip('.')}.") from error
-
-
-def _parsed(text: str) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        raise
-    except ValueError as error:  # of Python's own, which reads no number of thousands of digits
-        raise ValueError("has a number of too many digits") from error
-    except RecursionError as error:
-        raise ValueError("is nested too deeply to be a table of materials") from error
 
 
 @functools.cache
@@ -318,23 +302,15 @@ def _checked(content: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Any]]]
     for kind, entries in content.items():
         if not isinstance(entries, Mapping) or not all(isinstance(entry, Mapping) for entry in entries.values()):
             raise ValueError(f"[{kind}] must have a table for each name, such as [{kind}.brass]")
-        for name, entry in entries.items():
-            try:
-                table[kind][name] = _read_entry(kind, entry)
-            except ValueError as error:
-                raise ValueError(f"{_heading(kind, name)}: {error}") from error
-        _require_different_names(kind, table[kind])
+        owners: dict[str, str] = {}
+        for key, entry in entries.items():
+            with about(f"{_heading(kind, key)}:"):
+                fields = table[kind][key] = _read_entry(kind, entry)
+                for name in (key, *fields["also"]):
+                    # Of two entries of one name a particle or a target could be either.
+                    if (owner := owners.setdefault(_folded(name), key)) != key:
+                        raise ValueError(f"has the name {shown(name)}, as {_heading(kind, owner)} has")
     return table
-
-
-def _require_different_names(kind: str, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse a name that two entries have, of which a particle or a target could be either."""
-    owners: dict[str, str] = {}
-    for key, entry in entries.items():
-        for name in (key, *entry["also"]):
-            owner = owners.setdefault(_folded(name), key)
-            if owner != key:
-                raise ValueError(f"{_heading(kind, key)}: has the name {shown(name)}, as {_heading(kind, owner)} has")
 
 
 def _heading(kind: str, name: str) -> str:
@@ -359,18 +335,23 @@ def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
             fields[f"{name}_range"] = _range(name, entry.get(f"{name}_range"), fields[name], dimension)
     for name, default in words.items():
         value = entry.get(name, default)
-        if isinstance(default, list) and not isinstance(value, list):
-            raise ValueError(f"field `{name}` must be a list of texts, but is {shown(value)}")
-        for text in value if isinstance(default, list) else [value]:
-            if not isinstance(text, str):
-                raise ValueError(f"field `{name}` must be text in quotes, but is {shown(text)}")
-        fields[name] = tuple(value) if isinstance(default, list) else value
-    if kind == "particles" and fields["density"] is None:
-        raise ValueError("field `density` is missing")
-    if kind == "targets" and fields["flow_stress"] is None and fields["vickers"] is None:
-        raise ValueError("field `vickers` or `flow_stress` is missing")
-    if kind == "targets" and fields["psi"] is None and fields["vickers"] is None:
-        raise ValueError("field `psi` is missing, or `vickers`, from which it follows: the volume depends on σψ")
+        is_list = isinstance(default, list)
+        texts = value if is_list and isinstance(value, list) else [value]
+        odd = [text for text in texts if not isinstance(text, str)]
+        refuse(
+            f"field `{name}` must be ",
+            (is_list and texts is not value, f"a list of texts, but is {shown(value)}"),
+            (odd, f"text in quotes, but is {shown(odd[0] if odd else '')}"),
+        )
+        fields[name] = tuple(value) if is_list else value
+    refuse(
+        "field ",
+        (kind == "particles" and fields["density"] is None, "`density` is missing"),
+        (kind == "targets" and fields.get("flow_stress") is fields.get("vickers") is None,
+         "`vickers` or `flow_stress` is missing"),
+        (kind == "targets" and fields.get("psi") is fields.get("vickers") is None,
+         "`psi` is missing, or `vickers`, from which it follows: the volume depends on σψ"),
+    )  # fmt: skip
     return fields
 
 

@@ -42,13 +42,13 @@ def _float64(name: str, value: object) -> Array | np.ndarray:
     if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
         raise TypeError(f"Argument `{name}` must be a number or an array, but is {shown(value)}.")
     check_unmasked(name, value)
-    array = value if isinstance(value, jax.Array) else _array(value)
+    array = value if isinstance(value, jax.Array) else array_of(value)
     if not any(jnp.issubdtype(array.dtype, kind) for kind in (np.integer, np.floating)):
         raise TypeError(f"Argument `{name}` must hold real numbers of one shape, but has the type {array.dtype}.")
     return jnp.asarray(array, jnp.float64) if isinstance(array, jax.Array) else array.astype(np.float64)
 
 
-def _array(value: Any) -> np.ndarray:
+def array_of(value: Any) -> np.ndarray:
     """An array; one of objects for lists of several lengths."""
     try:
         return np.asarray(value)

@@ -1,5 +1,6 @@
 """From a removed volume to the erosion that engineers measure: volume, and mass, per mass of abrasive."""
 
+import sys
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -62,24 +63,20 @@ class PerMass:
     cutting_fraction: float | int = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("density", "cutting_fraction"):
+        limits = {
+            "density": (_LEAST_DENSITY, sys.float_info.max, "positive and finite", " kg/m³"),
+            "cutting_fraction": (_LEAST_SHARE, 1.0, "above 0 and at most 1", ""),
+        }
+        for name, (least, greatest, wish, unit) in limits.items():
             given = getattr(self, name)
-            if not (isinstance(given, Real) or (name == "density" and given is None)):
+            if name == "density" and given is None:
+                continue
+            if not isinstance(given, Real):
                 raise TypeError(f"Argument `{name}` must be a number, but is {shown(given)}.")
-        if self.density is not None and not 0 < self.density < np.inf:
-            raise ValueError(f"Argument `density` must be positive and finite, but is {self.density!r}.")
-        if self.density is not None and self.density < _LEAST_DENSITY:
-            raise ValueError(f"Argument `density` must be at least {_LEAST_DENSITY:g} kg/m³, but is {self.density!r}.")
-        if not 0 < self.cutting_fraction <= 1:
-            raise ValueError(
-                f"Argument `cutting_fraction` must be above 0 and at most 1, but is {self.cutting_fraction!r}."
-            )
-        if self.cutting_fraction < _LEAST_SHARE:
-            raise ValueError(
-                f"Argument `cutting_fraction` must be at least {_LEAST_SHARE:g}, but is {self.cutting_fraction!r}."
-            )
-        object.__setattr__(self, "density", None if self.density is None else float(self.density))
-        object.__setattr__(self, "cutting_fraction", float(self.cutting_fraction))
+            if not least <= given <= greatest:
+                wish = f"at least {least:g}{unit}" if 0 < given < least else wish
+                raise ValueError(f"Argument `{name}` must be {wish}, but is {given!r}.")
+            object.__setattr__(self, name, float(given))
 
     @classmethod
     def on(cls, name: str, cutting_fraction: float = 1.0) -> "PerMass":
@@ -103,12 +100,12 @@ class PerMass:
 
     def rows(self, volume: Any, p: Parameters) -> list[Row]:
         """Volume and, where the density is known, mass per mass of abrasive, as table rows in mm³/kg and g/kg."""
-        numbers = {name: (value, PER_MASS_SCALES[name]) for name, value in self.to_dict(volume, p).items()}
+        is_beyond, scales = self.is_beyond_tests(volume, p), PER_MASS_SCALES
         return [
-            Row(name, RESULTS[name].symbol, format_number(value, DIGITS, scale.size), scale.unit, meaning)
-            for name, (value, scale) in numbers.items()
-            for meaning in [self.meaning_of(name, is_beyond=self.is_beyond_tests(volume, p))]
-        ]
+            Row(name, RESULTS[name].symbol, format_number(value, DIGITS, scales[name].size), scales[name].unit,
+                self.meaning_of(name, is_beyond=is_beyond))
+            for name, value in self.to_dict(volume, p).items()
+        ]  # fmt: skip
 
     def meaning_of(self, name: str, *, is_beyond: bool = False) -> str:
         """What a result per mass of abrasive is, the share of the particles that cut, and the mark beyond tests."""
@@ -129,7 +126,7 @@ class PerMass:
         units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
         """
         far = self.far_from_tests(volume, p)
-        return None if far is None else str(far)
+        return far and str(far)
 
     @property
     def is_given(self) -> bool:

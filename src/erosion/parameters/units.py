@@ -216,11 +216,14 @@ _SPINS = {*_ANGLES, "revolutions_per_minute", "revolutions_per_second"}
 
 def _check_angles(units: Mapping[str, Any], dimension: Dimension, complaint: str) -> None:
     """Refuse what pint takes for a pure number: an angle for one, its square for itself, or cycles (Hz) for radians."""
-    if dimension == "1" or (dimension in ("mass per mass", "rate") and _SPINS & units.keys()):
-        raise UnitError(complaint)
-    if dimension == "angle" and (not units.keys() <= _ANGLES or list(units.values()) != [1]):
-        raise UnitError(complaint)
-    if dimension == "angular speed" and sum(power for unit, power in units.items() if unit in _SPINS) != 1:
+    turns = sum(power for unit, power in units.items() if unit in _SPINS)
+    is_odd = {
+        "1": True,
+        "angle": not units.keys() <= _ANGLES or list(units.values()) != [1],
+        "angular speed": turns != 1,
+        **dict.fromkeys(("mass per mass", "rate"), bool(_SPINS & units.keys())),
+    }
+    if is_odd.get(dimension):
         raise UnitError(complaint)
 
 
