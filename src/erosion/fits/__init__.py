@@ -14,9 +14,9 @@ from erosion.fits.measurements import Measurements as Measurements
 from erosion.fits.measurements import read_measurements as read_measurements
 from erosion.fits.posterior import ConvergenceWarning as ConvergenceWarning
 from erosion.fits.posterior import Posterior as Posterior
+from erosion.fits.posterior import posterior as posterior
+from erosion.fits.ranking import PosteriorRanking as PosteriorRanking
 from erosion.fits.ranking import Ranking as Ranking
 from erosion.fits.ranking import rank_models as rank_models
-from erosion.fits.sampling import PosteriorRanking as PosteriorRanking
-from erosion.fits.sampling import posterior as posterior
-from erosion.fits.sampling import rank_posteriors as rank_posteriors
+from erosion.fits.ranking import rank_posteriors as rank_posteriors
 from erosion.fits.tempering import SamplingError as SamplingError

@@ -30,6 +30,7 @@ from erosion.models.own_parameters import own_parameters, quantities, require_on
 from erosion.models.registry import impact_to_dict
 from erosion.output.tables import Result, Row, format_number, to_plain
 from erosion.parameters.parameters import Parameters, validate
+from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity, quantity_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import about, example, has_unit, read_quantity, shown, unit_name
@@ -232,20 +233,20 @@ class Calibration(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about this fit, in sentences; empty for a good fit."""
-        return doubts.sentences(self)
+        return doubts.doubts(self)
 
     @property
     def undecided(self) -> tuple[str, ...]:
         """The parameters whose intervals are so wide, a factor of 20, that their estimates say little."""
-        touched, names = self.bounds_touched(), []
-        for at, name in enumerate(self.names):
-            low, high = self.ends(LEVEL)[at]
-            wide = high - low > OPEN
-            if not self.problem.forward.logarithmic[at]:
-                wide = {"interval at lower", "interval at upper"} <= {*touched.get(name, ())}
-            if wide and name not in self.undetermined:
-                names.append(name)
-        return tuple(names)
+        touched, both = self.bounds_touched(), {"interval at lower", "interval at upper"}
+        return tuple(
+            name
+            for name, logarithmic, (low, high) in zip(
+                self.names, self.problem.forward.logarithmic, self.ends(LEVEL), strict=True
+            )
+            if name not in self.undetermined
+            and (high - low > OPEN if logarithmic else both <= {*touched.get(name, ())})
+        )
 
     @functools.cached_property
     def patterns(self) -> tuple[Pattern, ...]:
@@ -254,10 +255,10 @@ class Calibration(Result):
             return ()
         groups = conditions(self.data)
         tests = find_patterns(self.data, self.residuals / self.problem.data.deviation, groups)
-        scatter = None
         # A robust loss lets rows be far off, which a test of variances takes for a miss.
-        if self.data.uncertainty is None and self.problem.loss == "linear":
-            scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
+        if self.data.uncertainty is not None or self.problem.loss != "linear":
+            return tests
+        scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
         return tests if scatter is None else (scatter, *tests)
 
     @property
@@ -340,32 +341,28 @@ class Calibration(Result):
             scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
             value, meaning = doubts.in_words(self, name, level, scale.size)
             rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
-        rows += [
+        held = [
             quantity_row(name, own.quantity, float(own.value), self.p.units)._replace(meaning="held")
             for name, own in own_parameters(self.model).items()
             if name not in self.names
         ]
-        scale = table_scale(self.data.dimension, self.p.units, self.rms)
-        rows.append(
-            Row(
-                "rms", "", format_number(self.rms, 4, scale.size), scale.unit, f"of the residuals; {self.error_meaning}"
-            )
+        scale, open_row = table_scale(self.data.dimension, self.p.units, self.rms), self.leave_one_out == np.inf
+        rms, left_out = (format_number(size, 4, scale.size) for size in (self.rms, self.leave_one_out))
+        needs = f"at least {self.rows_for_aicc} rows for these parameters"
+        needs = 'another loss than "arctan"' if self.problem.loss == "arctan" else needs
+        of_left_out = "rms at rows left out" + (
+            ": there is a row without which a parameter is open" if open_row else ""
         )
-        left_out, meaning = format_number(self.leave_one_out, 4, scale.size), "rms at rows left out"
-        if not np.isfinite(self.leave_one_out):
-            left_out, meaning = "–", f"{meaning}: there is a row without which a parameter is open"
-        rows.append(Row("leave_one_out", "", left_out, scale.unit, meaning))
-        if self.data.uncertainty is not None:
-            rows.append(
-                Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
-            )
-        criterion, meaning = format_number(self.aicc, 5), "Akaike's criterion, for few data"
-        if self.aicc == np.inf:
-            needs = f"at least {self.rows_for_aicc} rows for these parameters"
-            needs = 'another loss than "arctan"' if self.problem.loss == "arctan" else needs
-            criterion, meaning = "–", f"{meaning}: needs {needs}"
-        rows.append(Row("aicc", "", criterion, "", meaning))
-        return rows
+        of_aicc = "Akaike's criterion, for few data" + (f": needs {needs}" if self.aicc == np.inf else "")
+        chi2 = Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
+        return [
+            *rows,
+            *held,
+            Row("rms", "", rms, scale.unit, f"of the residuals; {self.error_meaning}"),
+            Row("leave_one_out", "", "–" if open_row else left_out, scale.unit, of_left_out),
+            *([] if self.data.uncertainty is None else [chi2]),
+            Row("aicc", "", "–" if self.aicc == np.inf else format_number(self.aicc, 5), "", of_aicc),
+        ]
 
     @property
     def title(self) -> str:
@@ -514,9 +511,17 @@ def calibrate(
     forward = make_forward(model, p, data, free, density, cutting_fraction)
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
-    starts = check_whole("starts", starts, 1)
-    _require_enough(forward.data, len(forward.names))
-    problem = make_problem(forward, forward.data, bounds or {})
+    starts, data, free_count = check_whole("starts", starts, 1), forward.data, len(forward.names)
+    if len(data) <= free_count:
+        parameters = f"{free_count} free parameter" + ("s" if free_count > 1 else "")
+        raise ValueError(
+            f"Argument `data` must have at least {free_count + 1} rows for {parameters}, as no degree of freedom "
+            f"is left otherwise, but has {len(data)}."
+        )
+    greatest = float(np.max(np.abs(data.erosion)))
+    if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed
+        raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")
+    problem = make_problem(forward, data, bounds or {})
     return Calibration(*fit(problem, loss, starts))
 
 
@@ -533,25 +538,11 @@ def make_forward(
     validate(p)
     require_one_impact(model, p)
     measured = read_measurements(data, p.units)
-    if not isinstance(cutting_fraction, (int, float, np.number)) or not 0 < cutting_fraction <= 1:
-        raise ValueError(f"Argument `cutting_fraction` must be above 0 and at most 1, but is {cutting_fraction!r}.")
-    names = check_free(free, measured, model)
-    return Forward(model, p, names, measured, _density(density, measured, p), float(cutting_fraction))
-
-
-def _require_enough(measured: Measurements, free: int) -> None:
-    """Refuse data from which nothing can be fitted."""
-    if len(measured) <= free:
-        parameters = f"{free} free parameter" + ("s" if free > 1 else "")
-        raise ValueError(
-            f"Argument `data` must have at least {free + 1} rows for {parameters}, as no degree of freedom "
-            f"is left otherwise, but has {len(measured)}."
-        )
     if not np.any(measured.erosion):
         raise ValueError("Argument `data` must have erosion other than zero.")
-    greatest = float(np.max(np.abs(measured.erosion)))
-    if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed
-        raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")
+    share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
+    names = check_free(free, measured, model)
+    return Forward(model, p, names, measured, _density(density, measured, p), share)
 
 
 def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:

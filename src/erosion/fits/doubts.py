@@ -20,7 +20,7 @@ from scipy import stats
 
 from erosion.fits.least_squares import FitProblem, FitSolution, settle
 from erosion.fits.measurements import Condition, Measurements, conditions, describe
-from erosion.output.tables import Result, format_number
+from erosion.output.tables import Result, format_number, sentences
 from erosion.parameters.per_mass import far_from_tests, two_digits
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import conversion_factor
@@ -198,11 +198,10 @@ def advise(problem: FitProblem, names: Sequence[str], allowed: np.ndarray, noise
 def _measured(problem: FitProblem, speed: float | None) -> np.ndarray:
     """Whether the data has a row at each of `_ANGLES` and this speed, of the shape of `_ANGLES`."""
     rows = problem.data.conditions
-    there = np.full(len(problem.data), True)
-    if speed is not None and "v0" in rows:
-        there = np.isclose(rows["v0"], speed, rtol=_SAME_SPEED)
     near = np.abs(_ANGLES[:, None] - rows["alpha"]) < _SAME_ANGLE
-    return (near & there).any(axis=1)
+    if speed is not None and "v0" in rows:
+        near &= np.isclose(rows["v0"], speed, rtol=_SAME_SPEED)
+    return near.any(axis=1)
 
 
 def _speeds(problem: FitProblem) -> list[float | None]:
@@ -210,9 +209,8 @@ def _speeds(problem: FitProblem) -> list[float | None]:
     if "v0" in problem.forward.free:
         return [None]
     measured = [group.values["v0"] for group in conditions(problem.data, most=3) if "v0" in group.values]
-    own: list[float | None] = [*measured] or [None]
     known = measured or [float(problem.forward.p.v0)]
-    return [*own, _FACTORS[0] * min(known), _FACTORS[1] * max(known)]
+    return [*(measured or [None]), _FACTORS[0] * min(known), _FACTORS[1] * max(known)]
 
 
 RARE = 0.01  # probability of such a pattern in noise; below it the pattern is said
@@ -316,36 +314,30 @@ def are_noise(residuals: np.ndarray, erosion: np.ndarray) -> bool:
 
 def _over_angle(data: Measurements, residuals: np.ndarray, groups: Sequence[Condition]) -> Pattern | None:
     """The runs test, within each group."""
-    runs, expected, variance = 0, 0.0, 0.0
-    longest: tuple[int, np.ndarray, str] = (0, np.empty(0, int), "")
+    runs, steps, expected, variance = list[tuple[np.ndarray, str]](), 0, 0.0, 0.0
     for group in groups:
         rows = group.rows[np.argsort(data.angle[group.rows], kind="stable")]
         rows = rows[residuals[rows] != 0]
-        if len(rows) < 2:
-            continue
-        above = residuals[rows] > 0
-        parts = np.split(rows, np.flatnonzero(above[1:] != above[:-1]) + 1)
-        n, product = len(rows), 2.0 * above.sum() * (~above).sum()
-        runs += len(parts)
-        expected += 1 + product / n
-        variance += product * (product - n) / (n**2 * (n - 1))
-        part = max(parts, key=len)
-        longest = max(longest, (len(part), part, group.label), key=lambda run: run[0])
-    if longest[0] == 0:
+        if len(rows) > 1:
+            above = residuals[rows] > 0
+            runs += [(run, group.label) for run in np.split(rows, np.flatnonzero(above[1:] != above[:-1]) + 1)]
+            n, product = len(rows), 2.0 * above.sum() * (~above).sum()
+            expected += 1 + product / n
+            variance += product * (product - n) / (n**2 * (n - 1))
+        steps += len(group.rows) - 1
+    if not runs:
         return None
     if variance == 0:  # one sign in each group: noise has either sign at even odds
-        steps = sum(len(group.rows) - 1 for group in groups)
         expected, variance = len(groups) + steps / 2, steps / 4
-    statistic = (runs - expected) / np.sqrt(variance)
+    statistic = (len(runs) - expected) / np.sqrt(variance)
     probability = float(stats.norm.cdf(statistic + 0.5 / np.sqrt(variance)))  # a count is half a step wide
-    first, last = np.rad2deg(data.angle[longest[1][[0, -1]]])
-    side = "above" if residuals[longest[1][0]] > 0 else "below"
-    where = f" at {longest[2]}" if longest[2] else ""
-    counted = "1 run" if runs == 1 else f"{runs} runs"
+    longest, label = max(runs, key=lambda run: len(run[0]))
+    first, last = np.rad2deg(data.angle[longest[[0, -1]]])
+    side = "above" if residuals[longest[0]] > 0 else "below"
     return Pattern("angle", float(statistic), probability, (
-        f"The residuals show a pattern over the angle: {counted} of one sign, where noise makes "
-        f"{expected:.0f} ± {np.sqrt(variance):.0f} (probability {probability:.1g}). From {first:.3g}° to {last:.3g}°"
-        f"{where} the data lie {side} the fit."
+        f"The residuals show a pattern over the angle: {len(runs)} run{'s' if len(runs) > 1 else ''} of one sign, "
+        f"where noise makes {expected:.0f} ± {np.sqrt(variance):.0f} (probability {probability:.1g}). From "
+        f"{first:.3g}° to {last:.3g}°{f' at {label}' if label else ''} the data lie {side} the fit."
     ))  # fmt: skip
 
 
@@ -385,8 +377,8 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
         return rounded(estimate, np.inf), "not determined by these data"
     low, high = (end / size for end in fit.intervals(level)[name])
     touched = fit.bounds_touched(level).get(name, ())
-    distances = estimate - low, high - estimate
-    alike = _is_alike(np.sqrt(fit.rise(level)) * error, distances)
+    distances, width = (estimate - low, high - estimate), np.sqrt(fit.rise(level)) * error
+    alike = all(width <= _FACTOR * distance <= _FACTOR**2 * width for distance in distances)
     # Each end to the digits of its own distance, so that the estimate is seen to lie between them; but the distance to
     # a bound that the estimate touches is rounding.
     sizes = [high - low if alike or distance < TOUCH * (high - low) else distance for distance in distances]
@@ -396,22 +388,17 @@ def in_words(fit: "Calibration", name: str, level: float, size: float) -> tuple[
         for side, end, size_of_end in zip(("lower", "upper"), (low, high), sizes, strict=True)
     ]
     # Where the model does not fit, its errors come from uncertainties that do not explain the residuals.
-    condition = ", if the model were right" if is_poor(fit) else ""
-    interval = f"{level:.0%}{condition}: {' … '.join(ends)}"
-    if name in fit.undecided:
-        return rounded(estimate, np.inf), f"not decided by these data; {interval}"
-    for side in ("lower", "upper"):
-        if f"estimate at {side}" in touched:
-            return rounded(estimate, np.inf), f"at its {side} bound; {interval}"
-    if not alike:
-        nearest = min((size_of_end for size_of_end in sizes if size_of_end > 0), default=np.inf)
-        return rounded(estimate, nearest), f"{interval}; a ± of the slopes at the fit would mislead"
-    return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
-
-
-def _is_alike(width: float, distances: tuple[float, float]) -> bool:
-    """Whether the width of the standard error says the same as the interval, on either side of the estimate."""
-    return all(width <= _FACTOR * distance <= _FACTOR**2 * width for distance in distances)
+    interval = f"{level:.0%}{', if the model were right' if is_poor(fit) else ''}: {' … '.join(ends)}"
+    open_words = sentences(
+        (name in fit.undecided, "not decided by these data"),
+        *((f"estimate at {side}" in touched, f"at its {side} bound") for side in ("lower", "upper")),
+    )
+    if open_words:
+        return rounded(estimate, np.inf), f"{open_words[0]}; {interval}"
+    if alike:
+        return f"{rounded(estimate, error)} ± {rounded(error, error)}", interval
+    nearest = min((size_of_end for size_of_end in sizes if size_of_end > 0), default=np.inf)
+    return rounded(estimate, nearest), f"{interval}; a ± of the slopes at the fit would mislead"
 
 
 def is_poor(fit: "Calibration") -> bool:
@@ -425,17 +412,17 @@ def is_beyond_scatter(fit: "Calibration") -> bool:
     return any(pattern.over == "scatter" and pattern.seen for pattern in fit.patterns)
 
 
-def sentences(fit: "Calibration") -> tuple[str, ...]:
-    """All of them; none for a good fit."""
-    poor = [
+def doubts(fit: "Calibration") -> tuple[str, ...]:
+    """All sentences on what is doubtful; none for a good fit."""
+    patterns = [pattern for pattern in fit.patterns if pattern.seen]
+    of_speed = _of_speed(fit) if any(pattern.over == "speed" for pattern in patterns) else []
+    poor = (
         f"The model does not fit within the uncertainties: χ² is {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees "
         "of freedom. The errors and intervals hold only if the model were right."
-    ]
-    patterns = [pattern.sentence for pattern in fit.patterns if pattern.seen]
-    if any(pattern.over == "speed" and pattern.seen for pattern in fit.patterns):
-        patterns += _of_speed(fit)
+    )
     open_ones = (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit))
-    return (*_far_from_tests(fit), *open_ones, *(poor if is_poor(fit) else ()), *patterns)
+    return (*_far_from_tests(fit), *open_ones, *sentences((is_poor(fit), poor)),
+            *(pattern.sentence for pattern in patterns), *of_speed)  # fmt: skip
 
 
 def _far_from_tests(fit: "Calibration") -> list[str]:
@@ -469,12 +456,13 @@ def _of_speed(fit: "Calibration") -> list[str]:
     of_data = np.polyfit(np.log(speeds), np.log(heights), 1)[0]
     sums = [float(fit.curve(data.angle, {"v0": speed})[0].sum()) for speed in (speeds.min(), speeds.max())]
     of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
-    alone = min(len(group.rows) for group in groups) > len(fit.names)
-    exponents = f"the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
     # With a threshold, which all speeds share, the erosion grows faster than as v₀².
     held = [name for name in fit.problem.forward.own_thresholds if of_data > 0 and name not in fit.names]
-    ways = [f"free {', '.join(held)}"] * bool(held) + ["fit each speed alone"] * alone
-    said = f"{' or '.join(ways)}: {exponents}" if ways else exponents
+    alone = min(len(group.rows) for group in groups) > len(fit.names)
+    ways = " or ".join(sentences((held, f"free {', '.join(held)}"), (alone, "fit each speed alone")))
+    said = (
+        f"{ways}{': ' * bool(ways)}the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
+    )
     return [f"{said[0].upper()}{said[1:]}"]
 
 
@@ -513,33 +501,28 @@ def _undecided(fit: "Calibration") -> list[str]:
 
 
 def _at_bounds(fit: "Calibration") -> list[str]:
-    """Bounds that are touched, and standard errors that mislead."""
+    """Bounds that are touched, and standard errors that mislead: the first of these of each parameter."""
     said, touched = [], fit.bounds_touched()
     for at, name in enumerate(fit.names):
         if name in fit.undetermined:
             continue
-        marks = touched.get(name, ())
-        bound = {side: fit.in_words(name, fit.bounds[name][i], 6) for i, side in enumerate(("lower", "upper"))}
-        estimate = next((side for side in bound if f"estimate at {side}" in marks), None)
-        ends = [side for side in bound if f"interval at {side}" in marks]
-        if estimate is not None:
-            said.append(f"{name} is at its {estimate} bound, {bound[estimate]}: its error means nothing.")
-        elif ends:
-            places = " and ".join(f"its {side} bound, {bound[side]}" for side in ends)
-            said.append(f"The interval of {name} ends at {places}: the data do not end it there.")
-        elif name not in fit.undecided:
-            said += _misshapen(fit, at)
-    return said
-
-
-def _misshapen(fit: "Calibration", at: int) -> list[str]:
-    """A sentence where the standard error differs from the interval."""
-    name, (low, high) = fit.names[at], fit.ends(LEVEL)[at]
-    if np.isnan(high - low):
-        return [f"The interval of {name} has an end that is not known: the model fails on the way to it."]
-    width = 2 * np.sqrt(fit.rise(LEVEL) * fit.covariance_of_theta[at, at])
-    if _FACTOR * (high - low) < width:
-        return [f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."]
-    if high - low > _FACTOR * width:
-        return [f"{name} is known less well than its standard error says: see its interval."]
-    return []
+        low, high = fit.ends(LEVEL)[at]
+        width, marks = 2 * np.sqrt(fit.rise(LEVEL) * fit.covariance_of_theta[at, at]), touched.get(name, ())
+        bounds = {side: f"its {side} bound, {fit.in_words(name, bound, 6)}"
+                  for side, bound in zip(("lower", "upper"), fit.bounds[name], strict=True)}  # fmt: skip
+        estimate, interval = (
+            [bound for side, bound in bounds.items() if f"{what} at {side}" in marks]
+            for what in ("estimate", "interval")
+        )
+        said += sentences(
+            *((True, f"{name} is at {bound}: its error means nothing.") for bound in estimate),
+            (interval, f"The interval of {name} ends at {' and '.join(interval)}: the data do not end it there."),
+            (name in fit.undecided, ""),  # is said already
+            (np.isnan(high - low),
+             f"The interval of {name} has an end that is not known: the model fails on the way to it."),
+            (_FACTOR * (high - low) < width,
+             f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."),
+            (high - low > _FACTOR * width,
+             f"{name} is known less well than its standard error says: see its interval."),
+        )[:1]  # fmt: skip
+    return [sentence for sentence in said if sentence]

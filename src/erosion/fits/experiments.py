@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from erosion.arguments import check_unmasked
+from erosion.arguments import check_unmasked, refuse
 from erosion.fits.posterior import Posterior
-from erosion.fits.sampling import PosteriorRanking
+from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
 from erosion.output.tables import Result, to_plain
-from erosion.parameters.parameters import are_angles
+from erosion.parameters.parameters import are_angles, array_of
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import shown
@@ -95,19 +95,16 @@ class NextExperiment(Result):
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        scales = {name: self._scale(name) for name in self.candidates}
-        conditions = [f"{QUANTITIES[name].symbol} [{scale.unit}]" for name, scale in scales.items()]
+        conditions = [f"{QUANTITIES[name].symbol} [{self._scale(name).unit}]" for name in self.candidates]
         models = ("about the model [bit]",) if len(self.names) > 1 else ()
         return (*conditions, "about the parameters [bit]", *models)
 
     def rows(self) -> list[tuple[str, ...]]:
         """The best candidates."""
-        rows = []
-        for i in self.order[:_SHOWN]:
-            conditions = [f"{self.candidates[name][i] / self._scale(name).size:.4g}" for name in self.candidates]
-            models = (f"{self.discrimination[i]:.3f}",) if len(self.names) > 1 else ()
-            rows.append((*conditions, f"{self.information[i]:.3f}", *models))
-        return rows
+        columns = [values / self._scale(name).size for name, values in self.candidates.items()]
+        bits = [self.information, self.discrimination] if len(self.names) > 1 else [self.information]
+        return [(*(f"{values[i]:.4g}" for values in columns), *(f"{values[i]:.3f}" for values in bits))
+                for i in self.order[:_SHOWN]]  # fmt: skip
 
     def _scale(self, name: str) -> Any:
         return table_scale(QUANTITIES[name].dimension, self.units, float(np.max(np.abs(self.candidates[name]))))
@@ -183,44 +180,36 @@ def next_experiment(
 
 def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
     """The candidates, flat."""
-    data = posteriors[0].data
-    if candidates is None:
-        candidates = {"alpha": np.deg2rad(DEGREES)}
+    data, candidates = posteriors[0].data, {"alpha": np.deg2rad(DEGREES)} if candidates is None else candidates
     free = {name for posterior in posteriors for name in posterior.likelihood.forward.of_impact}
     # What the rows of the data had, a new row needs as well.
     fixed = {name: values[0] for name, values in data.conditions.items() if name != "alpha"}
-    arrays = {name: _numbers(name, values) for name, values in {**fixed, **candidates}.items()}
-    for name, values in arrays.items():
-        if name not in QUANTITIES or name in free:
-            raise ValueError(
-                f"Argument `candidates` must name parameters of the case that are known, but has {name!r}."
-            )
-        is_good = are_angles(values) if name == "alpha" else np.isfinite(values) & ((values > 0) | (name == "phidot0"))
-        if not np.all(is_good):
-            wish = "in (0, π/2]" if name == "alpha" else "positive and finite"
-            raise ValueError(f"Argument `candidates` must give values of {name} {wish}, but does not.")
+    arrays = {}
+    for name, values in {**fixed, **candidates}.items():
+        check_unmasked("candidates", values)
+        numbers = array_of(values)
+        if numbers.dtype.kind not in "iuf":
+            raise ValueError(f"Argument `candidates` must give numbers for {shown(name)}, but gives {shown(values)}.")
+        arrays[name] = numbers = numbers.astype(float)
+        wish, is_good = "positive and finite", np.isfinite(numbers) & ((numbers > 0) | (name == "phidot0"))
+        if name == "alpha":
+            wish, is_good = "in (0, π/2]", are_angles(numbers)
+        is_known = name in QUANTITIES and name not in free
+        refuse(
+            "Argument `candidates` must ",
+            (not is_known, f"name parameters of the case that are known, but has {name!r}."),
+            (not np.all(is_good), f"give values of {name} {wish}, but does not."),
+        )
     if "alpha" not in arrays:
         raise ValueError("Argument `candidates` must give angles, `alpha`, but gives none.")
     try:
-        shape = np.broadcast_shapes(*(values.shape for values in arrays.values()))
+        together = np.broadcast_arrays(*arrays.values())
     except ValueError:
         shapes = ", ".join(f"{name} {values.shape}" for name, values in arrays.items())
         raise ValueError(f"Argument `candidates` must be arrays that broadcast, but shapes are {shapes}.") from None
-    if 0 in shape:
+    if not together[0].size:
         raise ValueError("Argument `candidates` must give at least one candidate, but gives none.")
-    return {name: np.broadcast_to(values, shape).reshape(-1) for name, values in arrays.items()}
-
-
-def _numbers(name: str, values: Any) -> np.ndarray:
-    """The values of a condition, of any shape."""
-    check_unmasked("candidates", values)
-    try:
-        numbers = np.asarray(values)
-    except ValueError:  # lists of several lengths
-        numbers = np.empty(0, object)
-    if numbers.dtype.kind not in "iuf":
-        raise ValueError(f"Argument `candidates` must give numbers for {shown(name)}, but gives {shown(values)}.")
-    return numbers.astype(float)
+    return {name: values.reshape(-1) for name, values in zip(arrays, together, strict=True)}
 
 
 def _gains(shares: Sequence[tuple[np.ndarray, np.ndarray]], weights: np.ndarray) -> tuple[float, float]:

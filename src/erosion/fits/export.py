@@ -22,6 +22,7 @@ from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.output.files import seen_from
+from erosion.output.tables import sentences
 from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
@@ -144,13 +145,12 @@ def to_case(
     Raises:
         ValueError: for a model without a name or a file, which no verb could load again.
     """
-    lines = _origin(calibration)
-    lines += calibration.warnings
-    lines.append(f"The best angle of this fit: {command('optimum', path)}")
-    text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in "\n".join(lines))
+    best_angle = f"The best angle of this fit: {command('optimum', path)}"
+    comment = "\n".join([*_origin(calibration), *calibration.warnings, best_angle])
+    text = "".join(mark if mark.isprintable() or mark == "\n" else " " for mark in comment)
     case = dump_case(exported_case(calibration), calibration.title)
-    names = {name: value for name, value in (("particle", particle), ("target", target)) if value is not None}
-    named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n" for name, value in names.items())
+    named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n"
+                    for name, value in (("particle", particle), ("target", target)) if value is not None)  # fmt: skip
     density = calibration.problem.forward.density
     if density is not None:
         density *= conversion_factor("density", calibration.p.units, "si")
@@ -180,18 +180,19 @@ def _model(calibration: Calibration, path: str) -> str:
 def _for_advice(calibration: Calibration, warnings: Sequence[str]) -> str:
     """The table [advise] of a case file; without laws where the data does not determine or decide all parameters."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
-    said = " ".join([of_scale] * calibration.data.free_scale + [*warnings])
-    lines = ["", "[advise]"] + ([f"warning = {toml_string(said)}"] if said else [])
-    laws = _laws(calibration)
-    if laws:
-        lines.append("uncertain = { " + ", ".join(f'{name} = "{law}"' for name, law in laws.items()) + " }")
+    said, laws = " ".join([of_scale] * calibration.data.free_scale + [*warnings]), _laws(calibration)
     names, correlation = calibration.names, calibration.correlation
     # A little less than the fit has, so that rounding cannot make it impossible.
     pairs = {f"{first},{second}": (1 - 1e-6) * float(correlation[names.index(first), names.index(second)])
              for first, second in itertools.combinations(laws, 2)}  # fmt: skip
-    if pairs:
-        lines.append("correlation = { " + ", ".join(f'"{pair}" = {value!r}' for pair, value in pairs.items()) + " }")
-    return "\n".join(lines) + "\n" if lines[2:] else ""
+    listed = ", ".join(f'{name} = "{law}"' for name, law in laws.items())
+    tied = ", ".join(f'"{pair}" = {value!r}' for pair, value in pairs.items())
+    lines = sentences(
+        (said, f"warning = {toml_string(said)}"),
+        (laws, f"uncertain = {{ {listed} }}"),
+        (pairs, f"correlation = {{ {tied} }}"),
+    )
+    return "\n".join(["", "[advise]", *lines, ""]) if lines else ""
 
 
 def _laws(calibration: Calibration) -> dict[str, str]:
@@ -239,13 +240,14 @@ def exported_case(calibration: Calibration) -> Parameters:
 
 def _comment(calibration: Calibration) -> str:
     """Model, data, estimates, speed and warnings."""
-    lines = _origin(calibration)
-    if calibration.cutting_fraction != 1:
-        lines.append(share_in_words(calibration.cutting_fraction))
-    lines += calibration.warnings
-    if calibration.data.free_scale:
-        lines.append("The data was known up to a factor: the curve's height is the case's, not measured.")
-    return "\n".join(lines)
+    share = calibration.cutting_fraction
+    return "\n".join([
+        *_origin(calibration),
+        *sentences((share != 1, share_in_words(share))),
+        *calibration.warnings,
+        *sentences((calibration.data.free_scale,
+                    "The data was known up to a factor: the curve's height is the case's, not measured.")),
+    ])  # fmt: skip
 
 
 def _origin(calibration: Calibration) -> list[str]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from erosion.arguments import refuse
 from erosion.fits.measurements import Measurements
 from erosion.impacts.impact import Impact, impact
 from erosion.models.base import CuttingModel
@@ -70,15 +71,10 @@ class Forward:
     @property
     def limits(self) -> np.ndarray:
         """θ at the least and the greatest value that each parameter may have by its meaning, shape (names, 2)."""
-        own, limits = own_parameters(self.model), np.tile([-np.inf, np.inf], (len(self.names), 1))
-        for i, name in enumerate(self.names):
-            if name == FRACTION:
-                limits[i, 1] = 0.0
-            elif name in own and name in self._units:
-                limits[i, 0] = own[name].least / self._units[name]
-                if name in self._normal_speeds:
-                    limits[i, 1] = 1.0
-        return limits
+        own, fraction = own_parameters(self.model), {FRACTION: (-np.inf, 0.0)}
+        thresholds = {name: own[name].least / unit for name, unit in self._units.items() if name in own}
+        signed = {name: (least, 1.0 if name in self._normal_speeds else np.inf) for name, least in thresholds.items()}
+        return np.array([(fraction | signed).get(name, (-np.inf, np.inf)) for name in self.names])
 
     @property
     def start(self) -> np.ndarray:
@@ -225,15 +221,14 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
     names = (free,) if isinstance(free, str) else tuple(free)
     known = quantities(model)
     for name in names:
-        if not isinstance(name, str) or name not in (*known, FRACTION):
-            listed = ", ".join((*known, FRACTION))
-            raise ValueError(f"Argument `free` must name parameters ({listed}), but has {name!r}.")
-        if name == SCALE:
-            raise ValueError(f"Argument `free` must not name `{SCALE}`, as the factor of data in units of its own is.")
-        if name == FRACTION and name in known:
-            raise ValueError(f"Argument `free` must not name `{FRACTION}`, as the share of particles that cut is.")
-        if name == "alpha" or name in data.conditions:
-            raise ValueError(f"Argument `free` must not name `{name}`: the data has a column of it.")
+        refuse(
+            "Argument `free` must ",
+            (not isinstance(name, str) or name not in (*known, FRACTION),
+             f"name parameters ({', '.join((*known, FRACTION))}), but has {name!r}."),
+            (name == SCALE, f"not name `{SCALE}`, as the factor of data in units of its own is."),
+            (name == FRACTION and name in known, f"not name `{FRACTION}`, as the share of particles that cut is."),
+            (name == "alpha" or name in data.conditions, f"not name `{name}`: the data has a column of it."),
+        )  # fmt: skip
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
     # So that an own parameter that cannot be an array is refused before anything is computed.

@@ -9,6 +9,7 @@ the wrong valley. So the misfit is computed at many starts, and descents begin a
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Literal, NamedTuple, get_args
@@ -16,6 +17,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from scipy import optimize
 from scipy.linalg import null_space
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import qmc
 
 from erosion.fits.forward import FRACTION, SCALE, Forward
@@ -106,43 +108,27 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
     covariance = modes @ modes.T
     covariance[undetermined, :] = covariance[:, undetermined] = np.nan
     covariance[undetermined, undetermined] = np.inf
-    return Identifiability(
-        covariance,
-        modes,
-        tuple(name for name, flag in zip(names, undetermined, strict=True) if flag),
-        tuple(groups),
-    )
+    return Identifiability(covariance, modes, tuple(itertools.compress(names, undetermined)), tuple(groups))
 
 
 def _ties(all_names: Sequence[str], involved: np.ndarray, thetas: np.ndarray, exponent: np.ndarray) -> list[Group]:
     """The groups of parameters that null directions of θ, shape (n, directions), tie together."""
     names, null = [all_names[int(i)] for i in involved], thetas[involved] / exponent[involved][:, None]
-    sparse = _reduced(null.T)
     determined = _reduced(null_space(null.T).T) if null.shape[1] < len(names) else np.zeros((0, len(names)))
-    groups, remaining = [], list(range(len(names)))
-    while remaining:
-        group = {remaining[0]}
-        while True:
-            rows = [row for row in (*sparse, *determined) if any(abs(row[i]) > _INVOLVED for i in group)]
-            wider = group | {i for row in rows for i in np.flatnonzero(np.abs(row) > _INVOLVED).tolist()}
-            if wider == group:
-                break
-            group = wider
-        remaining = [i for i in remaining if i not in group]
-        products = [_product(names, row) for row in determined if any(abs(row[i]) > _INVOLVED for i in group)]
-        tied = " and ".join((", ".join(names[i] for i in sorted(group)[:-1]), names[max(group)]))
+    has = np.abs(np.concatenate([_reduced(null.T), determined])) > _INVOLVED
+    together, groups = connected_components(has.T.astype(int) @ has)[1], []
+    for label in dict.fromkeys(together.tolist()):
+        members = np.flatnonzero(together == label)
+        products = [_product(names, row) for row in determined if (np.abs(row[members]) > _INVOLVED).any()]
+        of_group = [names[i] for i in members]
         only = f"only {' and '.join(products)} {'is' if len(products) == 1 else 'are'} determined"
         direction = np.zeros(len(all_names))
-        members = sorted(group)
-        direction[involved[members]] = _within(null, members) * exponent[involved[members]]
-        groups.append(Group(tuple(names[i] for i in members), f"{tied} cannot be told apart: {only}.", direction))
+        # A null direction of the members alone, which no direction ties to others.
+        strongest = np.linalg.svd(null[members], full_matrices=False)[0][:, 0]
+        direction[involved[members]] = strongest * exponent[involved[members]]
+        tied = f"{', '.join(of_group[:-1])} and {of_group[-1]} cannot be told apart: {only}."
+        groups.append(Group(tuple(of_group), tied, direction))
     return groups
-
-
-def _within(null: np.ndarray, members: list[int]) -> np.ndarray:
-    """A null direction of the members alone, which no direction ties to others; shape (members,)."""
-    strongest = np.linalg.svd(null[members], full_matrices=False)[0]
-    return strongest[:, 0]
 
 
 def _reduced(rows: np.ndarray) -> np.ndarray:
@@ -164,16 +150,14 @@ def _reduced(rows: np.ndarray) -> np.ndarray:
 
 def _product(names: Sequence[str], exponents: np.ndarray) -> str:
     """Powers as text: "sigma·psi", "m/(sigma·psi)"."""
-    above = [_power(name, e) for name, e in zip(names, exponents, strict=True) if e > _INVOLVED]
-    below = [_power(name, -e) for name, e in zip(names, exponents, strict=True) if e < -_INVOLVED]
-    text = "·".join(above) or "1"
-    if not below:
-        return text
-    return f"{text}/{below[0]}" if len(below) == 1 else f"{text}/({'·'.join(below)})"
+    powers = [(name, float(e)) for name, e in zip(names, exponents, strict=True) if abs(e) > _INVOLVED]
+    above, below = ([_power(name, abs(e)) for name, e in powers if e * sign > 0] for sign in (1, -1))
+    under = "·".join(below)
+    return ("·".join(above) or "1") + (f"/({under})" if len(below) > 1 else f"/{under}" if below else "")
 
 
 def _power(name: str, exponent: float) -> str:
-    simple = Fraction(float(exponent)).limit_denominator(6)
+    simple = Fraction(exponent).limit_denominator(6)
     if abs(exponent - simple) < 1e-3:
         return name if simple == 1 else f"{name}^{simple}" if simple.denominator == 1 else f"{name}^({simple})"
     return f"{name}^{exponent:.3g}"
@@ -314,9 +298,8 @@ def _first_guess(problem: FitProblem) -> np.ndarray:
     similar = problem.start.copy()
     similar[stresses] = np.log(problem.forward.contact_stress)
     similar = _of_data_size(problem, np.clip(similar, problem.lower, problem.upper)[None], together=stresses)[0]
-    similar = np.clip(similar, problem.lower, problem.upper)
-    costs = problem.costs(np.stack([of_case, similar]))
-    return similar if costs[1] < costs[0] else of_case
+    guesses = np.stack([of_case, np.clip(similar, problem.lower, problem.upper)])
+    return guesses[np.argmin(problem.costs(guesses))]
 
 
 def fit(problem: FitProblem, loss: Loss, starts: int) -> tuple[FitProblem, FitSolution]:
@@ -336,7 +319,7 @@ def fit(problem: FitProblem, loss: Loss, starts: int) -> tuple[FitProblem, FitSo
     best = next(solution for solution in solutions if solution.cost <= least * (1 + rough) + 1e-20)
     problem = dataclasses.replace(problem, loss=loss)
     if loss == "linear" or problem.data.uncertainty is not None:
-        return problem, _settled(problem, best.theta)
+        return with_noise(problem, best.theta, problem.noise)
     # What plain least squares finds, far rows may have moved to another valley, or to where most residuals are great.
     begins = [*begins, *(solution.theta for solution in solutions)]
     few = dataclasses.replace(few, loss=loss, noise=float(np.nanmin([_noise(few, theta) for theta in begins])))
@@ -352,9 +335,12 @@ def fit(problem: FitProblem, loss: Loss, starts: int) -> tuple[FitProblem, FitSo
 
 
 def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[FitProblem, FitSolution]:
-    """The problem with another noise of its robust loss, and the minimum near θ."""
+    """The problem with another noise of its robust loss, and the deepest of the valleys about θ."""
     problem = dataclasses.replace(problem, noise=noise)
-    return problem, _settled(problem, theta)
+    solution = settle(problem, theta)
+    if solution is None:
+        raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
+    return problem, solution
 
 
 def _noise(problem: FitProblem, theta: np.ndarray) -> float:
@@ -362,14 +348,6 @@ def _noise(problem: FitProblem, theta: np.ndarray) -> float:
     residuals = np.sort(np.abs(problem.residuals(theta)[0]))
     free = min(len(theta), len(residuals) - 1)
     return max(_MAD * float(np.median(residuals[free:])), 1e-12)
-
-
-def _settled(problem: FitProblem, theta: np.ndarray) -> FitSolution:
-    """The deepest of the valleys about θ, where impacts must not fail."""
-    solution = settle(problem, theta)
-    if solution is None:
-        raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
-    return solution
 
 
 def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> FitSolution | None:
@@ -390,8 +368,9 @@ def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol
     rng = np.random.default_rng(0)
     drawn = min(_DRAWN if held is None else _DRAWN_HELD, _SEARCHED // len(problem.data))
     reach = np.geomspace(*_REACH, drawn)[:, None]
+    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.data.deviation))
     for _ in range(_HOPS if drawn else 0):
-        modes = _modes(problem, best)
+        modes = identify(names, best.jacobian, np.ones(len(names)), size).modes
         spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))
         draws = best.theta + spread * reach * rng.standard_normal((drawn, modes.shape[1])) @ modes.T
         draws = np.clip(draws, problem.lower, problem.upper)
@@ -402,12 +381,6 @@ def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol
         deeper = descend(problem, draws[lowest], held, rough)
         best = best if deeper is None else deeper
     return best if rough == ftol else descend(problem, best.theta, held, ftol)
-
-
-def _modes(problem: FitProblem, solution: FitSolution) -> np.ndarray:
-    """The determined directions of θ, each one standard error long, shape (names, rank)."""
-    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.data.deviation))
-    return identify(names, solution.jacobian, np.ones(len(names)), size).modes
 
 
 def descend(
@@ -490,8 +463,7 @@ def _at_least_values(problem: FitProblem, ftol: float) -> list[np.ndarray]:
     """
     thetas = []
     for i in np.flatnonzero(np.isfinite(problem.forward.limits[:, 0])):
-        theta = problem.start.copy()
-        theta[i] = problem.lower[i]
+        theta = np.where(np.arange(len(problem.start)) == i, problem.lower, problem.start)
         held = descend(problem, _of_data_size(problem, theta[None])[0], int(i), ftol)
         thetas += [] if held is None else [held.theta]
     return thetas

@@ -104,13 +104,6 @@ class DataColumn(NamedTuple):
     factor: float
 
 
-def system_of_unit(unit: str) -> System | None:
-    """The unit system that a heading's unit belongs to, of which one word says that it is inch-pound; None for none."""
-    if unit in NO_UNIT:
-        return None
-    return "inch-pound" if _INCH_POUND & {*re.findall(r"[^\W\d_]+", unit)} else "si"
-
-
 class Header(NamedTuple):
     """The columns of a table.
 
@@ -135,7 +128,7 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         HeaderError: for a repeated or missing column, one that is not understood, or a unit that does not fit.
     """
     heads, unused = read_heads(cells, _KNOWN, ignore=ignore, also=_ALSO)
-    names = [head.name for head in heads if head is not None]
+    names = [None if head is None else head.name for head in heads]
     removals = [name for name in names if name in REMOVALS]
     if "angle" not in names:
         raise HeaderError(None, "has no column `angle [deg]`")
@@ -143,22 +136,12 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         present = f"has {' and '.join(removals)}" if removals else "has none"
         remedy = "; Argument `ignore` may name the others" if removals else ""
         raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
-    at = next(i for i, head in enumerate(heads) if head is not None and head.name == removals[0])
+    at = names.index(removals[0])
     removal = _column(at, heads[at], REMOVALS[removals[0]], units)
-    columns: list[DataColumn | None] = []
-    for i, head in enumerate(heads):
-        if head is None or i == at:
-            columns.append(None if head is None else removal)
-        else:
-            expected = (removal.dimension,) if head.name == "uncertainty" else _KNOWN[head.name].dimensions
-            columns.append(_column(i, head, expected, units))
-    return Header(columns, unused)
-
-
-def units_of_header(cells: Sequence[str], names: Sequence[str], ignore: Sequence[str] = ()) -> list[str]:
-    """The units of some columns, in the order of `names`."""
-    heads = [head for head in matching(cells, _KNOWN, ignore=ignore) if head is not None]
-    return [head.unit for name in names for head in heads if head.name == name]
+    dimensions = {name: known.dimensions for name, known in _KNOWN.items()} | {"uncertainty": (removal.dimension,)}
+    return Header([
+        removal if i == at else head and _column(i, head, dimensions[head.name], units) for i, head in enumerate(heads)
+    ], unused)  # fmt: skip
 
 
 def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:
@@ -176,20 +159,14 @@ def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], unit
             return DataColumn(name, "mass per mass", 1.0)
         example = _EXAMPLES.get(name, f"{name} [mm^3]")
         raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
-    errors = []
+    said = f"must be one of {', '.join(dimensions[:-1])} or {dimensions[-1]}, but is {unit!r}"
     for dimension in dimensions:
         try:
             # "volume [1e-4 in^3]" has a number of its own.
             return DataColumn(name, dimension, factor(unit, dimension, units))
         except UnitError as error:
-            errors.append(str(error))
-    if len(dimensions) == 1:
-        raise HeaderError(index, f"the unit of `{name}` {errors[0].replace(repr('1 ' + unit), repr(unit))}")
-    raise HeaderError(index, f"the unit of `{name}` must be one of {_listed(dimensions)}, but is {unit!r}")
-
-
-def _listed(dimensions: Sequence[Dimension]) -> str:
-    return ", ".join(dimensions[:-1]) + f" or {dimensions[-1]}"
+            said = said if len(dimensions) > 1 else str(error).replace(repr("1 " + unit), repr(unit))
+    raise HeaderError(index, f"the unit of `{name}` {said}")
 
 
 _QUANTITY_OF: dict[Dimension, str] = {
@@ -279,9 +256,8 @@ class Measurements:
         if len(self) <= most:
             return self
         rows = np.sort(np.random.default_rng(0).choice(len(self), most, replace=False))
-        names = ("angle", "erosion", "uncertainty", "speed", "mass")
-        arrays = {name: values for name in names if (values := getattr(self, name)) is not None}
-        return dataclasses.replace(self, **{name: values[rows] for name, values in arrays.items()})
+        arrays = {name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return dataclasses.replace(self, **arrays)
 
 
 def read_measurements(data: Any, units: str, *, ignore: Sequence[str] = ()) -> Measurements:
@@ -324,59 +300,108 @@ def unit_system(path: Path, ignore: Sequence[str] = ()) -> System | None:
     with contextlib.suppress(MeasurementError, HeaderError), readable(path, MeasurementError):
         with path.open(encoding="utf-8-sig", newline="") as file:
             cells = next(_lines(file, path)[0])[1]
-        units = units_of_header(cells, (*REMOVALS, "speed", "mass"), ignore)
-        known: list[System] = [system for unit in units if (system := system_of_unit(unit)) is not None]
-        return known[0] if known else None
+        heads = matching(cells, _KNOWN, ignore=ignore)
+        units = [head.unit for name in (*REMOVALS, "speed", "mass") for head in heads if head and head.name == name]
+        known = [{*re.findall(r"[^\W\d_]+", unit)} for unit in units if unit not in NO_UNIT]
+        return None if not known else "inch-pound" if _INCH_POUND & known[0] else "si"
     return None
 
 
+_Place = Callable[[int | None, int | None], str]
+"""Words for a place in a table, by its row and its column; None for the header and for no column."""
+
+
 def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) -> Measurements:
-    where = "Argument `data`"
+    names = list(table)
     for name, values in table.items():
         check_unmasked(name, values)
-    try:
-        header = read_header(list(table), system, ignore)
-        used = [values for values, column in zip(table.values(), header.columns, strict=True) if column is not None]
-        columns = [np.atleast_1d(np.asarray(values, float)) for values in used]
-    except HeaderError as error:
-        at = "" if error.index is None else f": column {list(table)[error.index]!r}"
-        raise MeasurementError(f"{where}{at} {error}.") from error
-    except (TypeError, ValueError) as error:
-        raise MeasurementError(f"{where} must hold columns of numbers, but one cannot be read ({error}).") from error
-    shapes = {column.shape for column in columns}
-    if len(shapes) != 1 or columns[0].ndim != 1:
-        raise MeasurementError(f"{where} must hold columns of one length, but has shapes {sorted(shapes)}.")
 
-    def place(row: int, column: int) -> str:
-        return f"{where}: row {row}, column {list(table)[column]!r}"
+    def place(row: int | None, column: int | None) -> str:
+        words = "Argument `data`" if row is None else f"Argument `data`: row {row},"
+        return words if column is None else f"{words} column {names[column]!r}"
 
-    if not columns[0].size:
-        raise MeasurementError(f"{where} has no rows.")
-    return _checked(header, columns, place, system, "data")
+    def read(used: Sequence[int]) -> list[np.ndarray]:
+        try:
+            columns = [np.atleast_1d(np.asarray(table[names[i]], float)) for i in used]
+        except (TypeError, ValueError) as error:
+            message = f"Argument `data` must hold columns of numbers, but one cannot be read ({error})."
+            raise MeasurementError(message) from error
+        shapes = {column.shape for column in columns}
+        if len(shapes) != 1 or columns[0].ndim != 1:
+            raise MeasurementError(f"Argument `data` must hold columns of one length, but has shapes {sorted(shapes)}.")
+        return columns
+
+    return _measurements(names, read, place, system, ignore, "data")
 
 
 def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurements:
     with readable(path, MeasurementError), path.open(encoding="utf-8-sig", newline="") as file:
-        return _read_text(file, path, system, ignore)
+        rows, delimiter = _lines(file, path)
+        first, cells = next(rows)
+        lines = array.array("q")
+
+        def place(row: int | None, column: int | None) -> str:
+            return _place(path, first if row is None else lines[row], column, cells)
+
+        def read(used: Sequence[int]) -> list[np.ndarray]:
+            return [np.frombuffer(column) for column in _numbers(rows, cells, used, delimiter, path, lines)]
+
+        return _measurements(cells, read, place, system, ignore, path.name)
 
 
-def _read_text(file: Iterable[str], path: Path, system: System, ignore: Sequence[str]) -> Measurements:
-    rows, delimiter = _lines(file, path)
-    line, cells = next(rows)
+def _measurements(
+    heads: Sequence[str],
+    read: Callable[[Sequence[int]], list[np.ndarray]],
+    place: _Place,
+    system: System,
+    ignore: Sequence[str],
+    source: str,
+) -> Measurements:
+    """The measurements of a table, in consistent units, every number in its range.
+
+    Args:
+        heads: of its columns.
+        read: gives the numbers of some columns.
+        place: words for a place.
+        system: the unit system to convert to.
+        ignore: columns that are left out, by their names.
+        source: the table's name.
+    """
     try:
-        header = read_header(cells, system, ignore)
+        header = read_header(heads, system, ignore)
     except HeaderError as error:
-        at = "the header" if error.index is None else f"column {error.index + 1} ({cells[error.index].strip()}):"
-        raise MeasurementError(f"{path}, line {line}, {at} {error}.") from error
-    used = [i for i, column in enumerate(header.columns) if column is not None]
-    numbers, lines = _numbers(rows, cells, used, delimiter, path)
-    if not lines:
-        raise MeasurementError(f"{path}: has a header, but no rows of data.")
-
-    def place(row: int, column: int) -> str:
-        return _place(path, lines[row], column, cells)
-
-    return _checked(header, [np.frombuffer(column) for column in numbers], place, system, path.name)
+        at = place(None, error.index) + ("" if error.index is None else ":")
+        raise MeasurementError(f"{at} {error}.") from error
+    used = {index: column for index, column in enumerate(header.columns) if column is not None}
+    columns = read([*used])
+    if not columns[0].size:
+        raise MeasurementError(f"{place(None, None)} has no rows of data.")
+    arrays: dict[str, Any] = {}
+    for (index, column), numbers in zip(used.items(), columns, strict=True):
+        values = arrays[column.name] = numbers * column.factor
+        good = np.isfinite(values)
+        must = "must be a finite number"
+        if column.name == "angle":
+            good, must = are_angles(values), "must be above 0° and at most 90°"
+        elif column.name == "mass":
+            greatest = _HEAVIEST * conversion_factor("mass", "si", system)
+            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one erodent, at most 20 g"
+        elif column.name not in REMOVALS:
+            good, must = good & (values > 0), "must be positive and finite"
+        if not np.all(good):
+            row = int(np.argmin(good))
+            raise MeasurementError(f"{place(row, index)} {must}, but is {numbers[row]:g}.")
+    removal = next(column for column in used.values() if column.name in REMOVALS)
+    conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass")}
+    return Measurements(
+        angle=arrays["angle"],
+        erosion=arrays[removal.name],
+        dimension=removal.dimension,
+        **conditions,
+        units=system,
+        source=source,
+        unused=header.unused,
+    )
 
 
 def _lines(file: Iterable[str], path: Path) -> tuple[Iterator[tuple[int, list[str]]], str]:
@@ -408,11 +433,15 @@ def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> It
 
 
 def _numbers(
-    rows: Iterable[tuple[int, list[str]]], header: Sequence[str], used: Sequence[int], delimiter: str, path: Path
-) -> tuple[list[array.array], array.array]:
-    """The columns of numbers that are used, and the line of each row."""
-    columns, lines, width = [array.array("d") for _ in used], array.array("q"), len(header)
-    decimal_comma = delimiter != ","
+    rows: Iterable[tuple[int, list[str]]],
+    header: Sequence[str],
+    used: Sequence[int],
+    delimiter: str,
+    path: Path,
+    lines: array.array,
+) -> list[array.array]:
+    """The columns of numbers that are used; the line of each row goes to `lines`."""
+    columns, width, decimal_comma = [array.array("d") for _ in used], len(header), delimiter != ","
     for line, cells in rows:
         if len(cells) != width:
             place = f"{path}, line {line}, column {min(len(cells), width) + (len(cells) > width)}"
@@ -431,50 +460,12 @@ def _numbers(
                     f"{_place(path, line, index, header)} must be a number, but is {cell.strip()!r}{hint}."
                 ) from None
         lines.append(line)
-    return columns, lines
+    return columns
 
 
-def _place(path: Path, line: int, column: int, header: Sequence[str]) -> str:
-    return f"{path}, line {line}, column {column + 1} ({header[column].strip()})"
-
-
-def _checked(
-    header: Header,
-    numbers_of: Sequence[np.ndarray],
-    place: Callable[[int, int], str],
-    system: System,
-    source: str,
-) -> Measurements:
-    """The used columns in consistent units, every number in its range."""
-    arrays: dict[str, np.ndarray] = {}
-    used = [(index, column) for index, column in enumerate(header.columns) if column is not None]
-    removal = next(column for _, column in used if column.name in REMOVALS)
-    for (index, column), numbers in zip(used, numbers_of, strict=True):
-        values = numbers * column.factor
-        good = np.isfinite(values)
-        must = "must be a finite number"
-        if column.name == "angle":
-            good, must = are_angles(values), "must be above 0° and at most 90°"
-        elif column.name == "mass":
-            greatest = _HEAVIEST * conversion_factor("mass", "si", system)
-            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one erodent, at most 20 g"
-        elif column is not removal:
-            good, must = good & (values > 0), "must be positive and finite"
-        if not np.all(good):
-            row = int(np.argmin(good))
-            raise MeasurementError(f"{place(row, index)} {must}, but is {numbers[row]:g}.")
-        arrays["erosion" if column is removal else column.name] = values
-    return Measurements(
-        angle=arrays["angle"],
-        erosion=arrays["erosion"],
-        dimension=removal.dimension,
-        uncertainty=arrays.get("uncertainty"),
-        speed=arrays.get("speed"),
-        mass=arrays.get("mass"),
-        units=system,
-        source=source,
-        unused=header.unused,
-    )
+def _place(path: Path, line: int, column: int | None, header: Sequence[str]) -> str:
+    of_line = f"{path}, line {line},"
+    return f"{of_line} the header" if column is None else f"{of_line} column {column + 1} ({header[column].strip()})"
 
 
 MOST = 12  # groups that a figure can tell apart

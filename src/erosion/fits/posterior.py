@@ -1,8 +1,9 @@
-"""A posterior: draws, intervals, evidence, best angles, and warnings on what is doubtful."""
+"""`posterior` and its result: draws, intervals, evidence, best angles, and warnings on what is doubtful."""
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,23 +11,25 @@ import numpy as np
 import xarray as xr
 from scipy import special, stats
 
-from erosion.arguments import check_level, check_path, check_whole
+from erosion.arguments import Progress, check_level, check_path, check_whole, no_progress
 from erosion.extras import library
+from erosion.fits.calibration import make_forward
 from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.forward import FRACTION, SCALE
 from erosion.fits.least_squares import identify
 from erosion.fits.measurements import Measurements
 from erosion.fits.posterior_files import SOURCE, own_in_si
-from erosion.fits.tempering import NOISE, Likelihood, Priors, Run, sampled_quantities
+from erosion.fits.tempering import NOISE, Likelihood, Run, make_likelihood, sample, sampled_quantities
 from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import impact
-from erosion.joint_laws import Rows
+from erosion.joint_laws import LawSet, Rows
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import with_values
 from erosion.models.registry import impact_to_dict
+from erosion.ode.step_control import require_float64
 from erosion.output.files import require_writable, seen_from, write_whole
-from erosion.output.tables import Result, Row, format_number, to_plain
+from erosion.output.tables import Result, Row, format_number, sentences, to_plain
 from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import RESULTS, Quantity
@@ -157,14 +160,14 @@ class Posterior(Result):
         return self.data.erosion_unit
 
     @property
-    def priors(self) -> Priors:
+    def priors(self) -> LawSet:
         """The laws before the data."""
         return self.likelihood.priors
 
     @property
     def names(self) -> tuple[str, ...]:
         """The sampled parameters; "scale" and "noise" come last."""
-        return self.priors.names
+        return tuple(self.priors.laws)
 
     @functools.cached_property
     def samples(self) -> xr.Dataset:
@@ -175,7 +178,7 @@ class Posterior(Result):
         known = self.quantities
         return xr.Dataset({
             name: (("chain", "draw"), values, known[name].attributes(self.p.units))
-            for name, values in self.priors.values(self.run.points).items()
+            for name, values in self.likelihood.values(self.run.points).items()
         }, {"chain": range(self.run.points.shape[0]), "draw": range(self.run.points.shape[1])})  # fmt: skip
 
     @property
@@ -239,25 +242,20 @@ class Posterior(Result):
     @property
     def not_converged(self) -> tuple[str, ...]:
         """Sentences on draws that are not good, with advice; none for good ones."""
-        said = []
-        bad = {name: rhat for name, rhat in self.rhat.items() if not rhat <= RHAT}
-        if bad:
-            greatest = max(bad, key=lambda name: bad[name])
-            said.append(
-                f"the populations of draws disagree about {', '.join(bad)} (R̂ of {greatest} is {bad[greatest]:.3f}, "
-                f"good to {RHAT})"
-            )
         least = EFFECTIVE * len(self.run.log_evidence)
+        bad = {name: rhat for name, rhat in self.rhat.items() if not rhat <= RHAT}
         few = {name: count for name, count in self.effective.items() if not count >= least}
-        if few:
-            fewest = min(few, key=lambda name: few[name])
-            said.append(
-                f"there are too few effective draws of {', '.join(few)} ({few[fewest]:.0f} of {fewest}, good from "
-                f"{least})"
-            )
-        if not self.log_evidence_error <= _EVIDENCE:
-            said.append(f"the populations disagree about the evidence (ln Z to {self.log_evidence_error:.2g})")
-        return tuple(f"Not converged: {fault}. Ask for more draws." for fault in said)
+        greatest = max(bad or self.rhat, key=self.rhat.__getitem__)
+        fewest = min(few or self.effective, key=self.effective.__getitem__)
+        faults = sentences(
+            (bad, f"the populations of draws disagree about {', '.join(bad)} (R̂ of {greatest} is "
+                  f"{self.rhat[greatest]:.3f}, good to {RHAT})"),
+            (few, f"there are too few effective draws of {', '.join(few)} ({self.effective[fewest]:.0f} of {fewest}, "
+                  f"good from {least})"),
+            (not self.log_evidence_error <= _EVIDENCE,
+             f"the populations disagree about the evidence (ln Z to {self.log_evidence_error:.2g})"),
+        )  # fmt: skip
+        return tuple(f"Not converged: {fault}. Ask for more draws." for fault in faults)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -268,10 +266,9 @@ class Posterior(Result):
         for name, low, high in zip(self.names, below, above, strict=True):
             share, end = max((low, "lowest"), (high, "highest"))
             if share > _PILED:
-                law = self.priors.in_words(name, self.quantities[name], self.p.units)
                 said.append(
-                    f"{share:.0%} of the draws of {name} lie in the {end} hundredth of its prior, {law}: prior and "
-                    "data disagree, or the prior is too narrow."
+                    f"{share:.0%} of the draws of {name} lie in the {end} hundredth of its prior, "
+                    f"{self._law_in_words(name)}: prior and data disagree, or the prior is too narrow."
                 )
         chi2, rows = -2 * self.run.log_likelihood, len(self.data)
         if self.data.uncertainty is not None and float(stats.chi2.sf(chi2, rows).mean()) < POOR:
@@ -399,10 +396,12 @@ class Posterior(Result):
         row = self._row(name, LEVEL)
         return f"{name} = {Scale(1.0, row.unit).beside(row.value)}"
 
+    def _law_in_words(self, name: str) -> str:
+        return self.priors.laws[name].in_words(self.quantities[name].dimension, self.p.units)
+
     def prior_in_words(self, name: str) -> str:
         """The law of a parameter before the data, and whether it is the default."""
-        words = self.priors.in_words(name, self.quantities[name], self.p.units)
-        return words if name in self.priors.chosen else f"{words}, the default"
+        return self._law_in_words(name) + ("" if name in self.likelihood.chosen else ", the default")
 
     @property
     def title(self) -> str:
@@ -498,3 +497,71 @@ class Posterior(Result):
         at = np.unravel_index(int(np.argmax(self.run.log_likelihood)), self.run.log_likelihood.shape)
         forward = self.likelihood.forward
         return forward.theta({name: float(self.samples[name].values[at]) for name in forward.names})
+
+
+CHAINS = 4
+"""Populations of draws, as many as R̂ needs."""
+
+_LEAST = 125  # draws of a population, of which 100 can be effective
+
+
+def posterior(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    data: Any,
+    free: Sequence[str],
+    *,
+    priors: Mapping[str, Any] | None = None,
+    density: float | str | None = None,
+    cutting_fraction: float = 1.0,
+    draws: int = 500,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Posterior:
+    """Draw a model's parameters as likely as measured erosion and priors leave them.
+
+        from erosion.distributions import Uniform
+        erosion.posterior("rotating", p, data, free=["k", "psi"], priors={"psi": Uniform(0.01, 0.2)}).samples["psi"]
+
+    No gradient is used, as V(α) jumps: see `erosion.fits.tempering`. The evidence comes with the draws.
+
+    Args:
+        model: a model, its name, or the path of its file.
+        p: the case: the values of all parameters that are not free, and the middle of default priors.
+        data: as for `calibrate`. Rows without uncertainties have normal errors of one unknown size, which is the
+            parameter "noise" [of the data]; erosion in units of its own has an unknown factor, "scale".
+        free: the parameters to draw, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
+        priors: by parameter, also "noise" and "scale": a law of `erosion.distributions` or any frozen distribution of
+            scipy, in the case's units. Without one: all factors from 1/100 to 100 of the case's value alike, see
+            docs/posterior.md. The result names them all.
+        density: of the target, as for `calibrate`.
+        cutting_fraction: as for `calibrate`; where it is free, its prior counts alone.
+        draws: of each of the 4 populations, 125 or more.
+        seed: the same seed gives the same draws.
+        progress: called with the name of the work, how much of it is done in percent, and 100.
+
+    Returns:
+        Draws, evidence, and sentences on all that is doubtful.
+
+    Raises:
+        ValueError, TypeError: for arguments or data that cannot be used (data: `MeasurementError`).
+        SamplingError: where all impacts fail.
+        MissingExtraError: without the extra `posterior`.
+
+    Warns:
+        ConvergenceWarning: where the draws are not good enough; the result says so, too.
+    """
+    require_float64()
+    forward = make_forward(model, p, data, free, density, cutting_fraction)
+    likelihood = make_likelihood(forward, priors or {})
+    draws, seed = check_whole("draws", draws, _LEAST), check_whole("seed", seed, 0)
+    shape = CHAINS, draws, likelihood.priors.dimension
+    run = sample(likelihood, shape, np.random.default_rng(seed), _are_good, progress)
+    result = Posterior(likelihood, run, seed)
+    for sentence in result.not_converged:
+        warnings.warn(sentence, ConvergenceWarning, stacklevel=2)
+    return result
+
+
+def _are_good(points: np.ndarray) -> bool:
+    return bool((rhats(points) <= RHAT).all() and (effective(points) >= EFFECTIVE * CHAINS).all())

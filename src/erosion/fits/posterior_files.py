@@ -15,6 +15,7 @@ from erosion.joint_laws import Rows
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import converted, own_in_words
 from erosion.output.files import beside
+from erosion.output.tables import sentences
 from erosion.parameters.case_files import parse_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity
@@ -51,26 +52,25 @@ class Draws:
 
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[str]:
         """Sentences on what an impact has otherwise than the fit, where it matters, and on bad draws."""
-        said = [] if self.converged else [f"{self.path}: the draws did not converge."]
-        there = self.p.to(p.units)
-        for name in _OF_METAL:
-            before, now = float(getattr(there, name)), float(getattr(p, name))
-            if name not in self.rows and not np.isclose(before, now, rtol=1e-6):
-                symbol, unit = QUANTITIES[name].symbol, QUANTITIES[name].unit(p.units)
-                unit = "" if unit == "1" else f" {unit}"
-                said.append(
-                    f"{self.path}: the draws hold for {symbol} = {before:.6g}{unit}, but the case has {now:.6g}{unit}."
-                )
-        if self.own != (here := own_in_si(model, p, self.rows)):
-            said.append(f"{self.path}: the draws hold for {self.own}, but the model has {here}.")
-        if self.has_scale:
-            said.append(f"{self.path}: the tests had units of their own, so the size of the wear is that of the case.")
-        if self.cutting_fraction is not None and not np.isclose(self.cutting_fraction, cutting_fraction):
-            said.append(
-                f"{self.path}: the draws hold if {self.cutting_fraction:g} of the particles cut, but here "
-                f"{cutting_fraction:g} of them do."
-            )
-        return said
+        there, here = self.p.to(p.units), own_in_si(model, p, self.rows)
+        share = cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
+        numbers = [(QUANTITIES[name], float(getattr(there, name)), float(getattr(p, name)))
+                   for name in _OF_METAL if name not in self.rows]  # fmt: skip
+        said = sentences(
+            (not self.converged, "the draws did not converge."),
+            *((not np.isclose(before, now, rtol=1e-6),
+               f"the draws hold for {quantity.symbol} = {_with_unit(before, quantity, p.units)}, but the case has "
+               f"{_with_unit(now, quantity, p.units)}.") for quantity, before, now in numbers),
+            (self.own != here, f"the draws hold for {self.own}, but the model has {here}."),
+            (self.has_scale, "the tests had units of their own, so the size of the wear is that of the case."),
+            (not np.isclose(share, cutting_fraction),
+             f"the draws hold if {share:g} of the particles cut, but here {cutting_fraction:g} of them do."),
+        )  # fmt: skip
+        return [f"{self.path}: {sentence}" for sentence in said]
+
+
+def _with_unit(value: float, quantity: Quantity, units: System) -> str:
+    return f"{value:.6g} {quantity.unit(units)}".removesuffix(" 1")
 
 
 def own_in_si(model: CuttingModel, p: Parameters, sampled: Collection[str]) -> str:
@@ -95,10 +95,9 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     before = check_system(attrs["unit_system"])
     known = {**quantities, FRACTION: FACTORS[FRACTION]}
     columns = {}
-    for name in map(str, dataset.data_vars):
+    # The noise and the scale are of the measurements, not of an impact.
+    for name in map(str, dataset.drop_vars([NOISE, SCALE], errors="ignore").data_vars):
         values = dataset[name]
-        if name in (NOISE, SCALE):  # of the measurements, not of an impact
-            continue
         if name not in known or values.attrs.get("units") != known[name].unit(before):
             raise ValueError(
                 f"{path}: has draws of {name} [{values.attrs.get('units', '?')}] for {attrs['model']}, which is not a "
@@ -109,19 +108,17 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
             raise ValueError(f"{path}: must have finite draws of {name}, one or more, but has not.")
     if not columns:
         raise ValueError(f"{path}: must have draws of parameters of an impact, but has none.")
-    fraction = None if FRACTION in columns else float(attrs.get(FRACTION, 1.0))
     try:
         case = parse_case(attrs["case"])
     except ValueError as error:
         raise ValueError(f"{path}: must hold the draws of a posterior, but its case cannot be read.") from error
-    rows = Rows(columns, str(path))
     return Draws(
-        rows,
+        Rows(columns, str(path)),
         path,
         model=attrs["model"],
         own=attrs.get("own_parameters", ""),
         p=case,
-        cutting_fraction=fraction,
+        cutting_fraction=None if FRACTION in columns else float(attrs.get(FRACTION, 1.0)),
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
     )

@@ -33,65 +33,21 @@ import numpy as np
 from scipy import optimize, special
 
 from erosion.arguments import Progress
-from erosion.distributions import MOST_OUTSIDE, Distribution, LogUniform, Uniform, shares_within
+from erosion.distributions import Distribution, LogUniform, Uniform, as_law
 from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width
-from erosion.models.own_parameters import own_parameters, quantities
+from erosion.joint_laws import SHARE, LawSet, Member
+from erosion.models.own_parameters import quantities, ranges
 from erosion.parameters.quantities import Quantity
 
 NOISE = "noise"
 """The standard deviation of a row, a parameter where the data give no uncertainties."""
 
-_SIGNED = "alpha", "phidot0"
 _NOISES = 1e-4, 10.0  # of the typical erosion: from the digits of a balance to a model that explains nothing
-_MIDDLE = 0.5
 
 
-@dataclasses.dataclass(frozen=True)
-class Priors:
-    """The laws of all sampled parameters.
-
-    Args:
-        laws: by parameter; "noise" is the last where the data give no uncertainties.
-        chosen: the parameters whose laws the user gave; the others are defaults.
-        ranges: by parameter, the shares of its law that lie below the parameter's range and up to its end.
-    """
-
-    laws: Mapping[str, Any]
-    chosen: tuple[str, ...]
-    ranges: Mapping[str, tuple[float, float]]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The sampled parameters."""
-        return tuple(self.laws)
-
-    def values(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """The parameters at standard normal numbers.
-
-        Args:
-            points: shape (…, names).
-
-        Returns:
-            Values by name, each of shape (…).
-        """
-        values = {}
-        for (name, law), z in zip(self.laws.items(), np.moveaxis(points, -1, 0), strict=True):
-            low, high = self.ranges[name]
-            values[name] = np.asarray(law.ppf(low + (high - low) * special.ndtr(z)), float)
-        return values
-
-    def in_words(self, name: str, quantity: Quantity, units: Any) -> str:
-        """A law as a person reads it."""
-        law = self.laws[name]
-        if isinstance(law, Distribution):
-            return law.in_words(quantity.dimension, units)
-        numbers = [f"{value:.5g}" for value in law.args] + [f"{key}={value:.5g}" for key, value in law.kwds.items()]
-        return f"{law.dist.name}({', '.join(numbers)})"
-
-
-def make_priors(forward: Forward, given: Mapping[str, Any]) -> Priors:
-    """The laws that are given, and for all other parameters the default ones.
+def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
+    """The data's likelihood under the laws that are given, and for all other parameters under default ones.
 
     The default is as wide as a fit looks for a parameter: all factors from 1/100 to 100 of the case's value are alike;
     a spin may differ from the case's by 2 v₀/r; a share of particles is anything up to 1. The scale of data in units of
@@ -101,14 +57,15 @@ def make_priors(forward: Forward, given: Mapping[str, Any]) -> Priors:
         ValueError, TypeError: for laws of parameters that are not free, or that do not fit the parameter.
     """
     names = (*forward.names, NOISE) if forward.data.uncertainty is None else forward.names
-    for name in given:
+    for name, law in given.items():
         if name not in names:
             raise ValueError(f"Argument `priors` must name free parameters ({', '.join(names)}), but has {name!r}.")
-    laws = {name: given[name] if name in given else _default(forward, name) for name in names}
-    own = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
-    least = {**dict.fromkeys(names, 0.0), **dict.fromkeys(_SIGNED, -np.inf), **own}
-    ranges = {name: _checked(name, law, least[name], 1.0 if name == FRACTION else np.inf) for name, law in laws.items()}
-    return Priors(laws, tuple(name for name in names if name in given), ranges)
+        if isinstance(law, Member):
+            raise ValueError(f"Argument `priors` must give {name} a law of its own, but gives {law}.")
+    laws = {name: as_law(given[name]) if name in given else _default(forward, name) for name in names}
+    positive = dict.fromkeys((SCALE, NOISE), (0.0, np.inf))
+    priors = LawSet(laws, {**ranges(forward.model), FRACTION: SHARE, **positive}, "`priors` of `{}`")
+    return Likelihood(forward, priors, tuple(given))
 
 
 def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
@@ -133,29 +90,6 @@ def _default(forward: Forward, name: str) -> Distribution:
     low, high = (start - width if low == -np.inf else low), (start + width if high == np.inf else high)
     law = LogUniform if forward.logarithmic[at] else Uniform
     return law(float(forward.from_theta(name, low)), float(forward.from_theta(name, high)))
-
-
-def _checked(name: str, law: Any, least: float, greatest: float) -> tuple[float, float]:
-    """The shares of a law below the ends of the parameter's range.
-
-    Raises:
-        TypeError: for what is no law of one number.
-        ValueError: for a law of which a hundredth or more lies outside.
-    """
-    if not (hasattr(law, "ppf") and hasattr(law, "cdf")):
-        raise TypeError(
-            f"Argument `priors` must give {name} a distribution such as Uniform(0.01, 0.2), but gives {law!r}."
-        )
-    middle = np.asarray(law.ppf(np.array([_MIDDLE])), float)
-    if middle.shape != (1,) or not np.isfinite(middle[0]):
-        raise ValueError(f"Argument `priors` must give {name} one finite number for each share, but {law} does not.")
-    below, above = shares_within(law, least, greatest)
-    if below + (1 - above) > MOST_OUTSIDE:
-        wish = f"above {least:g}" if greatest == np.inf else f"in ({least:g}, {greatest:g}]"
-        raise ValueError(
-            f"Argument `priors` must give {name} values {wish}, but {below + 1 - above:.1%} of {law} is not."
-        )
-    return below, above
 
 
 _EFFECTIVE = 0.5  # share of the draws that a step of τ leaves effective
@@ -219,41 +153,17 @@ def log_likelihood(chi2: np.ndarray, variance: np.ndarray, rows: int) -> np.ndar
         return -0.5 * (chi2 / variance + rows * np.log(variance))
 
 
-@dataclasses.dataclass
-class _Draws:
-    """Draws, with all that their likelihood needs.
-
-    Args:
-        points: shape (chains, n, names).
-        variance: of a row, shape (chains, n).
-        known: log-likelihood of the parts that are in already, shape (chains, n).
-        chi2: of the part that is coming in, shape (chains, n).
-    """
-
-    points: np.ndarray
-    variance: np.ndarray
-    known: np.ndarray
-    chi2: np.ndarray
-
-    def take(self, index: np.ndarray) -> "_Draws":
-        """Some of them, by index, shape (chains, m)."""
-        points = np.take_along_axis(self.points, index[..., None], axis=1)
-        rest = (np.take_along_axis(values, index, axis=1) for values in (self.variance, self.known, self.chi2))
-        return _Draws(points, *rest)
-
-    def put(self, index: np.ndarray, new: "_Draws", accept: np.ndarray) -> None:
-        """Replace those at indexes that are accepted, all of shape (chains, m)."""
-        chain, place = np.nonzero(accept)
-        at = chain, index[accept]
-        self.points[at], self.variance[at] = new.points[chain, place], new.variance[chain, place]
-        self.known[at], self.chi2[at] = new.known[chain, place], new.chi2[chain, place]
-
-
 class _Populations:
-    """Draws on their way from the prior to the posterior."""
+    """Draws on their way from the prior to the posterior.
+
+    A draw is a record: its point, the variance of a row there, the log-likelihood of the parts that are in already, and
+    χ² of the part that is coming in. Arrays of records have the shape (chains, n).
+    """
 
     def __init__(self, misfit: Misfit, shape: tuple[int, int, int], rng: np.random.Generator) -> None:
         self.misfit, self.rng = misfit, rng
+        numbers = [(name, float) for name in ("variance", "known", "chi2")]
+        self.record = np.dtype([("point", float, shape[2:]), *numbers])
         self.part, self.noise, self.scale = 0, np.inf, 1.0  # `noise` is τ²
         self.log_evidence = np.zeros(shape[0])
         self.steps = self.sweeps = 0
@@ -264,46 +174,44 @@ class _Populations:
     def add_part(self) -> None:
         """Let the next rows in, from τ = ∞."""
         self.part, self.noise = self.part + 1, np.inf
-        self.draws = self._evaluated(self.draws.points)
+        self.draws = self._evaluated(self.draws["point"])
         self.seen = [self.draws]
 
     def anneal(self) -> None:
         """One step of τ, and draws by the weights."""
         self.steps += 1
-        if not np.isfinite(self.draws.chi2).any(axis=1).all():
+        if not np.isfinite(self.draws["chi2"]).any(axis=1).all():
             raise SamplingError("The posterior could not be sampled: the impacts of all draws of the prior failed.")
         noise = self._next()
         # All sweeps at the old τ say how much greater the evidence is at the new one.
         seen = np.concatenate([self._gains(draws, noise) for draws in self.seen], axis=1)
         self.log_evidence += special.logsumexp(seen, axis=1) - np.log(seen.shape[1])
         chosen = np.stack([self._systematic(special.softmax(row)) for row in self._gains(self.draws, noise)])
-        self.draws, self.noise, self.seen = self.draws.take(chosen), noise, []
+        self.draws, self.noise, self.seen = np.take_along_axis(self.draws, chosen, axis=1), noise, []
 
     def sweep(self) -> None:
         """Move all draws once: each half along differences of the other one."""
         self.sweeps += 1
-        order = np.argsort(self.rng.random(self.draws.chi2.shape), axis=1)
+        order = np.argsort(self.rng.random(self.draws.shape), axis=1)
         halves = np.array_split(order, 2, axis=1)
         self.acceptance = float(np.mean([self._move(halves[i], halves[1 - i]) for i in (0, 1)]))
         self.scale *= np.exp(_GAIN * (self.acceptance - _ACCEPTED))
         self.scale = float(np.clip(self.scale, _SHORTEST, _LONGEST))
-        self.seen.append(
-            dataclasses.replace(self.draws, chi2=self.draws.chi2.copy(), variance=self.draws.variance.copy())
-        )
+        self.seen.append(self.draws.copy())
 
-    def _gains(self, draws: _Draws, noise: float) -> np.ndarray:
+    def _gains(self, draws: np.ndarray, noise: float) -> np.ndarray:
         """How much the log-likelihood grows with τ² from the present one to another, shape (chains, n)."""
         rows = self.misfit.sizes[self.part]
-        alive = np.isfinite(draws.chi2)
-        chi2 = np.where(alive, draws.chi2, 0.0)
-        gains = log_likelihood(chi2, draws.variance + noise, rows)
+        alive, variance = np.isfinite(draws["chi2"]), draws["variance"]
+        chi2 = np.where(alive, draws["chi2"], 0.0)
+        gains = log_likelihood(chi2, variance + noise, rows)
         if self.noise < np.inf:
-            gains = gains - log_likelihood(chi2, draws.variance + self.noise, rows)
+            gains = gains - log_likelihood(chi2, variance + self.noise, rows)
         return np.where(alive, gains, -np.inf)
 
     def _next(self) -> float:
         """The least τ² that leaves enough draws of each population effective."""
-        count = np.isfinite(self.draws.chi2).sum(axis=1)
+        count = np.isfinite(self.draws["chi2"]).sum(axis=1)
 
         def excess(log_noise: float) -> float:
             logs = self._gains(self.draws, np.exp(log_noise))
@@ -311,7 +219,7 @@ class _Populations:
             effective = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
             return float((effective / count).min()) - _EFFECTIVE
 
-        least = float(np.log(self.draws.variance.min())) - _GONE
+        least = float(np.log(self.draws["variance"].min())) - _GONE
         if excess(least) >= 0:
             return 0.0
         greatest = float(np.log(self.noise)) if self.noise < np.inf else _APART
@@ -326,28 +234,28 @@ class _Populations:
 
     def _move(self, moving: np.ndarray, resting: np.ndarray) -> float:
         """Propose a move to each of the draws `moving`, shape (chains, n); gives the share that was accepted."""
-        rng, old = self.rng, self.draws.take(moving)
-        count = resting.shape[1]
+        rng, old = self.rng, np.take_along_axis(self.draws, moving, axis=1)
+        count, names = resting.shape[1], old["point"].shape[2]
         first = rng.integers(count, size=moving.shape)
         second = (first + 1 + rng.integers(count - 1, size=moving.shape)) % count
-        one, other = (np.take_along_axis(resting, index, axis=1)[..., None] for index in (first, second))
-        points = self.draws.points
-        difference = np.take_along_axis(points, one, axis=1) - np.take_along_axis(points, other, axis=1)
-        short = self.scale * 2.38 / np.sqrt(2 * points.shape[2])
+        one, other = (
+            np.take_along_axis(self.draws, np.take_along_axis(resting, index, axis=1), axis=1)["point"]
+            for index in (first, second)
+        )
+        short = self.scale * 2.38 / np.sqrt(2 * names)
         length = np.where(rng.random(moving.shape) < _HOPS, 1.0, short)
-        shift = length[..., None] * difference + _JITTER * rng.standard_normal(difference.shape)
-        new = self._evaluated(old.points + shift)
-        gain = self._log_target(new) - self._log_target(old)
-        accept = np.log(rng.random(moving.shape)) < gain
-        self.draws.put(moving, new, accept)
+        shift = length[..., None] * (one - other) + _JITTER * rng.standard_normal(one.shape)
+        new = self._evaluated(old["point"] + shift)
+        accept = np.log(rng.random(moving.shape)) < self._log_target(new) - self._log_target(old)
+        self.draws[np.nonzero(accept)[0], moving[accept]] = new[accept]
         return float(accept.mean())
 
-    def _log_target(self, draws: _Draws) -> np.ndarray:
+    def _log_target(self, draws: np.ndarray) -> np.ndarray:
         """The logarithm of the density of draws at this τ, shape (chains, n)."""
-        latest = log_likelihood(draws.chi2, draws.variance + self.noise, self.misfit.sizes[self.part])
-        return draws.known + latest - 0.5 * (draws.points**2).sum(axis=-1)
+        latest = log_likelihood(draws["chi2"], draws["variance"] + self.noise, self.misfit.sizes[self.part])
+        return draws["known"] + latest - 0.5 * (draws["point"] ** 2).sum(axis=-1)
 
-    def _evaluated(self, points: np.ndarray) -> _Draws:
+    def _evaluated(self, points: np.ndarray) -> np.ndarray:
         """Draws at points (chains, n, names), with all parts so far."""
         flat = points.reshape(-1, points.shape[2])
         variance = self.misfit.variance(flat)
@@ -355,7 +263,9 @@ class _Populations:
         known = np.zeros(len(flat))
         for squares, rows in zip(earlier, self.misfit.sizes, strict=False):
             known += log_likelihood(squares, variance, rows)
-        return _Draws(points, *(values.reshape(points.shape[:2]) for values in (variance, known, chi2)))
+        draws = np.empty(len(flat), self.record)
+        draws["point"], draws["variance"], draws["known"], draws["chi2"] = flat, variance, known, chi2
+        return draws.reshape(points.shape[:2])
 
 
 def sample(
@@ -393,12 +303,12 @@ def sample(
         progress("sampling", 80 + round(20 * look / _LOOKS), 100)
         for _ in range(_LAST):
             populations.sweep()
-        if enough(populations.draws.points):
+        if enough(populations.draws["point"]):
             break
     last = populations.draws
     return Run(
-        last.points,
-        last.known + log_likelihood(last.chi2, last.variance, misfit.sizes[-1]),
+        np.ascontiguousarray(last["point"]),
+        last["known"] + log_likelihood(last["chi2"], last["variance"], misfit.sizes[-1]),
         populations.log_evidence,
         populations.acceptance,
         populations.sweeps,
@@ -407,7 +317,7 @@ def sample(
 
 def _way(populations: _Populations, first: float) -> float:
     """How much of the way from the first τ² to 0 is done, if the errors are as small as the smallest of the draws'."""
-    last = float(populations.draws.variance.min())
+    last = float(populations.draws["variance"].min())
     if populations.noise <= last or first <= last:
         return 1.0
     return float(np.log(first / populations.noise) / np.log(first / last))
@@ -415,11 +325,15 @@ def _way(populations: _Populations, first: float) -> float:
 
 def _forget(populations: _Populations) -> None:
     """Sweeps until the draws hardly remember where they were, by the correlation of each parameter with its past."""
-    old = populations.draws.points - populations.draws.points.mean(axis=1, keepdims=True)
+
+    def centred() -> np.ndarray:
+        points = populations.draws["point"]
+        return points - points.mean(axis=1, keepdims=True)
+
+    old = centred()
     for sweep in range(_MOST):
         populations.sweep()
-        after = populations.draws.points
-        new = after - after.mean(axis=1, keepdims=True)
+        new = centred()
         norm = np.sqrt((old**2).sum(axis=(0, 1)) * (new**2).sum(axis=(0, 1)))
         correlation = (old * new).sum(axis=(0, 1)) / np.where(norm > 0, norm, 1.0)
         if sweep + 1 >= _FEWEST and correlation.max() < _FORGOTTEN:
@@ -461,11 +375,17 @@ class Likelihood(Misfit):
 
     Args:
         forward: the model, and the data.
-        priors: of the sampled parameters.
+        priors: the laws of the sampled parameters; "noise" is the last where the data give no uncertainties.
+        chosen: the parameters whose laws the user gave; the others are defaults.
     """
 
     forward: Forward
-    priors: Priors
+    priors: LawSet
+    chosen: tuple[str, ...]
+
+    def values(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """The parameters at standard normal numbers, shape (…, names), by name; each of the shape (…)."""
+        return self.priors.draw(special.ndtr(points))
 
     @property
     def constant(self) -> float:
@@ -506,7 +426,7 @@ class Likelihood(Misfit):
     def chi2(self, points: np.ndarray, part: int) -> np.ndarray:
         """The sum of squares of one part at points (n, names), of the shape (n,); infinite where impacts fail."""
         pooled = self.parts[part]
-        predicted = self.predict(self.priors.values(points), pooled.conditions)
+        predicted = self.predict(self.values(points), pooled.conditions)
         with np.errstate(over="ignore", invalid="ignore"):
             squares = pooled.spread + np.sum(((predicted - pooled.mean) / pooled.deviation) ** 2, axis=1)
         return np.where(np.isnan(squares), np.inf, squares)
@@ -515,7 +435,7 @@ class Likelihood(Misfit):
         """The variance of a row over that of `deviation`, shape (n,)."""
         if self.forward.data.uncertainty is not None:
             return np.ones(len(points))
-        return (self.priors.values(points)[NOISE] / self.forward.data.deviation[0]) ** 2
+        return (self.values(points)[NOISE] / self.forward.data.deviation[0]) ** 2
 
     def predict(self, values: dict[str, np.ndarray], conditions: dict[str, np.ndarray]) -> np.ndarray:
         """The erosion without noise, shape (points, rows), in batches that the memory holds.

@@ -1,5 +1,6 @@
 """Figures of fits and posteriors: measurements, curves with bands, profiles, pairs, traces, the next experiment."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Any
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from erosion.fits import Calibration, NextExperiment, Posterior
-from erosion.fits.measurements import MOST, Condition, conditions, describe
+from erosion.fits.measurements import MOST, Condition, Measurements, conditions, describe
 from erosion.fits.posterior import BestAngles
 from erosion.models import model_name
 from erosion.parameters.quantities import RESULTS
@@ -53,35 +54,39 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     scale = readable_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
     _draw_curves(upper, fits[: len(PALETTE)], groups, scale, float(stats.norm.ppf((1 + level) / 2)))
     for i, group in enumerate(groups):
-        label = group.label or ("measured" if data.source == "data" else data.source)
         look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": MARKS[i]}
-        angle, errors = data.angle[group.rows], None
-        if data.uncertainty is not None:
-            errors = data.uncertainty[group.rows] / scale.size
-        _draw_rows(upper, angle, data.erosion[group.rows] / scale.size, errors, {**look, "label": label})
-        _draw_rows(lower, angle, best.residuals[group.rows] / scale.size, errors, look)
+        angle, erosion, residuals = (values[group.rows] for values in (data.angle, data.erosion, best.residuals))
+        errors = None if data.uncertainty is None else data.uncertainty[group.rows] / scale.size
+        _draw_rows(upper, angle, erosion / scale.size, errors, {**look, "label": group.label or _source(data)})
+        _draw_rows(lower, angle, residuals / scale.size, errors, look)
     lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
     lowest = data.erosion - (0.0 if data.uncertainty is None else data.uncertainty)
     upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
     lower.set_ylabel("residuals")
     angle_axis(lower)
     lower.set_xlim(0, _RIGHT)
-    handles, labels = upper.get_legend_handles_labels()
-    fig.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=min(len(labels), 3),
-        title=f"bands: {level:.0%} of the curve, {_BY[best.data.uncertainty is None]}",
-    )
-    if best.warnings:
+    _legend(fig, [upper], 3, f"bands: {level:.0%} of the curve, {_BY[best.data.uncertainty is None]}")
+    if count := len(best.warnings):
         whose = f"{model_name(best.model)}: " if len(fits) > 1 else ""
-        count = len(best.warnings)
         note = f"{whose}{count} warning{'s' if count > 1 else ''}: see the text of the fit"
         upper.set_title(note, fontsize=7.5, loc="left")
-    unit = f"[{scale.unit}]" if scale.unit else ""
-    _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", unit)
+    _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
     return fig
+
+
+def _source(data: Measurements) -> str:
+    return "measured" if data.source == "data" else data.source
+
+
+def _unit(scale: Scale) -> str:
+    return f" [{scale.unit}]" if scale.unit else ""
+
+
+def _legend(fig: Figure, axes: Sequence[Axes], ncols: int, title: str | None = None) -> None:
+    """One legend below the figure; panels that show the same share an entry."""
+    legends = [ax.get_legend_handles_labels() for ax in axes]
+    entries = {label: handle for handles, labels in legends for handle, label in zip(handles, labels, strict=True)}
+    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=min(len(entries), ncols), title=title)
 
 
 @house_style()
@@ -141,10 +146,13 @@ def _label_whole(ax: Axes, meaning: str, unit: str) -> None:
     """A label of the y axis on as many lines as let all of it be seen."""
     figure: Any = ax.figure
     words = meaning.split(" ")
-    forms = [f"{meaning}  {unit}".rstrip(), f"{meaning}\n{unit}".rstrip()]
-    forms += [f"{' '.join(words[:i])}\n{' '.join(words[i:])}  {unit}".rstrip() for i in (len(words) // 2 + 1,)]
-    for form in forms:
-        label = ax.set_ylabel(form)
+    middle = len(words) // 2 + 1
+    for form in (
+        f"{meaning}  {unit}",
+        f"{meaning}\n{unit}",
+        f"{' '.join(words[:middle])}\n{' '.join(words[middle:])}  {unit}",
+    ):
+        label = ax.set_ylabel(form.rstrip())
         figure.draw_without_rendering()
         if label.get_window_extent().height <= ax.get_window_extent().height:
             break
@@ -165,30 +173,27 @@ def plot_pairs(posterior: Posterior) -> Figure:
     A parameter that varies by more than a factor of 10 has a logarithmic axis.
     """
     names = posterior.names
-    columns = [_Column(posterior, name) for name in names]
+    columns, last = [_Column(posterior, name) for name in names], len(names) - 1
     size = max(1.7 * len(names), 3.2)
     fig = new_figure(size + 0.5, size)
     axes = np.atleast_2d(fig.subplots(len(names), len(names), squeeze=False))
-    for i, row in enumerate(columns):
-        for j, column in enumerate(columns):
-            ax = axes[i, j]
-            if j > i:
-                ax.remove()
-                continue
-            if i == j:
-                ax.hist(row.values, row.bins, color=PALETTE["blue"], alpha=0.8)
-                ax.set_yticks([])
-                ax.grid(visible=False)
-            else:
-                ax.plot(column.values, row.values, ".", color=PALETTE["blue"], markersize=2, alpha=0.25)
-                row.scale_axis(ax.yaxis)
-            column.scale_axis(ax.xaxis)
-            ax.tick_params(labelbottom=i == len(names) - 1, labelleft=0 == j < i, labelsize=8)
-            if i == len(names) - 1:
-                ax.set_xlabel(column.label)
-                ax.tick_params(axis="x", rotation=45)
-            if 0 == j < i:
-                ax.set_ylabel(row.label)
+    for (i, row), (j, column) in itertools.product(enumerate(columns), repeat=2):
+        ax = axes[i, j]
+        if j > i:
+            ax.remove()
+            continue
+        if i == j:
+            ax.hist(row.values, row.bins, color=PALETTE["blue"], alpha=0.8)
+            ax.set_yticks([])
+            ax.grid(visible=False)
+        else:
+            ax.plot(column.values, row.values, ".", color=PALETTE["blue"], markersize=2, alpha=0.25)
+            row.scale_axis(ax.yaxis)
+        column.scale_axis(ax.xaxis)
+        ax.tick_params(labelbottom=i == last, labelleft=0 == j < i, labelsize=8)
+        ax.tick_params(axis="x", rotation=45 if i == last else 0)
+        ax.set_xlabel(column.label if i == last else "")
+        ax.set_ylabel(row.label if 0 == j < i else "")
     fig.align_labels()
     return fig
 
@@ -243,10 +248,9 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
         ax.set_ylabel("share of draws" if are_same else "share")
         ax.set_title("" if are_same else group.label, fontsize=8, loc="left", pad=2)
     for group, curve, color, mark in zip(groups, curves, PALETTE.values(), MARKS, strict=False):
-        source = "measured" if data.source == "data" else data.source
-        look = {"color": INK, "fmt": "o", "label": source}
-        if not is_alone:
-            look = {"color": color, "fmt": mark, "label": group.label}
+        look = {"color": color, "fmt": mark, "label": group.label}
+        if is_alone:
+            look = {"color": INK, "fmt": "o", "label": _source(data)}
         _draw_bands(upper, curve / scale.size, color, labelled=is_alone)
         if group.rows.size:
             errors = noise if data.uncertainty is None else data.uncertainty[group.rows]
@@ -258,18 +262,13 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
             upper.fill_between([], [], color=INK, alpha=opacity, linewidth=0, label=f"{level:.0%}")
         upper.plot([], [], color=INK, label="median")
     angle_axis(lower[-1])
-    lower[-1].set_xlim(0, 92)
-    unit = f"  [{scale.unit}]" if scale.unit else ""
-    upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}{unit}")
+    lower[-1].set_xlim(0, _RIGHT)
+    upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning} {_unit(scale)}".rstrip())
     what = groups[0].label if is_alone else data.source
     upper.set_title(f"{model_name(posterior.model)}  {what}", fontsize=8.5, loc="left")
     upper.set_ylim(bottom=0)
     fig.align_ylabels()
-    # Panels that show the same kind of end share an entry.
-    legends = [ax.get_legend_handles_labels() for ax in (upper, *lower)]
-    entries = {label: handle for handles, labels in legends for handle, label in zip(handles, labels, strict=True)}
-    bands = "bands: of the curve, by the draws alone, without a row's error"
-    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=4, title=bands)
+    _legend(fig, (upper, *lower), 4, "bands: of the curve, by the draws alone, without a row's error")
     return fig
 
 
@@ -292,19 +291,16 @@ def plot_best_angles(best: BestAngles) -> Figure:
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.4, 0.6))
     degrees = np.rad2deg(best.alpha)
     bins = np.linspace(np.nanmin(degrees), np.nanmax(degrees) + 1e-9, _BINS)
-    shares = best.kinds
-    colors = dict(zip(shares, PALETTE.values(), strict=False))
-    parts = [degrees[(kinds == kind) & np.isfinite(degrees)] for kind in shares]
-    labels = [f"{kind}: {share:.1%} of the draws" for kind, share in shares.items()]
-    upper.hist(parts, bins, stacked=True, color=list(colors.values()), label=labels)
-    for kind, color in colors.items():
-        lower.plot(
-            degrees[kinds == kind], volume[kinds == kind] / scale.size, ".", color=color, markersize=4, alpha=0.5
-        )
+    parts = [degrees[(kinds == kind) & np.isfinite(degrees)] for kind in best.kinds]
+    labels = [f"{kind}: {share:.1%} of the draws" for kind, share in best.kinds.items()]
+    upper.hist(parts, bins, stacked=True, color=[*PALETTE.values()][: len(parts)], label=labels)
+    for kind, color in zip(best.kinds, PALETTE.values(), strict=False):
+        of_kind = kinds == kind
+        lower.plot(degrees[of_kind], volume[of_kind] / scale.size, ".", color=color, markersize=4, alpha=0.5)
     upper.set_ylabel("draws")
     lower.set_xlabel(f"{typeset(RESULTS['alpha_max'].symbol)} [°]")
     lower.set_ylabel(f"{typeset(RESULTS['volume_max'].symbol)}  [{scale.unit}]")
-    fig.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    _legend(fig, [upper], 2)
     return fig
 
 
@@ -334,8 +330,7 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     angle_axis(axes[-1])
     axes[0].set_title(f"what one more row is expected to say: {', '.join(answer.names)}", fontsize=8.5, loc="left")
     fig.align_ylabels(axes)
-    handles, labels = axes[0].get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
+    _legend(fig, axes[:1], 4)
     return fig
 
 
@@ -343,12 +338,11 @@ def _by_conditions(answer: NextExperiment) -> list[tuple[str, np.ndarray]]:
     """The candidates with the same conditions but for the angle, by words for these."""
     others = {name: values for name, values in answer.candidates.items() if name != "alpha"}
     rows = np.stack([*others.values(), np.zeros(len(answer.total))], axis=1)
-    kinds, number = np.unique(rows, axis=0, return_inverse=True)
-    words = [
-        ", ".join(answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False))
-        for kind in kinds
-    ]
-    return [(words[i] or "_one condition", np.flatnonzero(number.ravel() == i)) for i in range(len(kinds))]
+    groups = []
+    for kind in np.unique(rows, axis=0):
+        words = ", ".join(answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False))
+        groups.append((words or "_one condition", np.flatnonzero((rows == kind).all(axis=1))))
+    return groups
 
 
 class _Column:
@@ -365,8 +359,7 @@ class _Column:
             scale = Scale(1.0, unit_name(quantity.dimension, posterior.p.units))
         self.chains = chains / scale.size
         self.values = self.chains.ravel()
-        unit = f" [{scale.unit}]" if scale.unit else ""
-        self.label = f"{typeset(quantity.symbol)}{unit}"
+        self.label = f"{typeset(quantity.symbol)}{_unit(scale)}"
         least, greatest = self.values.min(), self.values.max()
         spaced: Any = np.geomspace if self.logarithmic else np.linspace
         ends = spaced(least, greatest, _BINS) if greatest > least else [least - 0.5, least + 0.5]
