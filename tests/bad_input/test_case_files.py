@@ -78,7 +78,7 @@ def test_a_bad_case_gets_one_sentence_with_file_and_field(tmp_path, changes, mes
         (b"", "field `k` (force ratio) is missing."),
         (ALL_BYTES, "is not a text file in UTF-8."),
         (CASE.encode("utf-16"), "is not a text file in UTF-8."),
-        (b"k = " + 5000 * b"[", "is nested too deeply to be a case file."),
+        (b"k = " + 5000 * b"[", "is nested too deeply."),
         (b"k = " + 5000 * b"1", "is not valid TOML: Exceeds the limit"),
         (b"%PDF-1.7", "is not valid TOML"),
     ],

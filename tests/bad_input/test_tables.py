@@ -14,7 +14,7 @@ HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
     [
         ("", ": is empty."),
         ("\n\n", ": is empty."),
-        (HEAD, ": has a header, but no rows of data."),
+        (HEAD, " the header has no rows of data."),
         ("volume [in^3]\n1\n", ", line 1, the header has no column `angle [deg]`."),
         ("angle [deg]\n1\n", "must have one column of erosion (volume, mass_loss, erosion), but has none."),
         ("angle [deg],volume [in^3],erosion [-]\n1,1,1\n", "Argument `ignore` may name the others."),

@@ -13,36 +13,56 @@ from erosion.parameters.parameters import TABLE_1
 pytestmark = pytest.mark.slow
 
 
-def test_the_information_of_a_normal_prediction_is_shannons():
-    rng = np.random.default_rng(0)
-    for ratio in (0.3, 1.0, 10.0):
-        predicted, noise = ratio * rng.standard_normal(200_000), np.ones(200_000)
-        # log₂ √(1 + (deviation/noise)²), of 200 000 draws.
-        information, discrimination = _gains([(predicted, noise)], np.ones(1))
-        assert information == pytest.approx(0.5 * np.log2(1 + ratio**2), abs=0.005)
-        assert discrimination == pytest.approx(0, abs=1e-9)
+def gains(*predicted: np.ndarray, weights=(1.0,), noise: float = 1.0) -> tuple[float, float]:
+    return _gains([(of, np.full(len(of), noise)) for of in predicted], np.array(weights))
 
 
-def test_models_that_predict_far_apart_are_told_apart_by_one_row():
-    here, there = (np.full(100, value) for value in (0.0, 100.0))
-    noise = np.ones(100)
-    information, discrimination = _gains([(here, noise), (there, noise)], np.array([0.5, 0.5]))
-    assert information == pytest.approx(0, abs=1e-3)
-    assert discrimination == pytest.approx(1, abs=1e-3)  # one bit: which of two
-    _, discrimination = _gains([(here, noise), (there, noise)], np.array([0.9, 0.1]))
-    assert discrimination == pytest.approx(-0.9 * np.log2(0.9) - 0.1 * np.log2(0.1), abs=1e-3)
-    _, discrimination = _gains([(here, noise), (here, noise)], np.array([0.5, 0.5]))
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 10.0])
+def test_the_information_of_a_normal_prediction_is_shannons(ratio):
+    # log₂ √(1 + (deviation/noise)²), of 200 000 draws.
+    information, discrimination = gains(ratio * np.random.default_rng(0).standard_normal(200_000))
+    assert information == pytest.approx(0.5 * np.log2(1 + ratio**2), abs=0.005)
     assert discrimination == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("apart", "weights", "bits"),
+    [(100.0, (0.5, 0.5), 1.0), (100.0, (0.9, 0.1), -0.9 * np.log2(0.9) - 0.1 * np.log2(0.1)), (0.0, (0.5, 0.5), 0.0)],
+)
+def test_models_that_predict_far_apart_are_told_apart_by_one_row(apart, weights, bits):
+    information, discrimination = gains(np.zeros(100), np.full(100, apart), weights=weights)
+    assert information == pytest.approx(0, abs=1e-3)
+    assert discrimination == pytest.approx(bits, abs=1e-3)
+
+
 def test_noises_that_differ_from_draw_to_draw_are_a_mixture():
-    noise = np.where(np.arange(4000) % 2 == 0, 1.0, 3.0)
-    x = np.linspace(-30, 30, 200_001)
+    noise, x = np.tile([1.0, 3.0], 2000), np.linspace(-30, 30, 200_001)
     density = sum(np.exp(-0.5 * (x / s) ** 2) / s for s in (1.0, 3.0)) / (2 * np.sqrt(2 * np.pi))
     entropy = -np.trapezoid(density * np.log2(np.maximum(density, 1e-300)), x)
     error = np.mean(0.5 * np.log2(2 * np.pi * np.e * noise**2))
     information, _ = _gains([(np.zeros(4000), noise)], np.ones(1))
     assert information == pytest.approx(entropy - error, abs=0.01)
+
+
+@pytest.mark.parametrize("spread", [1e3, 1e5, 1e12, 1e300])
+def test_predictions_any_number_of_errors_apart_say_which_draw_is_right(spread):
+    # 64 draws that one row tells apart are six bits, however far apart they are.
+    apart = spread * np.arange(64.0)
+    assert gains(apart)[0] == pytest.approx(6, abs=0.01)
+    assert gains(apart, apart + spread / 2, weights=(0.5, 0.5))[1] == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e200, 1e300])
+def test_the_information_does_not_depend_on_the_unit(size):
+    predicted = np.random.default_rng(3).normal(0, 5, 64)
+    assert gains(size * predicted, noise=size) == pytest.approx(gains(predicted), rel=1e-9)
+
+
+def test_a_candidate_without_a_prediction_is_not_the_best():
+    nothing, something = np.array([np.nan, 0.5]), np.array([np.nan, 0.25])
+    candidates = {"alpha": np.array([0.1, 0.2])}
+    answer = NextExperiment(candidates, nothing, something, 1.0, ("linearized", "rotating"), "si")
+    assert answer.best == answer.best_to_discriminate == {"alpha": 0.2}
 
 
 def measured(model, degrees, k, share=0.05):
@@ -92,57 +112,29 @@ def test_two_models_are_told_apart_where_they_differ():
     assert answer.discrimination.max() == answer.discrimination[answer.candidates["alpha"] == where]
 
 
-@pytest.mark.parametrize("spread", [1e3, 1e5, 1e12, 1e300])
-def test_predictions_any_number_of_errors_apart_say_which_draw_is_right(spread):
-    # 64 draws that one row tells apart are six bits, however far apart they are.
-    apart = spread * np.arange(64.0)
-    information, _ = _gains([(apart, np.ones(64))], np.ones(1))
-    assert information == pytest.approx(6, abs=0.01)
-    _, discrimination = _gains([(apart, np.ones(64)), (apart + spread / 2, np.ones(64))], np.array([0.5, 0.5]))
-    assert discrimination == pytest.approx(1, abs=0.01)
-
-
-@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e200, 1e300])
-def test_the_information_does_not_depend_on_the_unit(size):
-    predicted, noise = np.random.default_rng(3).normal(0, 5, 64), np.ones(64)
-    expected = _gains([(predicted, noise)], np.ones(1))
-    assert _gains([(size * predicted, size * noise)], np.ones(1)) == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_candidate_without_a_prediction_is_not_the_best():
-    nothing, something = np.array([np.nan, 0.5]), np.array([np.nan, 0.25])
-    candidates = {"alpha": np.array([0.1, 0.2])}
-    answer = NextExperiment(candidates, nothing, something, 1.0, ("linearized", "rotating"), "si")
-    assert answer.best == answer.best_to_discriminate == {"alpha": 0.2}
-
-
 @pytest.fixture(scope="module")
 def drawn():
     return posterior("linearized", TABLE_1, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"], draws=125)
 
 
 @pytest.mark.parametrize(
-    ("candidates", "message"),
+    ("options", "message"),
     [
-        ({"alpha": []}, "at least one candidate, but gives none"),
-        ({"alpha": np.zeros((0, 3)), "v0": 1.0}, "at least one candidate, but gives none"),
-        ({"alpha": ["20 deg"]}, "must give numbers for 'alpha', but gives"),
-        ({"alpha": [[0.1], [0.2, 0.3]]}, "must give numbers for 'alpha', but gives"),
-        ({"alpha": 0.3 + 1j}, "must give numbers for 'alpha', but gives"),
-        ({"alpha": None}, "must give numbers for 'alpha', but gives None"),
-        ({"alpha": np.ma.masked_array([0.3, 0.4], [True, False])}, "must have no masked values"),
-        ({"alpha": [0.1, 2.0]}, r"values of alpha in \(0, π/2\]"),
-        ({"v0": [1.0]}, "must give angles"),
-        ({"alpha": [0.1], "psi": 0.1}, "parameters of the case that are known, but has 'psi'"),
-        ({"alpha": [0.1], "v0": -1.0}, "values of v0 positive and finite"),
-        ({"alpha": [0.1, 0.2], "v0": [1.0, 2.0, 3.0]}, "must be arrays that broadcast"),
+        ({"candidates": {"alpha": []}}, "at least one candidate, but gives none"),
+        ({"candidates": {"alpha": np.zeros((0, 3)), "v0": 1.0}}, "at least one candidate, but gives none"),
+        ({"candidates": {"alpha": ["20 deg"]}}, "must give numbers for 'alpha', but gives"),
+        ({"candidates": {"alpha": [[0.1], [0.2, 0.3]]}}, "must give numbers for 'alpha', but gives"),
+        ({"candidates": {"alpha": 0.3 + 1j}}, "must give numbers for 'alpha', but gives"),
+        ({"candidates": {"alpha": None}}, "must give numbers for 'alpha', but gives None"),
+        ({"candidates": {"alpha": np.ma.masked_array([0.3, 0.4], [True, False])}}, "must have no masked values"),
+        ({"candidates": {"alpha": [0.1, 2.0]}}, r"values of alpha in \(0, π/2\]"),
+        ({"candidates": {"v0": [1.0]}}, "must give angles"),
+        ({"candidates": {"alpha": [0.1], "psi": 0.1}}, "parameters of the case that are known, but has 'psi'"),
+        ({"candidates": {"alpha": [0.1], "v0": -1.0}}, "values of v0 positive and finite"),
+        ({"candidates": {"alpha": [0.1, 0.2], "v0": [1.0, 2.0, 3.0]}}, "must be arrays that broadcast"),
+        ({"noise": 0.0}, "`noise` must be positive"),
     ],
 )
-def test_candidates_that_make_no_sense(drawn, candidates, message):
+def test_what_makes_no_sense_is_refused(drawn, options, message):
     with pytest.raises(ValueError, match=message):
-        next_experiment(drawn, candidates)
-
-
-def test_a_noise_of_zero_makes_no_sense(drawn):
-    with pytest.raises(ValueError, match="`noise` must be positive"):
-        next_experiment(drawn, noise=0.0)
+        next_experiment(drawn, **options)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import erosion
+from erosion.parameters.case_files import with_paths
 from erosion.parameters.quantities import QUANTITIES
 from erosion.parameters.units import read_quantity
 
@@ -56,22 +57,28 @@ def test_units_convert_both_ways():
     assert float(si.rate) == pytest.approx(float(P.rate), rel=1e-13)
 
 
-def test_a_material_comes_in_the_units_of_the_parameters():
-    for p in (P, P.to("si")):
-        copper = p.with_target("copper")
-        assert copper.units == p.units
-        assert float(copper.to("inch-pound").sigma) == pytest.approx(10e3, rel=1e-14)
-    assert float(P.replace(sigma=erosion.MATERIALS["copper"]).sigma) == 10e3
-    assert float(P.with_material("copper").sigma) == float(P.with_target("copper").sigma)  # the name of before
+@pytest.mark.parametrize("p", [P, P.to("si")])
+def test_a_material_comes_in_the_units_of_the_parameters(p):
+    copper = p.with_target("copper")
+    assert (copper.units, float(copper.to("inch-pound").sigma)) == (p.units, pytest.approx(10e3, rel=1e-14))
+    assert float(p.with_material("copper").sigma) == float(copper.sigma)  # the name of before
 
 
-def test_replace_names_what_it_does_not_know():
-    with pytest.raises(TypeError, match="`beta` is not a parameter"):
-        P.replace(beta=1.0)
-    with pytest.raises(TypeError, match=r'use `p.to\("si"\)`'):
-        P.replace(units="si")
-    with pytest.raises(ValueError, match="`units` must be one of 'inch-pound', 'si', but is 'cgs'"):
-        P.to("cgs")
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda: P.replace(beta=1.0), "`beta` is not a parameter"),
+        (lambda: P.replace(units="si"), r'use `p.to\("si"\)`'),
+        (lambda: P.to("cgs"), "`units` must be one of 'inch-pound', 'si', but is 'cgs'"),
+        (
+            lambda: erosion.dump_case(P.replace(alpha=[0.1, 0.2])),
+            r"`alpha` must be a scalar here, but has shape \(2,\)",
+        ),
+    ],
+)
+def test_what_cannot_be_changed_or_written_is_named(change, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        change()
 
 
 @pytest.mark.parametrize(
@@ -92,9 +99,9 @@ def test_validate_says_what_is_wrong(changes, message):
         erosion.validate(P.replace(**changes))
 
 
-def test_validate_lets_right_angles_through():
-    erosion.validate(P.replace(alpha=np.pi / 2))
-    erosion.validate(P.replace(alpha=read_quantity("90 deg", "angle", "si")))
+@pytest.mark.parametrize("alpha", [np.pi / 2, read_quantity("90 deg", "angle", "si")])
+def test_validate_lets_right_angles_through(alpha):
+    erosion.validate(P.replace(alpha=alpha))
 
 
 def test_parameters_pass_through_jax():
@@ -121,16 +128,13 @@ def case_text(**changes):
     return "\n".join(f"{name} = {value}" for name, value in lines.items() if value is not None)
 
 
-def test_a_case_without_units_is_si(tmp_path):
-    (tmp_path / "si.toml").write_text(case_text(units=None), encoding="utf-8")
-    p = erosion.load_case(tmp_path / "si.toml")
-    assert p.units == "si"
-    assert float(p.v0) == pytest.approx(111.76)
-
-
-def test_a_byte_order_mark_does_no_harm(tmp_path):
-    (tmp_path / "bom.toml").write_text(case_text(), encoding="utf-8-sig")
-    assert erosion.load_case(tmp_path / "bom.toml").units == "inch-pound"
+@pytest.mark.parametrize(
+    ("units", "system", "encoding"), [(None, "si", "utf-8"), ('"inch-pound"', "inch-pound", "utf-8-sig")]
+)
+def test_a_case_without_units_is_si_and_a_byte_order_mark_does_no_harm(tmp_path, units, system, encoding):
+    (tmp_path / "case.toml").write_text(case_text(units=units), encoding=encoding)
+    p = erosion.load_case(tmp_path / "case.toml")
+    assert (p.units, float(p.to("si").v0)) == (system, pytest.approx(111.76))
 
 
 positive = st.floats(1e-12, 1e12)
@@ -164,11 +168,6 @@ def test_repr_is_short_and_reads_back():
     assert "k=<traced[]>" in shown[0]
 
 
-def test_a_case_is_written_of_scalars_only():
-    with pytest.raises(ValueError, match=r"`alpha` must be a scalar here, but has shape \(2,\)"):
-        erosion.dump_case(P.replace(alpha=[0.1, 0.2]))
-
-
 def test_parameters_print_with_units():
     assert "lbf/in²" in str(P)
     assert "flow stress" in str(P)
@@ -187,3 +186,13 @@ def test_the_table_of_quantities_loads_without_jax_and_is_the_fields():
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
     fields = {field.name: field.metadata.get("quantity") for field in dataclasses.fields(P)}
     assert fields == {**QUANTITIES, "units": None}
+
+
+def test_text_that_is_no_path_stays():
+    table = {
+        "title": "of plug.py", "k": "normal(2, 0.1)", "model": "linearized,a.py", "n": 3, "target": "copper",
+        "uncertain": {"k": " samples( in (1).csv ) "}, "set": {"x": ["a.csv", 2]}, "warning": "see draws.nc",
+    }  # fmt: skip
+    assert with_paths(table, lambda path: f"f/{path}") == table | {
+        "model": "linearized,f/a.py", "uncertain": {"k": " samples( f/in (1).csv ) "}, "set": {"x": ["f/a.csv", 2]},
+    }  # fmt: skip

@@ -1,8 +1,14 @@
+"""Quantities: units, numbers as text, units in which numbers read well, and axes."""
+
+import itertools
 import math
 from typing import get_args
 
+import numpy as np
 import pytest
 
+from erosion.parameters.quantities import QUANTITIES, derivative_row, quantity_row, read_axis, result_row
+from erosion.parameters.scales import readable_scale, table_scale
 from erosion.parameters.units import (
     _EXAMPLES,
     _PINT_UNITS,
@@ -19,21 +25,14 @@ from erosion.parameters.units import (
 )
 
 
-def test_unit_names_are_as_a_person_writes_them():
-    assert unit_name("mass", "inch-pound") == "slinch"
-    assert unit_name("stress", "inch-pound") == "lbf/in²"
-    assert unit_name("volume", "si") == "m³"
-    assert unit_name("1", "si") == ""
-
-
-def test_unit_names_are_as_programs_read_them() -> None:
+def test_unit_names_are_as_persons_and_programs_write_them() -> None:
     """pint reads every one of them as the unit that it names."""
-    for system in SYSTEMS:
-        for dimension in get_args(Dimension):
-            unit = _registry().parse_units(_PINT_UNITS[system][dimension] or "dimensionless")
-            name = ascii_unit(unit_name(dimension, system))
-            assert name.isascii()
-            assert _registry().parse_units("dimensionless" if name == "1" else name) == unit
+    assert unit_name("stress", "inch-pound") == "lbf/in²"
+    for system, dimension in itertools.product(SYSTEMS, get_args(Dimension)):
+        unit = _registry().parse_units(_PINT_UNITS[system][dimension] or "dimensionless")
+        name = ascii_unit(unit_name(dimension, system))
+        assert name.isascii()
+        assert _registry().parse_units("dimensionless" if name == "1" else name) == unit
 
 
 @pytest.mark.parametrize(
@@ -52,51 +51,37 @@ def test_derivatives_have_units_of_both(of: Dimension, by: list[Dimension], unit
     assert derivative_unit(of, by, "inch-pound") == unit
 
 
-def test_conversions_are_pints():
-    for dimension in get_args(Dimension):
-        one = _registry().Quantity(1.0, _PINT_UNITS["inch-pound"][dimension])
-        factor = one.to(_PINT_UNITS["si"][dimension]).magnitude
-        assert conversion_factor(dimension, "inch-pound", "si") == pytest.approx(factor, rel=1e-14)
-        assert conversion_factor(dimension, "si", "inch-pound") == pytest.approx(1 / factor, rel=1e-14)
-        assert conversion_factor(dimension, "si", "si") == 1
-
-
-def test_each_system_is_consistent() -> None:
-    """The conversion of a product is the product of the conversions: lbf is slinch·in/s², in both systems."""
-    factor = {dimension: conversion_factor(dimension, "inch-pound", "si") for dimension in get_args(Dimension)}
-    assert factor["area"] == pytest.approx(factor["length"] ** 2, rel=1e-15)
-    assert factor["volume"] == pytest.approx(factor["length"] ** 3, rel=1e-15)
-    assert factor["speed"] == factor["length"]
-    assert factor["stress"] == pytest.approx(factor["mass"] / factor["length"], rel=1e-15)
-    assert factor["density"] * factor["volume per mass"] == pytest.approx(1, rel=1e-15)
-    assert {factor[name] for name in ("1", "time", "angle", "angular speed", "rate", "mass per mass")} == {1.0}
-
-
-def test_spins_may_be_in_turns():
-    assert read_quantity("60 rpm", "angular speed", "si") == pytest.approx(2 * math.pi)
-    assert read_quantity("360 deg/s", "angular speed", "si") == pytest.approx(2 * math.pi)
-    assert read_quantity("0.5 turn", "angle", "si") == pytest.approx(math.pi)
+@pytest.mark.parametrize("dimension", get_args(Dimension))
+def test_conversions_are_pints(dimension: Dimension) -> None:
+    one = _registry().Quantity(1.0, _PINT_UNITS["inch-pound"][dimension])
+    factor = one.to(_PINT_UNITS["si"][dimension]).magnitude
+    assert conversion_factor(dimension, "inch-pound", "si") == pytest.approx(factor, rel=1e-14)
+    assert conversion_factor(dimension, "si", "inch-pound") == pytest.approx(1 / factor, rel=1e-14)
+    assert conversion_factor(dimension, "si", "si") == 1
 
 
 @pytest.mark.parametrize(
-    ("text", "value"),
+    ("text", "dimension", "value"),
     [
-        ("4400", 4400.0),
-        (" +1.5e3 ", 1500.0),
-        (".5 ft/s", 6.0),
-        ("1e3in/s", 1000.0),
-        ("111.76 m/s", 4400.0),
-        ("1 1/s*inch", 1.0),
-        ("inf", math.inf),
+        ("4400", "speed", 4400.0),
+        (" +1.5e3 ", "speed", 1500.0),
+        (".5 ft/s", "speed", 6.0),
+        ("1e3in/s", "speed", 1000.0),
+        ("111.76 m/s", "speed", 4400.0),
+        ("1 1/s*inch", "speed", 1.0),
+        ("inf", "speed", math.inf),
+        ("60 rpm", "angular speed", 2 * math.pi),
+        ("360 deg/s", "angular speed", 2 * math.pi),
+        ("0.5 turn", "angle", math.pi),
     ],
 )
-def test_speeds_are_read(text: str, value: float) -> None:
-    assert read_quantity(text, "speed", "inch-pound") == pytest.approx(value, rel=1e-14)
+def test_quantities_are_read(text: str, dimension: Dimension, value: float) -> None:
+    assert read_quantity(text, dimension, "inch-pound") == pytest.approx(value, rel=1e-14)
 
 
 def test_the_examples_in_messages_can_be_read() -> None:
-    for system in SYSTEMS:
-        for dimension, example in _EXAMPLES[system].items():
+    for system, examples in _EXAMPLES.items():
+        for dimension, example in examples.items():
             assert has_unit(example.strip('"'))
             assert math.isfinite(read_quantity(example.strip('"'), dimension, system))  # type: ignore[reportArgumentType]
 
@@ -129,3 +114,120 @@ def test_a_unit_is_seen(text: str, has: bool) -> None:
 def test_what_is_no_such_quantity_is_refused(text: str, dimension: Dimension, message: str) -> None:
     with pytest.raises(UnitError, match=message):
         read_quantity(text, dimension, "si")
+
+
+@pytest.mark.parametrize(
+    ("dimension", "units", "largest", "size", "unit"),
+    [
+        ("time", "inch-pound", 6.6e-5, 1e-6, "µs"),
+        ("time", "si", 0.0, 1.0, "s"),
+        ("length", "inch-pound", 0.032, 1e-3, "mil"),
+        ("length", "inch-pound", 2e-4, 1e-6, "µin"),
+        ("length", "inch-pound", 2e-9, 1e-9, "10⁻³ µin"),
+        ("length", "si", 8e-4, 1e-3, "mm"),
+        ("length", "si", 2e-12, 1e-12, "10⁻³ nm"),
+        ("speed", "inch-pound", 4400.0, 1.0, "in/s"),
+        ("volume", "inch-pound", 2.1e-4, 1e-4, "10⁻⁴ in³"),
+        ("volume", "inch-pound", 1e-4, 1e-4, "10⁻⁴ in³"),
+        ("volume", "si", 3e-9, 1e-9, "mm³"),
+        ("volume", "si", 7e-11, 1e-9, "mm³"),
+        ("volume", "si", 1e-14, 1e-15, "10³ µm³"),
+        ("volume", "si", 4e-11, 1e-12, "10⁻³ mm³"),
+        ("volume", "si", 3e-5, 1e-6, "cm³"),
+        ("volume", "si", 5e-17, 1e-18, "µm³"),
+        ("area", "si", 2e-6, 1e-6, "mm²"),
+        ("mass", "si", 5e-8, 1e-9, "µg"),
+        ("mass", "inch-pound", 1 / 386.0885826771654, 1 / 386.0885826771654, "lb"),
+        ("stress", "si", 1.4e9, 1e9, "GPa"),
+        ("angle", "si", 0.35, np.pi / 180, "°"),
+        ("angle", "si", 0.0, np.pi / 180, "°"),
+        ("volume per mass", "si", 2e-8, 1e-9, "mm³/kg"),
+        ("mass per mass", "si", 5e-5, 1e-6, "mg/kg"),
+        ("volume per angle", "si", 1e-9 * 180 / np.pi, 1e-9 * 180 / np.pi, "mm³/°"),
+    ],
+)
+def test_units_make_numbers_readable(dimension, units, largest, size, unit) -> None:
+    scale = readable_scale(dimension, units, largest)
+    assert scale.unit == unit
+    assert scale.size == pytest.approx(size, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "units", "largest", "number", "words"),
+    [
+        ("length", "inch-pound", 0.032, "32", "32 in"),  # a figure's axis has mil
+        ("stress", "inch-pound", 2e5, "2", "2 lbf/in²"),
+        ("volume", "si", 2e-11, "0.02", "0.02 mm³"),
+        ("volume", "inch-pound", 3.1e-7, "3.1 ± 2.5", "(3.1 ± 2.5)·10⁻⁷ in³"),
+        ("speed", "si", 30.0, "30 ± 2", "30 ± 2 m/s"),
+        ("1", "si", 1e-9, "1", "1"),
+    ],
+)
+def test_tables_need_fewer_powers_of_ten(dimension, units, largest, number, words) -> None:
+    assert table_scale(dimension, units, largest).beside(number) == words
+
+
+def test_rows_are_in_units_that_people_read() -> None:
+    assert quantity_row("alpha", QUANTITIES["alpha"], np.deg2rad(31.7174744), "si")[2:4] == ("31.717", "°")
+    assert result_row("volume", 1.66178821e-9, "si")[2:4] == ("1.66179", "mm³")
+    assert result_row("volume", np.nan, "si")[2:4] == ("nan", "m³")
+    assert result_row("t_c", np.array([1e-6, np.nan, 5e-5]), "si")[2:4] == ("[3] 1 … 50", "µs")
+    mixed = derivative_row("d2volume", 2e-9, [QUANTITIES["alpha"], QUANTITIES["phidot0"]], "si")
+    assert mixed[2:4] == (f"{2 * np.pi / 180:.6g}", "mm³/°/(rad/s)")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "units", "words"),
+    [
+        ("v0", 30.0, "si", "30 m/s"),
+        ("alpha", np.deg2rad(40.0), "si", "40°"),
+        ("k", 2.0, "si", "2"),
+        ("m", 3.7463e-8, "si", "37.46 µg"),
+        ("m", 2.855e-7, "inch-pound", "110.2·10⁻⁶ lb"),
+    ],
+)
+def test_a_number_in_words_has_its_unit(name, value, units, words) -> None:
+    assert QUANTITIES[name].in_words(value, units) == words
+
+
+@pytest.mark.parametrize("largest", [5e-324, 1e-310, 1e305, 1.7e308])
+def test_numbers_at_the_ends_of_what_a_float_holds_are_in_the_base_unit(largest) -> None:
+    for dimension in ("mass", "length", "volume", "volume per angle"):
+        for scale in (table_scale(dimension, "si", largest), readable_scale(dimension, "inch-pound", largest)):
+            assert 0 < scale.size < np.inf
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "values"),
+    [
+        ("0deg : 90deg : 4", "angle", np.deg2rad([0, 30, 60, 90])),
+        ("1 in/s : 100 in/s : 3 : log", "speed", [1, 10, 100]),
+        ("20deg, 0.5", "angle", [np.deg2rad(20), 0.5]),
+        (["1 ft", 3], "length", [12, 3]),
+        ([1, 2.5], "1", [1, 2.5]),
+        ("20 deg", "angle", np.deg2rad(20)),
+        (2, "1", 2),
+    ],
+)
+def test_values_are_read(text, dimension, values):
+    axis = read_axis(text, dimension, "inch-pound")
+    assert axis.shape == np.shape(values)
+    np.testing.assert_allclose(axis, values, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1:2", 'must be "first : last : count"'),
+        ("1:2:1", "count"),
+        ("1:2:3:cubic", "count"),
+        ("-1:2:3:log", "ends of one sign"),
+        ("1 kg:2:3", "must be a speed"),
+        ([], "is empty"),
+        ([True], "must be numbers"),
+        ([[1, 2]], "must be numbers"),
+    ],
+)
+def test_what_makes_no_axis_is_refused(text, message):
+    with pytest.raises(UnitError, match=message):
+        read_axis(text, "speed", "si")
