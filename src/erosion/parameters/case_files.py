@@ -256,25 +256,18 @@ def dump_per_mass(per_mass: PerMass) -> str:
 
 
 def _parameters(table: Mapping[str, Any]) -> Parameters:
-    quantities: dict[str, int | float | str] = {}
+    """The parameters of a file's table; `Parameters.from_quantities` says what is wrong with a quantity."""
+    for name in TEXT_KEYS:
+        if not isinstance(table.get(name, ""), str):
+            raise ValueError(f"Field `{name}` must be text in quotes, but is {shown(table[name])}.")
+    fields = (*TEXT_KEYS, *PER_MASS_KEYS, *MODEL_KEYS, *QUANTITIES)
     for name, value in table.items():
-        if name in TEXT_KEYS:
-            if not isinstance(value, str):
-                raise ValueError(f"Field `{name}` must be text in quotes, but is {shown(value)}.")
-        elif name in (*PER_MASS_KEYS, *MODEL_KEYS) or (name in SECTIONS and isinstance(value, dict)):
-            continue
-        elif name in QUANTITIES and isinstance(value, (int, float, str)):
-            quantities[name] = value
-        elif name in QUANTITIES:
-            raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {shown(value)}.")
-        else:
-            raise ValueError(
-                f"Field `{name}` is unknown; the fields are "
-                f"{', '.join((*TEXT_KEYS, *PER_MASS_KEYS, *MODEL_KEYS, *QUANTITIES))}."
-            )
-    if (units := table.get("units")) is None:
+        if name not in fields and not (name in SECTIONS and isinstance(value, dict)):
+            raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join(fields)}.")
+    quantities = {name: value for name, value in table.items() if name in QUANTITIES}
+    if "units" not in table:
         _require_units(quantities)
-    system = check_system(str(units or "si"))
+    system = check_system(table.get("units", "si"))
     grit, metal = (
         read(table[name]).parameters(system) if name in table else {}
         for name, read in (("particle", particle), ("target", target))
@@ -282,9 +275,9 @@ def _parameters(table: Mapping[str, Any]) -> Parameters:
     return Parameters.from_quantities(system, grit | metal | quantities)
 
 
-def _require_units(quantities: dict[str, int | float | str]) -> None:
+def _require_units(quantities: Mapping[str, Any]) -> None:
     for name, value in quantities.items():
-        bare = not isinstance(value, str) or not has_unit(value)
+        bare = not has_unit(value) if isinstance(value, str) else isinstance(value, (int, float))
         if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):
             number = shown(value).strip("'")
             raise ValueError(

@@ -206,7 +206,10 @@ def matching(
     units: Mapping[str, str] | None = None,
 ) -> list[Head | None]:
     """What the columns mean among quantities that are looked for; None for all others. Arguments as of `read_heads`."""
-    names, ignored, units = _names(known), _ignored(heads, ignore), units or {}
+    ignored, units = _ignored(heads, ignore), units or {}
+    # The quantity by all names that leave no doubt.
+    names = {_key(spelled): own for own, entry in known.items() for spelled in (*entry.names, own)}
+    names |= {name: name for name in known}
     return [
         None if index in ignored else _understood(text, names, units.get(text, "")) for index, text in enumerate(heads)
     ]
@@ -250,12 +253,6 @@ def _spelled(unit: str) -> str:
     return re.sub(r"(?<=[^\W\d_])\.(?=[^\W\d_])", " ", unit)
 
 
-def _names(known: Mapping[str, Known]) -> dict[str, str]:
-    """The quantity by all names that leave no doubt."""
-    keys = {_key(spelled): own for own, entry in known.items() for spelled in (*entry.names, own)}
-    return keys | {name: name for name in known}
-
-
 def _understood(text: str, names: Mapping[str, str], default: str = "") -> Head | None:
     """The quantity of a head; None where its name leaves a doubt. `default` is its unit from elsewhere."""
     name, unit = head_parts(text)
@@ -286,8 +283,7 @@ def _key(name: str) -> str:
 
 
 def _words(name: str) -> set[str]:
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", name))
-    return set(re.findall(r"[^\W\d_]+", apart.lower()))
+    return {*re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", name)).lower())}
 
 
 def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
@@ -297,10 +293,9 @@ def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
         named = {i for i, head in enumerate(heads) if text.strip() == head.strip()}
         named = named or {i for i, head in enumerate(heads) if _key(head_parts(head)[0]) == _key(head_parts(text)[0])}
         if not named:
-            there = ", ".join(head.strip() for head in heads)
-            raise HeaderError(
-                None, f"has no column {shown(text)}, which Argument `ignore` names; its columns are {shown(there)}"
-            )
+            there = shown(", ".join(head.strip() for head in heads))
+            message = f"has no column {shown(text)}, which Argument `ignore` names; its columns are {there}"
+            raise HeaderError(None, message)
         ignored |= named
     return ignored
 

@@ -127,9 +127,8 @@ class Parameters(Result, eqx.Module):
                 except OverflowError:  # an integer of more than 308 digits
                     values[name] = np.inf
             else:
-                raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {value!r}.")
-        missing = [name for name in REQUIRED if name not in values]
-        if missing:
+                raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {shown(value)}.")
+        if missing := [name for name in REQUIRED if name not in values]:
             raise ValueError(f"Field `{missing[0]}` ({QUANTITIES[missing[0]].meaning}) is missing.")
         parameters = cls(**values, units=system)
         validate(parameters, what="Field")

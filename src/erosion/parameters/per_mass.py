@@ -2,7 +2,7 @@
 
 import sys
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -133,18 +133,16 @@ class PerMass:
         """Whether an amount is asked for; without a density and a share of its own, cuts of a scenario are compared."""
         return self.density is not None or self.cutting_fraction != 1
 
-    def far_from_tests(self, volume: Any, p: Parameters) -> "FarFromTests | None":
-        """The same in numbers."""
-        return self._far(volume, p) if self.is_given else None
+    def far_from_tests(self, volume: Any, p: Parameters, *, of_any: bool = False) -> "FarFromTests | None":
+        """The same in numbers; with `of_any` also where no amount is asked for."""
+        speed = np.asarray(p.v0) * conversion_factor("speed", p.units, "si")
+        is_asked = of_any or self.is_given
+        return far_from_tests(self.specific_volume(volume, p), speed, self.density) if is_asked else None
 
     def is_beyond_tests(self, volume: Any, p: Parameters) -> bool:
         """Whether the greatest erosion is more than ten times what any test finds; see `FarFromTests.is_beyond`."""
-        far = self._far(volume, p)
+        far = self.far_from_tests(volume, p, of_any=True)
         return far is not None and far.is_beyond
-
-    def _far(self, volume: Any, p: Parameters) -> "FarFromTests | None":
-        speed = np.asarray(p.v0) * conversion_factor("speed", p.units, "si")
-        return far_from_tests(self.specific_volume(volume, p), speed, self.density)
 
 
 @dataclass(frozen=True)
@@ -177,14 +175,14 @@ class FarFromTests:
     @property
     def rest(self) -> str:
         """The sentence after the amount; models on the same side of the tests share it."""
-        text = (
+        why = (
+            "; only some particles cut, and the product of σ and ψ is known to a factor of two at best" * self.is_above
+        )
+        return (
             f"{self.unit} is far from what tests on ductile metals find at {self.speed:.3g} m/s, about "
             f"{two_digits(self.least)} to {two_digits(self.greatest)} {self.unit} "
-            "(fits to tests: DNVGL-RP-O501, 2015, table 3-1)"
+            f"(fits to tests: DNVGL-RP-O501, 2015, table 3-1){why}."
         )
-        if self.is_above:
-            text += "; only some particles cut, and the product of σ and ψ is known to a factor of two at best"
-        return f"{text}."
 
     def __str__(self) -> str:
         return f"{two_digits(self.amount)} {self.rest}"
@@ -200,16 +198,14 @@ def models_far_from_tests(weights: Mapping[str, PerMass], volumes: Mapping[str, 
     """
     far = {name: said for name, weight in weights.items()
            if (said := weight.far_from_tests(volumes[name], p)) is not None}  # fmt: skip
-    alike = {said.rest: [name for name in far if far[name].rest == said.rest] for said in far.values()}
-    return [
-        f"{_in_words(names)}{max((far[name] for name in names), key=lambda said: said.amount)}"
-        for names in alike.values()
-    ]
-
-
-def _in_words(names: Sequence[str]) -> str:
-    named = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
-    return f"{named}: " if named else ""
+    sentences = []
+    for rest in dict.fromkeys(said.rest for said in far.values()):
+        names = [name for name, said in far.items() if said.rest == rest]
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        named = ", ".join(names[:_NAMED]) + more
+        greatest = max((far[name] for name in names), key=lambda said: said.amount)
+        sentences.append(f"{named}: {greatest}" if named else str(greatest))
+    return sentences
 
 
 def far_from_tests(
@@ -233,10 +229,11 @@ def far_from_tests(
     low, high = _TESTED[0] * usual.flat[at] / heaviest, _TESTED[1] * usual.flat[at] / lightest
     if low / factor <= removed.flat[at] <= high * factor:
         return None
-    scale = PER_MASS_SCALES["specific_volume" if density is None else "erosion_ratio"]
-    size, unit = scale.size / (density or 1.0), scale.unit
-    amounts = float(removed.flat[at] / size), unit, float(speed.flat[at]), float(low / size), float(high / size)
-    return FarFromTests(*amounts)
+    size, unit = PER_MASS_SCALES["specific_volume" if density is None else "erosion_ratio"]
+    size = size / (density or 1.0)
+    numbers = (removed.flat[at] / size, low / size, high / size)
+    amount, least, greatest = map(float, numbers)
+    return FarFromTests(amount, unit, float(speed.flat[at]), least, greatest)
 
 
 def two_digits(number: float) -> str:
