@@ -4,8 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import erosion
 from erosion.distributions import Distribution, read_distribution

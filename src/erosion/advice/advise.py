@@ -17,9 +17,7 @@ from erosion.models import called, load_model
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
-from erosion.parameters.materials import Particle, Target
-from erosion.parameters.materials import particle as read_particle
-from erosion.parameters.materials import target as read_target
+from erosion.parameters.materials import Particle, Target, particle as read_particle, target as read_target
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import QUANTITIES

@@ -294,8 +294,7 @@ _SLOWEST = 10  # per second; a slower rate says less than the time left
 def progress_bar(title: str) -> Iterator["lazy.Progress"]:
     """Give the `progress` of any verb, shown as a bar; `title` stands there until the first call."""
     from rich.console import Console
-    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
+    from rich.progress import BarColumn, Progress as Bar, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
     columns = (
         TextColumn("{task.description}"),

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 import segno
 from nicegui import background_tasks, ui
 
-from erosion.explorer import computed as computing
-from erosion.explorer import exports
+from erosion.explorer import computed as computing, exports
 from erosion.explorer.computed import Answers, Computed, LatestWins, Preparation, in_thread
 from erosion.explorer.controls import (
     ANGLE_SLIDER,

@@ -10,6 +10,7 @@ from erosion.explorer.computed import SPINS, Computed
 from erosion.explorer.controls import (
     DEGREES,
     LEGEND,
+    SPINS as SPIN_SLIDER,
     STAR,
     Option,
     angle_axis,
@@ -21,7 +22,6 @@ from erosion.explorer.controls import (
     points,
     styles,
 )
-from erosion.explorer.controls import SPINS as SPIN_SLIDER
 from erosion.impacts.alpha_max import Optimum
 from erosion.impacts.simulate import Trajectory
 from erosion.models.base import State as Body

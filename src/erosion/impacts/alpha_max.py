@@ -27,8 +27,7 @@ from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel, Events, Scales, Tip
 from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
 from erosion.models.registry import impact_to_dict
-from erosion.ode.maxima import ASIDE as ASIDE
-from erosion.ode.maxima import TIGHT, Maxima, searched
+from erosion.ode.maxima import ASIDE as ASIDE, TIGHT, Maxima, searched
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import Record, Result, Row, format_number, largest_of, to_plain
 from erosion.parameters.parameters import Parameters, require_parameters, validate

@@ -1,35 +1,41 @@
 """The models: their classes, the parts they are made of, and the registry."""
 
-from erosion.models.correlated import Correlated as Correlated
-from erosion.models.correlated import correlated as correlated
-from erosion.models.correlated import made_for as made_for
-from erosion.models.deformation import Deformation as Deformation
-from erosion.models.deformation import DeformationWear as DeformationWear
-from erosion.models.deformation import NoDeformation as NoDeformation
-from erosion.models.deformation import ProportionalDeformationWear as ProportionalDeformationWear
-from erosion.models.forces import CentreOfMassTip as CentreOfMassTip
-from erosion.models.forces import CircularTip as CircularTip
-from erosion.models.forces import ConstantRatio as ConstantRatio
-from erosion.models.forces import ForceLaw as ForceLaw
-from erosion.models.forces import ForceRatio as ForceRatio
-from erosion.models.forces import FullTorque as FullTorque
-from erosion.models.forces import HorizontalTorque as HorizontalTorque
-from erosion.models.forces import NoTorque as NoTorque
-from erosion.models.forces import SmallAngleTip as SmallAngleTip
-from erosion.models.forces import TanAlpha as TanAlpha
-from erosion.models.forces import TipKinematics as TipKinematics
-from erosion.models.forces import Torque as Torque
-from erosion.models.forces import VelocityAligned as VelocityAligned
-from erosion.models.registry import ModelError as ModelError
-from erosion.models.registry import ModelInfo as ModelInfo
-from erosion.models.registry import available_models as available_models
-from erosion.models.registry import called as called
-from erosion.models.registry import load_model as load_model
-from erosion.models.registry import model_name as model_name
-from erosion.models.registry import model_source as model_source
-from erosion.models.registry import usable_models as usable_models
-from erosion.models.rigid import AsPrinted as AsPrinted
-from erosion.models.rigid import Finnie as Finnie
-from erosion.models.rigid import Linearized as Linearized
-from erosion.models.rigid import RigidErodent as RigidErodent
-from erosion.models.rigid import Rotating as Rotating
+from erosion.models.correlated import Correlated as Correlated, correlated as correlated, made_for as made_for
+from erosion.models.deformation import (
+    Deformation as Deformation,
+    DeformationWear as DeformationWear,
+    NoDeformation as NoDeformation,
+    ProportionalDeformationWear as ProportionalDeformationWear,
+)
+from erosion.models.forces import (
+    CentreOfMassTip as CentreOfMassTip,
+    CircularTip as CircularTip,
+    ConstantRatio as ConstantRatio,
+    ForceLaw as ForceLaw,
+    ForceRatio as ForceRatio,
+    FullTorque as FullTorque,
+    HorizontalTorque as HorizontalTorque,
+    NoTorque as NoTorque,
+    SmallAngleTip as SmallAngleTip,
+    TanAlpha as TanAlpha,
+    TipKinematics as TipKinematics,
+    Torque as Torque,
+    VelocityAligned as VelocityAligned,
+)
+from erosion.models.registry import (
+    ModelError as ModelError,
+    ModelInfo as ModelInfo,
+    available_models as available_models,
+    called as called,
+    load_model as load_model,
+    model_name as model_name,
+    model_source as model_source,
+    usable_models as usable_models,
+)
+from erosion.models.rigid import (
+    AsPrinted as AsPrinted,
+    Finnie as Finnie,
+    Linearized as Linearized,
+    RigidErodent as RigidErodent,
+    Rotating as Rotating,
+)

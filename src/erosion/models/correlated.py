@@ -11,9 +11,13 @@ from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
 from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import fixed_parameter
-from erosion.parameters.materials import ANOTHER_METAL, Particle, Target
-from erosion.parameters.materials import particle as read_particle
-from erosion.parameters.materials import target as read_target
+from erosion.parameters.materials import (
+    ANOTHER_METAL,
+    Particle,
+    Target,
+    particle as read_particle,
+    target as read_target,
+)
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import conversion_factor, shown

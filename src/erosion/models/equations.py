@@ -32,11 +32,11 @@ from erosion.ode.problem import (
     Rate,
     Traced,
     digits,
+    equations_of as equations_of_kind,
     is_number,
     require_numbers,
     struct_of,
 )
-from erosion.ode.problem import equations_of as equations_of_kind
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
 from erosion.parameters.units import System, shown
 

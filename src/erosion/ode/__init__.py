@@ -6,9 +6,7 @@ from erosion import ode
 came out. README.md leads through the folder; docs/ode.md through its use.
 """
 
-from erosion.ode.maximum import Maximum as Maximum
-from erosion.ode.maximum import maximum as maximum
-from erosion.ode.problem import Event as Event
-from erosion.ode.problem import Problem as Problem
+from erosion.ode.maximum import Maximum as Maximum, maximum as maximum
+from erosion.ode.problem import Event as Event, Problem as Problem
 from erosion.ode.solution import Solution as Solution
 from erosion.ode.solve import solve as solve

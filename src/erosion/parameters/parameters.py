@@ -21,9 +21,13 @@ from jaxtyping import Array, Float
 
 from erosion.arguments import Broadcast, check_scalars, check_unmasked
 from erosion.output.tables import Result, Row, abbreviate
-from erosion.parameters.materials import Particle, Target, body_warning
-from erosion.parameters.materials import particle as read_particle
-from erosion.parameters.materials import target as read_target
+from erosion.parameters.materials import (
+    Particle,
+    Target,
+    body_warning,
+    particle as read_particle,
+    target as read_target,
+)
 from erosion.parameters.quantities import QUANTITIES, STEEPEST, quantity_row
 from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity, shown
 
