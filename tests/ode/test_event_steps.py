@@ -23,52 +23,67 @@ def start(step: float = FIRST) -> Control:
 def after_trial(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
     """As the integrator does it."""
     looks = list(zip((0.15, 0.92), within, strict=True))
+    clear = crossings.are_clear([], control.trial, before, after, looks, 1e-5)
     return jax.lax.cond(
-        crossings.is_quiet([], control, before, after, looks, 1e-5),
+        jnp.stack(clear).all() & (control.mode == ADVANCING),
         lambda: step_control.go_on(control, error, SCALE, LIMITS),
         lambda: crossings.decide(
-            control, crossings.look(control, before, after, looks, error, jnp.ones(())), SCALE, LIMITS
+            control, crossings.look(control, before, after, looks, error, jnp.ones(()), clear=clear), SCALE, LIMITS
         ),
     )
 
 
 @jax.jit
-def both_ways(control: Control, before: Ends, after: Ends, within: list, error: jax.Array):
-    """Whether a trial is quiet, and what follows without a look at its event and with one."""
-    watched = crossings.watch([-1], [before], SCALE)
-    looks = [(theta, [value]) for theta, value in zip((0.15, 0.92), within, strict=True)]
-    trial = crossings.look_directed(watched, control, [before], [after], looks, error, jnp.ones(()))
-    return (
-        crossings.is_quiet(watched, control, [before], [after], looks, 1e-5),
-        step_control.go_on(control, error, SCALE, LIMITS),
-        crossings.decide(control, trial, SCALE, LIMITS),
-    )
+def both_ways(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
+    """Which events are clear, and what follows without a look at those, with one at all, and with none at any."""
+    watched = crossings.watch([-1] * len(before), before, SCALE)
+    looks = list(zip((0.15, 0.92), within, strict=True))
+
+    def decided(clear: list):
+        trial = crossings.look_directed(watched, control, before, after, looks, error, jnp.ones(()), clear=clear)
+        return crossings.decide(control, trial, SCALE, LIMITS)
+
+    clear = crossings.are_clear(watched, control.trial, before, after, looks, 1e-5)
+    none = [jnp.asarray(False)] * len(clear)
+    return clear, decided(clear), decided(none), step_control.go_on(control, error, SCALE, LIMITS)
 
 
-def test_in_a_quiet_step_a_look_at_the_events_changes_nothing() -> None:
-    """Random cubics with a wiggle, before their event and beyond it, near zero and far from it."""
+def test_a_look_at_clear_events_changes_nothing() -> None:
+    """Two random cubics with wiggles, before their events and beyond them, near zero and far from it."""
     random = np.random.default_rng(3)
     lanes = 20_000
-    cubics = random.normal(size=(4, lanes)) * 10.0 ** random.uniform(-3, 1, (4, 1))
-    wiggle = random.choice([0.0, 1e-3, 0.1], lanes)
     step = random.uniform(0.01, 3.0, lanes)
-
-    def value(time):
-        return sum(c * time**i for i, c in enumerate(cubics)) + wiggle * np.sin(9 * time)
-
-    def ends(time):
-        rate = sum(i * c * time ** max(i - 1, 0) for i, c in enumerate(cubics)) + 9 * wiggle * np.cos(9 * time)
-        return Ends(jnp.asarray(value(time)), jnp.asarray(rate))
-
     control = jax.vmap(lambda h: start()._replace(trial=h, step=h))(step)
-    within = [jnp.asarray(value(share * step)) for share in (0.15, 0.92)]
+    before, after, within = [], [], []
+    for _ in range(2):
+        cubics = random.normal(size=(4, lanes)) * 10.0 ** random.uniform(-3, 1, (4, 1))
+        wiggle = random.choice([0.0, 1e-3, 0.1], lanes)
+
+        def value(time, cubics=cubics, wiggle=wiggle):
+            return sum(c * time**i for i, c in enumerate(cubics)) + wiggle * np.sin(9 * time)
+
+        def ends(time, cubics=cubics, wiggle=wiggle, value=value):
+            rate = sum(i * c * time ** max(i - 1, 0) for i, c in enumerate(cubics)) + 9 * wiggle * np.cos(9 * time)
+            return Ends(jnp.asarray(value(time)), jnp.asarray(rate))
+
+        before.append(ends(0.0 * step))
+        after.append(ends(step))
+        within.append([jnp.asarray(value(share * step)) for share in (0.15, 0.92)])
     error = jnp.asarray(10.0 ** random.uniform(-3, 1, lanes))
-    quiet, unseen, seen = jax.vmap(both_ways)(control, ends(0.0 * step), ends(step), within, error)
-    assert 0.2 < np.mean(quiet) < 0.8
-    for name in ("mode", "time", "trial", "step", "trials", "rejected"):
-        assert np.array_equal(getattr(unseen[0], name)[quiet], getattr(seen[0], name)[quiet]), name
-    assert np.array_equal(unseen[1][quiet], seen[1][quiet])
-    assert np.all(seen[0].margin[quiet] > 1e-5)
+    inside = [list(values) for values in zip(*within, strict=True)]
+    clear, without, looked, unseen = jax.vmap(both_ways)(control, before, after, inside, error)
+    quiet = clear[0] & clear[1]
+    one = clear[0] ^ clear[1]
+    assert np.mean(quiet) > 0.05
+    assert np.mean(one) > 0.1
+    for name in ("mode", "time", "trial", "step", "trials", "rejected", "event", "left", "high"):
+        found = getattr(looked[0], name)
+        assert np.array_equal(getattr(without[0], name), found, equal_nan=True), name
+        if name not in ("event", "left", "high"):
+            assert np.array_equal(getattr(unseen[0], name)[quiet], found[quiet]), name
+    assert np.array_equal(without[1], looked[1])
+    assert np.array_equal(unseen[1][quiet], looked[1][quiet])
+    assert np.all(looked[0].margin[quiet] > 1e-5)
 
 
 def follow(

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode.step_control import (
@@ -118,6 +119,24 @@ def dip_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[
     return place, jnp.where(within & (end.value > 0), lowest, jnp.inf)
 
 
+@functools.partial(jax.jit, static_argnames="sharp")
+def dip_unless_clear(
+    clear: Flag, start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]], sharp: float
+) -> tuple[Scalar, Scalar, Flag]:
+    """A dip as in `dip_in_step`, and whether a fall may be hidden in the step; nothing of either if that is `clear`.
+
+    The function may err by `sharp` times as much as its values within the step show.
+    """
+
+    def asked() -> tuple[Scalar, Scalar, Flag]:
+        error = cubic_error(start, end, length, looks)
+        place, lowest = dip_in_step(start, end, length, error)
+        error = sharp * error
+        return place, lowest, is_crooked(start, end, length, error) & may_hide_a_fall(start, end, length, error)
+
+    return lax.cond(clear, lambda: (jnp.asarray(2.0), jnp.asarray(jnp.inf), jnp.asarray(False)), asked)
+
+
 @jax.jit
 def crest_in_step(start: Ends, end: Ends, length: Scalar) -> Scalar:
     """Where in the step (0 to 1) the cubic through both ends has its highest point, or 2."""
@@ -212,7 +231,7 @@ class Trial(NamedTuple):
     imminent: Flag  # whether an event is so near the end that it is worth looking for
     low: Scalar  # a length before the event
     high: Scalar  # a length past the event, or how far to look ahead
-    cubic_errors: Sequence[Scalar]  # of each event function; see `cubic_error`
+    hidden: Flag  # whether an event may be in the step that its ends do not show
 
 
 def look(
@@ -223,19 +242,22 @@ def look(
     error: Scalar,
     scale: Scalar,
     *,
+    clear: Sequence[Flag],
     rough: bool = False,
+    sharp: float = 1.0,
 ) -> Trial:
     """What a trial says about events; `within` holds their values at some shares of the step.
+
+    At an event that is `clear` nothing is looked for within the step; see `are_clear`.
 
     Where the motion is `rough`, a step ends at a crest of an event function as it does at a dip: between two
     stages the motion may go behind a kink, and return unseen.
     """
-    errors = [
-        cubic_error(*each, control.trial, [(theta, values[i]) for theta, values in within])
-        for i, each in enumerate(zip(start, end, strict=True))
+    dips = [
+        dip_unless_clear(*each, control.trial, [(theta, values[i]) for theta, values in within], sharp)
+        for i, each in enumerate(zip(clear, start, end, strict=True))
     ]
-    dips = [dip_in_step(*each, control.trial, error) for *each, error in zip(start, end, errors, strict=True)]
-    places = [dip for dip, _ in dips]
+    places = [dip for dip, *_ in dips]
     if rough:
         # Where a force jumps, an event function may turn at once: steps that short need not end there.
         long = control.trial > _LONG * scale
@@ -248,12 +270,12 @@ def look(
         start=start,
         end=end,
         dip=_least(places, 2.0),
-        lowest=_least([lowest for _, lowest in dips], jnp.inf),
+        lowest=_least([lowest for _, lowest, _ in dips], jnp.inf),
         past=past,
         imminent=_any(_is_imminent(event, control.trial) for event in end),
         low=jnp.where(past, 0.0, control.trial),
         high=jnp.where(_good(control, error) & past, control.trial, ahead),
-        cubic_errors=errors,
+        hidden=_any(hidden for *_, hidden in dips),
     )
 
 
@@ -269,11 +291,7 @@ def decide(
 
     Where the motion is `stiff`, the lane stays at the start of the step that ends it, and that step is no short one.
     """
-    hidden = _any(
-        is_crooked(*each, control.trial, error) & may_hide_a_fall(*each, control.trial, error)
-        for *each, error in _events(trial)
-    )
-    too_long = (control.mode == ADVANCING) & hidden
+    too_long = (control.mode == ADVANCING) & trial.hidden
     trial = trial._replace(error=jnp.where(too_long, jnp.maximum(trial.error, _TOO_LONG), trial.error))
     locating, past = control.mode == LOCATING, trial.past
     good = _good(control, trial.error)
@@ -344,10 +362,6 @@ def first_fall(control: Control, events: Sequence[Ends]) -> tuple[Scalar, Scalar
     return index, remaining
 
 
-def _events(trial: Trial) -> list[tuple[Ends, Ends, Scalar]]:
-    return list(zip(trial.start, trial.end, trial.cubic_errors, strict=True))
-
-
 def _any(conditions: Iterable[Flag]) -> Flag:
     return functools.reduce(jnp.logical_or, conditions, jnp.asarray(False))
 
@@ -364,13 +378,14 @@ def _good(control: Control, error: Scalar) -> Flag:
 def _first_expected(control: Control, trial: Trial) -> tuple[Scalar, Scalar, Flag, Scalar]:
     """The time of the first event from the step's start, its index, whether it falls steeply, and the time's error."""
     advancing = control.mode == ADVANCING
-    falls = []
+    falls, never = [], (jnp.asarray(jnp.inf), jnp.asarray(False), jnp.asarray(jnp.inf))
     for before, after in zip(trial.start, trial.end, strict=True):
-        root, steep, uncertainty = expected_fall(before, after, control.trial, trial.low, trial.high)
         # Events that have fallen at the trial's end are known; while locating before the event, all are.
         known = (after.value <= 0) | (~trial.past & ~advancing)
         foreseen = advancing & ~trial.past & trial.imminent & (after.rate < 0)
-        falls.append((jnp.where(known | foreseen, root, jnp.inf), known | steep, steep, uncertainty))
+        expected = functools.partial(expected_fall, before, after, control.trial, trial.low, trial.high)
+        root, steep, uncertainty = lax.cond(known | foreseen, expected, lambda: never)
+        falls.append((root, known | steep, steep, uncertainty))
     first = _least([root for root, *_ in falls], jnp.inf)
     sure, is_steep, error, index = True, False, 0.0 * first, 0 * control.mode
     for i, (root, trusted, steep, uncertainty) in enumerate(falls):
@@ -442,32 +457,32 @@ def after_event(event: Ends, fired: Flag, scale: Scalar) -> Ends:
     return Ends(jnp.where(left, 0.0, event.value), event.rate)
 
 
-def is_quiet(
+def are_clear(
     events: Sequence[Watched],
-    control: Control,
+    h: Scalar,
     starts: Sequence[Ends],
     ends: Sequence[Ends],
     within: Sequence[tuple[float, Sequence[Scalar]]],
     graze: Scalar,
     *,
     rough: bool = False,
-) -> Flag:
-    """Whether no event can be in the step or near its end, nor a dip that is lower than `graze` times the event's size.
+) -> list[Flag]:
+    """Of each event whether it cannot be in a step or near its end, nor a dip lower than `graze` times its size.
 
-    Most steps are quiet, and then nothing needs to be looked for. A cubic lies between the least and the greatest of
-    four numbers (its Bézier points), so the sign of an event function is mostly known without its extrema.
+    Most steps are *quiet*: all events are clear, and then nothing needs to be looked for. A cubic lies between the
+    least and the greatest of four numbers (its Bézier points), so the sign of an event function is mostly known
+    without its extrema.
 
     Args:
         events: how they are watched; nothing where all of them count and fall.
-        control: before the trial.
-        starts: the event functions where the step begins.
+        h: length of the step.
+        starts: the event functions where it begins.
         ends: and where it ends.
         within: their values at some shares of the step.
         graze: see above.
         rough: whether a step ends at crests.
     """
-    h = control.trial
-    quiet: Flag = control.mode == ADVANCING
+    clear = []
     for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
         looks = [(theta, values[i]) for theta, values in within]
         if events:
@@ -478,12 +493,12 @@ def is_quiet(
                 [(theta, turn * value) for theta, value in looks],
             )
             is_below = functools.reduce(jnp.maximum, _bezier(start, end, h)) <= 0
-            quiet = quiet & jnp.where(events[i].counts, _is_clear(start, end, h, looks, least), is_below)
+            clear.append(jnp.where(events[i].counts, _is_clear(start, end, h, looks, least), is_below))
         else:
-            quiet = quiet & _is_clear(start, end, h, looks, graze)
+            clear.append(_is_clear(start, end, h, looks, graze))
         if rough:
-            quiet = quiet & jnp.logical_not((start.rate > 0) & (end.rate < 0))
-    return quiet
+            clear[i] = clear[i] & jnp.logical_not((start.rate > 0) & (end.rate < 0))
+    return clear
 
 
 @jax.jit
@@ -519,6 +534,7 @@ def look_directed(
     error: Scalar,
     scale: Scalar,
     *,
+    clear: Sequence[Flag],
     rough: bool = False,
 ) -> Trial:
     """What a trial says about the events that count; see `erosion.ode.crossings.look`.
@@ -527,9 +543,10 @@ def look_directed(
     """
     h = control.trial
     on, factors, crests = [event.counts for event in events], [], []
-    for event, start, end in zip(events, starts, ends, strict=True):
+    for event, start, end, is_clear in zip(events, starts, ends, clear, strict=True):
         factors.append(event.turn / jnp.maximum(_size(start, end, h), _TINY))
-        crests.append(jnp.where(event.counts, 2.0, crest_above_zero(start, end, h)))
+        crest = functools.partial(crest_above_zero, start, end, h)
+        crests.append(lax.cond(event.counts | is_clear, lambda: jnp.asarray(2.0), crest))
 
     def watched(events: Sequence[Ends]) -> list[Ends]:
         parts = zip(events, factors, on, strict=True)
@@ -543,10 +560,9 @@ def look_directed(
         )
         for theta, values in within
     ]
-    trial = look(control, begun, watched(ends), inside, error, scale, rough=rough)
     # A function such as a distance bends in a small part of a step, where the cubic errs by more than was seen.
-    errors = [_SHARP * error for error in trial.cubic_errors]
-    return trial._replace(dip=functools.reduce(jnp.minimum, crests, trial.dip), cubic_errors=errors)
+    trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, rough=rough, sharp=_SHARP)
+    return trial._replace(dip=functools.reduce(jnp.minimum, crests, trial.dip))
 
 
 def last_moment(event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar) -> tuple[Scalar, Scalar]:

@@ -20,7 +20,7 @@ from erosion.ode.explicit import APART, LEAST, NOISE, SOON, short_step
 from erosion.ode.extended import Extended
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.reduction import Rows, corrected, is_broken, is_kinked
-from erosion.ode.step_control import ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control
+from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control
 from erosion.ode.variational import (
     Along,
     AlongFlow,
@@ -342,12 +342,13 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     def looks() -> tuple[Control, Flag]:
         looked = lane.control, lane.events, events, within, error, scale
         if problem.options.waits:
-            trial = crossings.look_directed(watched, *looked, rough=rough)
+            trial = crossings.look_directed(watched, *looked, clear=clear, rough=rough)
         else:
-            trial = crossings.look(*looked, rough=rough)
+            trial = crossings.look(*looked, clear=clear, rough=rough)
         return crossings.decide(lane.control, trial, scale, limits, rough=rough, stiff=problem.rodas is not None)
 
-    quiet = crossings.is_quiet(watched, lane.control, lane.events, events, within, _GRAZE * rtol, rough=rough)
+    clear = crossings.are_clear(watched, h, lane.events, events, within, _GRAZE * rtol, rough=rough)
+    quiet = functools.reduce(jnp.logical_and, clear, lane.control.mode == ADVANCING)
     control, moved = lax.cond(quiet, goes_on, looks)
     if problem.rough and problem.order:
         broken = is_broken(problem, lane.state, stages, h, problem.time_scale) & moved
