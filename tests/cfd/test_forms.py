@@ -33,42 +33,41 @@ def test_openfoam_computes_the_volumes_of_finnie_from_the_file(case):
         assert openfoam_volume(text, ANGLES, speed, float(in_si.m)) == pytest.approx(exact, rel=1e-9)
 
 
-def test_the_coefficients_of_finnie_are_those_of_the_case():
-    form = erosion.to_openfoam("finnie", P)
-    assert pytest.approx(2.0, rel=1e-9) == form.K
-    assert form.p == pytest.approx(float(SI.sigma), rel=1e-9)
-    assert form.psi == 0.04
-    assert form.warnings == ()
-    assert "finnie" in form.text()
-    # K = 3k and p = σ/3 for a body that does not turn.
-    other = erosion.to_openfoam("linearized", P)
-    assert (other.K, other.p) == pytest.approx((6.0, float(SI.sigma) / 3), rel=1e-9)
+# K = 3k and p = σ/3 for a body that does not turn, at any speed and size.
+@pytest.mark.parametrize(("model", "ratio", "stress"), [("finnie", 2.0, 1.0), ("linearized", 6.0, 1 / 3)])
+def test_the_coefficients_of_finnies_shape_are_those_of_the_case(model, ratio, stress):
+    form = erosion.to_openfoam(model, P, v0=[100.0, 9000.0] if model == "linearized" else None, d=None)
+    assert (form.K, form.p) == pytest.approx((ratio, stress * float(SI.sigma)), rel=1e-9)
+    assert (form.psi, form.warnings) == (0.04, ())
+    assert form.losses.worst < 1e-9
+    assert model in form.text()
 
 
-def test_what_openfoam_loses_at_other_speeds_is_said_and_refused_if_asked_for():
-    form = erosion.to_openfoam("rotating", P)
+@pytest.mark.parametrize(
+    ("export", "said", "at"),
+    [
+        (erosion.to_openfoam, "OpenFOAM: The form is made at 111.76 m/s. At half and at twice this speed it is off by",
+         r"OpenFOAM is made at 111\.8 m/s, and at 223\.5 m/s and 2032 µm it is"),
+        (erosion.to_fluent, "Fluent: The form is made at 111.76 m/s. At half and at twice this speed it is off by",
+         r"Fluent is made at 111\.8 m/s"),
+    ],
+)  # fmt: skip
+def test_what_a_form_loses_at_other_speeds_is_said_and_refused_if_asked_for(export, said, at):
     # The shape over the angle changes with rω/v₀.
-    assert 0.05 < form.misfit < 0.1
+    form = export("rotating", P)
     assert 0.4 < form.losses.worst < 0.8
-    assert form.warnings[0].startswith("OpenFOAM knows Finnie's curve only: it is off by up to 7.1% of the maximum.")
-    assert "At half and at twice this speed it is off by up to 59" in form.warnings[1]
+    assert form.warnings[-1].startswith(said)
     assert form.losses.statement in form.text()
-    with pytest.raises(
-        erosion.ExportError, match=r"OpenFOAM is made at 111\.8 m/s, and at 223\.5 m/s and 2032 µm it is"
-    ):
-        erosion.to_openfoam("rotating", P, v0=[4400.0, 8800.0])
-    narrow = erosion.to_openfoam("rotating", P, v0=[4300.0, 4400.0])
+    with pytest.raises(erosion.ExportError, match=at):
+        export("rotating", P, v0=[4400.0, 8800.0])
+    narrow = export("rotating", P, v0=[4300.0, 4400.0])
     assert narrow.losses.statement.startswith("Over 109.2 to 111.8 m/s the form is off by up to ")
 
 
-def test_the_speeds_of_a_model_that_does_not_turn_lose_nothing():
-    assert erosion.to_openfoam("linearized", P, v0=[100.0, 9000.0], d=[0.001, 1.0]).losses.worst < 1e-9
-
-
-@pytest.mark.parametrize("model", ["dnv", "linearized-deformation"])
-def test_openfoam_is_refused_a_curve_that_removes_something_at_90_degrees(model):
-    with pytest.raises(erosion.ExportError, match=f"{model} is not of that shape"):
-        erosion.to_openfoam(model, P)
+def test_openfoam_says_how_far_off_finnies_curve_is():
+    form = erosion.to_openfoam("rotating", P)
+    assert 0.05 < form.misfit < 0.1
+    assert form.warnings[0].startswith("OpenFOAM knows Finnie's curve only: it is off by up to 7.1% of the maximum.")
 
 
 @pytest.mark.parametrize(
@@ -87,32 +86,18 @@ def test_fluent_gets_the_exponent_that_the_model_has(model, exponent):
 
 
 def test_fluents_diameter_function_is_that_of_oka():
-    table = erosion.to_fluent("oka", P)
+    table, turning = erosion.to_fluent("oka", P), erosion.to_fluent("rotating", P)
     # Oka: E grows as D^0.19; the diameter is that of the erodent's density.
     growth = np.log(table.factors[-1] / table.factors[0]) / np.log(table.diameter[-1] / table.diameter[0])
     assert growth == pytest.approx(0.19, abs=1e-9)
     assert "piecewise-linear:" in table.text()
-    assert np.ptp(erosion.to_fluent("rotating", P).factors) < 1e-9
-    assert "the same for all diameters." in erosion.to_fluent("rotating", P).text()
-
-
-def test_speeds_alone_leave_the_diameter_function_and_diameters_the_exponent():
-    speeds, sizes = [4400.0, 6000.0], [0.05, 0.08]
-    assert erosion.to_fluent("oka", P, v0=speeds).factors == pytest.approx(erosion.to_fluent("oka", P).factors)
-    alone = erosion.to_fluent("dnv", P, d=sizes)
-    assert alone.exponent == pytest.approx(2.6, abs=1e-9)
-    assert alone.losses.misfit.shape == (2, 1)
+    assert np.ptp(turning.factors) < 1e-9
+    assert "the same for all diameters." in turning.text()
+    # Speeds alone leave the diameter function, and diameters the exponent.
+    assert erosion.to_fluent("oka", P, v0=[4400.0, 6000.0]).factors == pytest.approx(table.factors)
+    alone = erosion.to_fluent("dnv", P, d=[0.05, 0.08])
+    assert (alone.exponent, alone.losses.misfit.shape) == (pytest.approx(2.6, abs=1e-9), (2, 1))
     assert erosion.to_fluent("dnv", P, v0=4400.0).exponent == pytest.approx(2.6, abs=1e-9)
-
-
-def test_what_fluent_loses_at_other_speeds_is_said_and_refused_if_asked_for():
-    table = erosion.to_fluent("rotating", P)
-    assert table.losses.worst > 0.4
-    assert table.warnings[0].startswith(
-        "Fluent: The form is made at 111.76 m/s. At half and at twice this speed it is off by"
-    )
-    with pytest.raises(erosion.ExportError, match=r"Fluent is made at 111\.8 m/s"):
-        erosion.to_fluent("rotating", P, v0=np.linspace(2200, 8800, 5))
 
 
 def test_the_diameter_is_2_r_or_that_of_the_particles_density():
@@ -125,22 +110,32 @@ def test_the_diameter_is_2_r_or_that_of_the_particles_density():
     assert other.diameter == pytest.approx(quartz.diameter, rel=1e-9)
 
 
-def test_a_spinning_particle_that_cuts_nothing_has_no_form():
-    # s = rφ̇₀/v₀ = -2: the tip moves backward at every angle.
-    with pytest.raises(erosion.ExportError, match="rotating removes nothing at any angle"):
-        erosion.to_fluent("rotating", P.replace(phidot0=-2.2e5))
+BACKWARD = P.replace(phidot0=-0.6 * 4400 / 0.04)  # s = rφ̇₀/v₀ = -0.6 at the case's speed, and -1.2 at half of it
 
 
-def test_where_nothing_is_removed_at_the_speeds_that_are_given_there_is_no_exponent():
-    backward = P.replace(phidot0=-0.6 * 4400 / 0.04)
-    with pytest.raises(erosion.ExportError, match="finnie removes nothing at other speeds"):
-        erosion.to_fluent("finnie", backward, v0=[1000.0, 2000.0])
+@pytest.mark.parametrize(
+    ("export", "model", "options", "message"),
+    [
+        # The tip moves backward at every angle.
+        (erosion.to_fluent, "rotating", {"p": P.replace(phidot0=-2.2e5)}, "rotating removes nothing at any angle"),
+        (
+            erosion.to_fluent,
+            "finnie",
+            {"p": BACKWARD, "v0": [1000.0, 2000.0]},
+            "finnie removes nothing at other speeds",
+        ),
+        # Both remove something at 90°.
+        (erosion.to_openfoam, "dnv", {"p": P}, "dnv is not of that shape"),
+        (erosion.to_openfoam, "linearized-deformation", {"p": P}, "linearized-deformation is not of that shape"),
+    ],
+)
+def test_a_curve_that_has_no_form_is_refused(export, model, options, message):
+    with pytest.raises(erosion.ExportError, match=message):
+        export(model, **options)
 
 
 def test_where_nothing_is_cut_at_half_the_speed_all_is_lost():
-    # s = -0.6 at the case's speed, and -1.2 at half of it.
-    table = erosion.to_fluent("finnie", P.replace(phidot0=-0.6 * 4400 / 0.04))
-    assert table.losses.misfit[4, 0] == 1.0
+    assert erosion.to_fluent("finnie", BACKWARD).losses.misfit[4, 0] == 1.0
 
 
 @pytest.mark.parametrize(

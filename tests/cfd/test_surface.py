@@ -13,6 +13,10 @@ ELL = [(1.0, 0.0, 0.0), (1.0, 2.0, 0.0), (1.0, 2.0, 1.0), (1.0, 1.0, 1.0), (1.0,
 TRAPEZIUM = [(0.0, 5.0, 0.0), (4.0, 5.0, 0.0), (3.0, 5.0, 1.0), (1.0, 5.0, 1.0)]
 
 
+# A square of side 4 without the triangle (4, 0), (4, 4), (0.5, 2): area 16 - 7, centroid by the difference.
+NOTCH = [(0, 0, 0), (4, 0, 0), (0.5, 2, 0), (4, 4, 0), (0, 4, 0)]
+
+
 def surface(*polygons, **fields):
     points = np.array([point for polygon in polygons for point in polygon], float).reshape(-1, 3)
     return Surface(
@@ -27,34 +31,22 @@ def surface(*polygons, **fields):
 
 
 def test_centroids_areas_and_normals_of_plane_polygons():
-    wall = surface(TRIANGLE, ELL, TRAPEZIUM)
-    assert wall.faces == 3
-    np.testing.assert_allclose(wall.area, [4.5, 3, 3], rtol=1e-15)
-    np.testing.assert_allclose(wall.normal, [(0, 0, 1), (1, 0, 0), (0, -1, 0)], atol=1e-15)
+    wall = surface(TRIANGLE, ELL, TRAPEZIUM, NOTCH)
+    np.testing.assert_allclose(wall.area, [4.5, 3, 3, 9], rtol=1e-14)
+    np.testing.assert_allclose(wall.normal, [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0, 0, 1)], atol=1e-15)
     # The L's three squares have their centres at (0.5, 0.5), (1.5, 0.5), (0.5, 1.5).
-    np.testing.assert_allclose(wall.centre, [(1, 1, 0), (1, 5 / 6, 5 / 6), (2, 5, 4 / 9)], rtol=1e-15)
-
-
-def test_the_centroid_of_a_face_with_a_deep_notch():
-    # A square of side 4 without the triangle (4, 0), (4, 4), (0.5, 2): area 16 - 7, centroid by the difference.
-    wall = surface([(0, 0, 0), (4, 0, 0), (0.5, 2, 0), (4, 4, 0), (0, 4, 0)])
-    np.testing.assert_allclose(wall.area, [9], rtol=1e-14)
-    np.testing.assert_allclose(wall.centre, [((16 * 2 - 7 * 8.5 / 3) / 9, 2, 0)], rtol=1e-14)
-
-
-def test_a_twisted_face_has_the_area_vector_of_its_edge():
-    twisted = surface([(0, 0, 0), (1, 0, 0.2), (1, 1, -0.1), (0, 1, 0.4)])
-    corners = twisted.points
-    edge = np.sum(np.cross(corners, np.roll(corners, -1, axis=0)), axis=0) / 2
-    np.testing.assert_allclose(twisted.area_vector, [edge], rtol=1e-14)
-
-
-def test_the_reversed_surface_has_the_opposite_normals_and_no_other_difference():
-    wall = surface(TRIANGLE, ELL, TRAPEZIUM)
+    notch = (16 * 2 - 7 * 8.5 / 3) / 9, 2, 0
+    np.testing.assert_allclose(wall.centre, [(1, 1, 0), (1, 5 / 6, 5 / 6), (2, 5, 4 / 9), notch], rtol=1e-14)
     mirrored = wall.reversed()
     np.testing.assert_array_equal(mirrored.normal, -wall.normal)
     np.testing.assert_allclose(mirrored.centre, wall.centre, rtol=1e-15)
     np.testing.assert_array_equal(mirrored.reversed().corners, wall.corners)
+
+
+def test_a_twisted_face_has_the_area_vector_of_its_edge():
+    twisted = surface([(0, 0, 0), (1, 0, 0.2), (1, 1, -0.1), (0, 1, 0.4)])
+    edge = np.sum(np.cross(twisted.points, np.roll(twisted.points, -1, axis=0)), axis=0) / 2
+    np.testing.assert_allclose(twisted.area_vector, [edge], rtol=1e-14)
 
 
 def test_faces_of_the_mesh_that_are_not_of_the_surface_are_none():
