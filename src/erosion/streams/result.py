@@ -7,7 +7,8 @@ maximum is at another angle than that of a single particle.
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -26,7 +27,7 @@ from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests
 from erosion.parameters.quantities import RESULTS, result_row
 from erosion.parameters.scales import table_scale
-from erosion.parameters.units import System, conversion_factor
+from erosion.parameters.units import conversion_factor
 from erosion.streams.tally import Estimate, Particles, Points, Tally
 
 _ANGLES = np.deg2rad(np.linspace(2.0, 90.0, 45))
@@ -64,42 +65,6 @@ class NozzleAngle:
     single_curve: np.ndarray
 
 
-@dataclasses.dataclass(frozen=True)
-class _NozzleJet:
-    """The same particles at any angle of the nozzle; `sample` has the shape (replicates, particles)."""
-
-    particles: Particles
-    sample: Mapping[str, np.ndarray]
-    rtol: float
-
-    def means(self, angles: np.ndarray, replicates: slice = slice(None)) -> np.ndarray:
-        """Mean volume of each replicate at each angle, shape (replicates, angles) [volume]."""
-        values = {name: value[replicates][..., None, :] for name, value in self.sample.items()}
-        model, p, hits = self.particles.impacts(values, angles[:, None])
-        return np.nanmean(np.where(hits, impact(model, p, rtol=self.rtol).volume, 0.0), axis=-1)
-
-    def curves(self, angles: np.ndarray, at_once: int, progress: Progress) -> np.ndarray:
-        """`means` over many angles, `at_once` at a time; shape (replicates, angles) [volume]."""
-        parts = []
-        for begin in range(0, len(angles), at_once):
-            parts.append(self.means(angles[begin : begin + at_once]))
-            progress("angles", min(begin + at_once, len(angles)), len(angles))
-        return np.concatenate(parts, axis=1)
-
-    def best(self, curve: np.ndarray, replicates: slice = slice(None)) -> tuple[float, bool]:
-        """The best angle of some replicates [rad], near the top of their mean curve, and whether it is at an edge."""
-        top = int(np.argmax(curve))
-        around = _ANGLES[max(top - 1, 0)], _ANGLES[min(top + 1, len(_ANGLES) - 1)]
-        minimum = minimize_scalar(
-            lambda angle: -np.mean(self.means(np.array([angle]), replicates)),
-            bounds=around,
-            method="bounded",
-            options={"xatol": _PRECISION},
-        )
-        at_edge = min(abs(minimum.x - _ANGLES[0]), abs(minimum.x - _ANGLES[-1])) < 3 * _PRECISION
-        return float(minimum.x), bool(at_edge)
-
-
 def best_nozzle_angle(
     particles: Particles,
     points: str,
@@ -120,17 +85,39 @@ def best_nozzle_angle(
         progress: called with "angles", the number of angles of the curve that are done, and of all.
     """
     sample = particles.draw(Points(points, particles.dimension, seed, replicates).take(_DRAWN))
-    jet = _NozzleJet(particles, sample, rtol)
-    curves = jet.curves(_ANGLES, max(1, _LANES // (replicates * _DRAWN)), progress)
-    tops = np.array([jet.best(curve, slice(i, i + 1))[0] for i, curve in enumerate(curves)])
-    alpha, at_edge = jet.best(curves.mean(axis=0))
+
+    def means(angles: np.ndarray, part: slice = slice(None)) -> np.ndarray:
+        """Mean volume of some replicates at each angle, shape (replicates, angles) [volume]."""
+        values = {name: value[part][..., None, :] for name, value in sample.items()}
+        model, p, hits = particles.impacts(values, angles[:, None])
+        return np.nanmean(np.where(hits, impact(model, p, rtol=rtol).volume, 0.0), axis=-1)
+
+    def best(curve: np.ndarray, part: slice = slice(None)) -> float:
+        """The best angle of some replicates [rad], near the top of their mean curve."""
+        top = int(np.argmax(curve))
+        around = _ANGLES[max(top - 1, 0)], _ANGLES[min(top + 1, len(_ANGLES) - 1)]
+        minimum = minimize_scalar(
+            lambda angle: -np.mean(means(np.array([angle]), part)),
+            bounds=around,
+            method="bounded",
+            options={"xatol": _PRECISION},
+        )
+        return float(minimum.x)
+
+    parts, at_once = [], max(1, _LANES // (replicates * _DRAWN))
+    for begin in range(0, len(_ANGLES), at_once):
+        parts.append(means(_ANGLES[begin : begin + at_once]))
+        progress("angles", min(begin + at_once, len(_ANGLES)), len(_ANGLES))
+    curves = np.concatenate(parts, axis=1)
+    tops = np.array([best(curve, slice(i, i + 1)) for i, curve in enumerate(curves)])
+    alpha = best(curves.mean(axis=0))
     model, typical = particles.typical
     single = alpha_max(model, typical)
     single_angles = np.linspace(_ANGLES[0], _ANGLES[-1], 500)
     return NozzleAngle(
         alpha=Estimate.of(tops, alpha),
-        volume=Estimate.of(jet.means(np.array([alpha]))[:, 0]),
-        at_edge=at_edge,
+        volume=Estimate.of(means(np.array([alpha]))[:, 0]),
+        at_edge=bool(min(abs(alpha - _ANGLES[0]), abs(alpha - _ANGLES[-1])) < 3 * _PRECISION),
         angles=_ANGLES,
         curve=curves.mean(axis=0),
         curve_error=curves.std(axis=0, ddof=1) / np.sqrt(replicates),
@@ -257,8 +244,7 @@ class Stream(Result):
     @property
     def erosion_warning(self) -> str | None:
         """One sentence where the erosion is far from what tests find at the mean speed, else None."""
-        far = self._far if self.per_mass.is_given else None
-        return None if far is None else str(far)
+        return None if self._far is None or not self.per_mass.is_given else str(self._far)
 
     @property
     def _far(self) -> FarFromTests | None:
@@ -317,75 +303,72 @@ class Stream(Result):
 
     def rows(self) -> list[Row]:
         """The results as rows of a table; errors are standard errors."""
-        units = self.particles.p.units
+        units, parameters = self.particles.p.units, quantities(self.model)
+
+        def mean(name: str) -> Row:
+            estimate: Estimate = getattr(self, name)
+            scale = table_scale(RESULTS[name].dimension, units, largest_of(estimate.value))
+            return _with_error(result_row(name, estimate.value, units), estimate, 1 / scale.size)
+
+        deviation, total = (result_row(name, getattr(self, name), units) for name in ("deviation", "total_volume"))
+        if self.particles.uncertain:
+            deviation = deviation._replace(meaning=f"{deviation.meaning}, uncertain parameters included")
         rows = [
             Row("n", "", f"{self.n:,}", "", f"particles; ± is {self.error_meaning}"),
-            self._estimate_row("mean_volume"),
+            mean("mean_volume"),
             *self._per_mass_rows(),
             *self._uncertainty_rows(),
-            self._estimate_row("mean_mass"),
+            mean("mean_mass"),
+            deviation,
+            total,
         ]
-        rows += [result_row(name, getattr(self, name), units) for name in ("deviation", "total_volume")]
-        if self.particles.uncertain:
-            rows[-2] = rows[-2]._replace(meaning=f"{rows[-2].meaning}, uncertain parameters included")
         for share, volume in self.quantiles.items():
-            row = result_row("volume", volume, units)
-            rows.append(row._replace(meaning=f"{share:.0%} of the particles remove no more"))
+            meaning = f"{share:.0%} of the particles remove no more"
+            rows.append(result_row("volume", volume, units)._replace(meaning=meaning))
         for end, share in self.shares.items():
             rows.append(_with_error(Row(f"share {end}", "", "", "%"), share, 100.0))
-        parameters = quantities(self.model)
-        for name, (first, total) in (self.sensitivities or {}).items():
+        for name, (first, with_others) in (self.sensitivities or {}).items():
             symbol = ", ".join(parameters[part].symbol for part in name.split(", "))
             rows.append(_with_error(Row("sensitivity", f"S({symbol})", "", "", "of the variance, alone"), first))
-            rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), total))
+            rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), with_others))
         if self.nozzle is not None:
             at_edge = " (the edge of what was looked at)" if self.nozzle.at_edge else ""
             best, degree = self.nozzle.alpha, 180 / math.pi
             row = Row("alpha_max", "α_max", "", "°", f"of the nozzle, for the stream{at_edge}; ± by sampling alone")
-            rows.append(_with_error(row, best, degree))
-            ends = (with_error(end, best.error, 1 / degree).partition(" ")[0] for end in (best.low, best.high))
-            rows.append(Row("", "", " … ".join(ends), "°", "its 95 % interval, by sampling alone"))
+            interval = _interval(best.low, best.high, best.error, 1 / degree)
             alone = f"of a single, typical particle ({self.nozzle.single_kind})"
-            rows.append(Row("", "", f"{self.nozzle.single_alpha * degree:.5g}", "°", alone))
+            rows += [
+                _with_error(row, best, degree),
+                Row("", "", interval, "°", "its 95 % interval, by sampling alone"),
+                Row("", "", f"{self.nozzle.single_alpha * degree:.5g}", "°", alone),
+            ]
         return rows
 
-    def _per_mass_rows(self) -> list[Row]:
+    def _per_mass_rows(self) -> Iterator[Row]:
         """Erosion per mass of abrasive, in mm³/kg and, where the density is known, in g/kg."""
-        mm3, grams = PER_MASS_SCALES.values()
         to_si = conversion_factor("volume per mass", self.particles.p.units, "si")
-        numbers = [("erosion", self.erosion, to_si / mm3.size, mm3.unit)]
-        if self.erosion_ratio is not None:
-            numbers.append(("erosion_ratio", self.erosion_ratio, 1 / grams.size, grams.unit))
         is_beyond = self._far is not None and self._far.is_beyond
-        rows = [
-            Row(name, RESULTS[name].symbol, "", unit, self.per_mass.meaning_of(name, is_beyond=is_beyond))
-            for name, _, _, unit in numbers
-        ]
-        return [_with_error(row, estimate, factor) for row, (_, estimate, factor, _) in zip(rows, numbers, strict=True)]
+        sizes = zip(("erosion", "erosion_ratio"), (to_si, 1.0), PER_MASS_SCALES.values(), strict=True)
+        for name, to_base, scale in sizes:
+            if (estimate := getattr(self, name)) is not None:
+                meaning = self.per_mass.meaning_of(name, is_beyond=is_beyond)
+                yield _with_error(
+                    Row(name, RESULTS[name].symbol, "", scale.unit, meaning), estimate, to_base / scale.size
+                )
 
     def _uncertainty_rows(self) -> list[Row]:
         """What the uncertain parameters do to the erosion."""
         if self.uncertainty is None:
             return []
-        known = quantities(self.model)
-        names = ", ".join(known[name].symbol for name in self.particles.uncertain)
-        error = self.parameter_errors["erosion"]
-        scale = PER_MASS_SCALES["specific_volume"]
+        names = ", ".join(quantities(self.model)[name].symbol for name in self.particles.uncertain)
+        error, scale = self.parameter_errors["erosion"], PER_MASS_SCALES["specific_volume"]
         size = scale.size / conversion_factor("volume per mass", self.particles.p.units, "si")
-        low, high = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
-        ends = (with_error(end, error, size).partition(" ")[0] for end in (low, high))
+        ends = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
         relative = 100 * error / self.erosion.value if self.erosion.value else math.nan
         return [
             Row("parameter_error", "", f"{relative:.3g}", "%", f"of E, by uncertain {names}; ± is by sampling alone"),
-            Row("", "", " … ".join(ends), scale.unit, "the 95 % interval of E by them"),
+            Row("", "", _interval(*ends, error, size), scale.unit, "the 95 % interval of E by them"),
         ]
-
-    def _estimate_row(self, name: str) -> Row:
-        """A mean with its standard error."""
-        estimate: Estimate = getattr(self, name)
-        units = self.particles.p.units
-        size = table_scale(RESULTS[name].dimension, units, largest_of(estimate.value)).size
-        return _with_error(result_row(name, estimate.value, units), estimate, 1 / size)
 
     @property
     def title(self) -> str:
@@ -416,68 +399,66 @@ class Stream(Result):
             }  # fmt: skip
         numbers["units"] = {name: dataset[name].attrs["units"] for name in scalars}
         impact = impact_to_dict(self.model, self.particles.p, but=self.particles.all_laws)
-        return impact | {"laws": self._laws("; ")} | to_plain(numbers)
+        return impact | {"laws": self._laws} | to_plain(numbers)
 
     def to_dataset(self) -> xr.Dataset:
         """The results with their units, and the tally they come from, as a Dataset."""
-        units = self.particles.p.units
-        dataset = self.tally.to_dataset()
-        dataset["end"] = ("end", np.array(self.ends, dtype=object))
+        units, known = self.particles.p.units, {**RESULTS, **QUANTITIES}
+
+        def number(dims: str | tuple[()], values: Any, name: str, meaning: str = "") -> tuple[Any, ...]:
+            return dims, values, known[name].attributes(units) | ({"long_name": meaning} if meaning else {})
+
+        variables: dict[str, tuple[Any, ...]] = {"end": ("end", np.array(self.ends, dtype=object))}
         for name in ("mean_volume", "mean_mass", "erosion", "erosion_ratio"):
-            estimate: Estimate | None = getattr(self, name)
-            if estimate is None:
-                continue
-            attributes = RESULTS[name].attributes(units)
-            dataset[name] = ((), estimate.value, attributes)
-            dataset[f"{name}_error"] = (
-                (),
-                estimate.error,
-                {**attributes, "long_name": f"standard error of {name} by sampling"},
-            )
+            if (estimate := getattr(self, name)) is not None:
+                variables[name] = number((), estimate.value, name)
+                error = f"standard error of {name} by sampling"
+                variables[f"{name}_error"] = number((), estimate.error, name, error)
         for name, error in self.parameter_errors.items():
-            attributes = RESULTS[name].attributes(units)
-            words = {"long_name": f"standard deviation of {name} by uncertain parameters"}
-            dataset[f"{name}_parameter_error"] = ((), error, attributes | words)
-        for name in ("deviation", "total_volume"):
-            dataset[name] = ((), getattr(self, name), RESULTS[name].attributes(units))
-        dataset["quantile"] = ("quantile", list(self.quantiles))
-        attributes = RESULTS["volume"].attributes(units)
-        dataset["volume_quantile"] = ("quantile", list(self.quantiles.values()), attributes)
+            meaning = f"standard deviation of {name} by uncertain parameters"
+            variables[f"{name}_parameter_error"] = number((), error, name, meaning)
+        variables |= {name: number((), getattr(self, name), name) for name in ("deviation", "total_volume")}
         edges, shares = self.tally.histogram()
-        dataset["volume_edge"] = ("edge", edges, attributes)
-        dataset["share"] = ("between_edges", shares, {"long_name": "share of the particles", "units": "1"})
+        variables |= {
+            "quantile": ("quantile", list(self.quantiles)),
+            "volume_quantile": number("quantile", list(self.quantiles.values()), "volume"),
+            "volume_edge": number("edge", edges, "volume"),
+            "share": ("between_edges", shares, {"long_name": "share of the particles", "units": "1"}),
+        }
         if self.sensitivities is not None:
-            dataset["law"] = ("law", np.array(list(self.sensitivities), dtype=object))
-            for i, name in enumerate(("first_order", "total_order")):
-                estimates = [orders[i] for orders in self.sensitivities.values()]
-                attributes = {"long_name": f"Sobol index, {name}", "units": "1"}
-                dataset[name] = ("law", [estimate.value for estimate in estimates], attributes)
-                dataset[f"{name}_error"] = ("law", [estimate.error for estimate in estimates], {"units": "1"})
-        if self.nozzle is not None:
-            _add_nozzle(dataset, self.nozzle, units)
+            variables["law"] = ("law", np.array(list(self.sensitivities), dtype=object))
+            for name, estimates in zip(
+                ("first_order", "total_order"), zip(*self.sensitivities.values(), strict=True), strict=True
+            ):
+                index = {"long_name": f"Sobol index, {name}", "units": "1"}
+                variables[name] = ("law", [estimate.value for estimate in estimates], index)
+                variables[f"{name}_error"] = ("law", [estimate.error for estimate in estimates], {"units": "1"})
+        if (nozzle := self.nozzle) is not None:
+            best, single = nozzle.alpha, "angle of attack at which a single, typical particle removes most"
+            variables |= {
+                "nozzle": number("nozzle", nozzle.angles, "alpha", "angle of the nozzle"),
+                "curve": number("nozzle", nozzle.curve, "mean_volume"),
+                "curve_error": number("nozzle", nozzle.curve_error, "mean_volume"),
+                "alpha_max": number((), best.value, "alpha", "angle of the nozzle that removes most"),
+                "single_alpha_max": number((), nozzle.single_alpha, "alpha", single),
+                "alpha_max_interval": number("end_of_interval", [best.low, best.high], "alpha"),
+            }
         model = model_in_words(self.model, but=self.particles.all_laws)
-        laws = self._laws("; ")
-        dataset.attrs |= provenance("a stream", self.particles.p, **model, distributions=laws, particles=self.n)
-        return dataset
+        described = provenance("a stream", self.particles.p, **model, distributions=self._laws, particles=self.n)
+        dataset = self.tally.to_dataset().assign(variables)
+        return dataset.assign_attrs(described)
 
-    def _laws(self, separator: str) -> str:
+    @property
+    def _laws(self) -> str:
         kinds = dict.fromkeys(self.particles.uncertain, "uncertain ")
-        return separator.join(f"{name}: {kinds.get(name, '')}{law}" for name, law in self.particles.all_laws.items())
-
-
-def _add_nozzle(dataset: xr.Dataset, nozzle: NozzleAngle, units: System) -> None:
-    """Put the best angle and its curve into the Dataset of a stream."""
-    angle, volume = QUANTITIES["alpha"].attributes(units), RESULTS["mean_volume"].attributes(units)
-    dataset["nozzle"] = ("nozzle", nozzle.angles, {**angle, "long_name": "angle of the nozzle"})
-    dataset["curve"] = ("nozzle", nozzle.curve, volume)
-    dataset["curve_error"] = ("nozzle", nozzle.curve_error, volume)
-    best = nozzle.alpha
-    dataset["alpha_max"] = ((), best.value, {**angle, "long_name": "angle of the nozzle that removes most"})
-    single = {**angle, "long_name": "angle of attack at which a single, typical particle removes most"}
-    dataset["single_alpha_max"] = ((), nozzle.single_alpha, single)
-    dataset["alpha_max_interval"] = ("end_of_interval", [best.low, best.high], angle)
+        return "; ".join(f"{name}: {kinds.get(name, '')}{law}" for name, law in self.particles.all_laws.items())
 
 
 def _with_error(row: Row, estimate: Estimate, unit: float = 1.0) -> Row:
     """A row whose value shows its standard error."""
     return row._replace(value=with_error(estimate.value, estimate.error, 1 / unit))
+
+
+def _interval(low: float, high: float, error: float, size: float) -> str:
+    """The ends of an interval, to the digits that an error has."""
+    return " … ".join(with_error(end, error, size).partition(" ")[0] for end in (low, high))

@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,38 +27,46 @@ from erosion.models.own_parameters import own_in_words, own_quantities, quantiti
 from erosion.models.registry import BUILT_IN, require_loadable
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, validate
 from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import System, ascii_unit, derivative_unit
-
-if TYPE_CHECKING:
-    import xarray as xr
-
+from erosion.parameters.units import ascii_unit, derivative_unit
 
 Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class AnyGrid(abc.ABC):
-    """What is computed and stored block by block: a grid of impacts, or of lanes of any problem."""
+    """What is computed and stored block by block: a grid of impacts, or of lanes of any problem.
+
+    Args:
+        axes: by name, the values along each axis, shape (n,).
+    """
+
+    axes: Mapping[str, np.ndarray]
 
     @property
-    @abc.abstractmethod
+    def outside_of_range(self) -> tuple[str, ...]:
+        """Sentences on what lies outside of what a model is made for."""
+        return ()
+
+    @property
     def dims(self) -> tuple[str, ...]:
         """Names of the dimensions."""
+        return tuple(self.axes)
 
     @property
-    @abc.abstractmethod
-    def shape(self) -> tuple[int, ...]:
-        """Length of each dimension."""
+    def labels(self) -> dict[str, np.ndarray]:
+        """The values along each dimension, by name."""
+        return dict(self.axes)
 
     @property
     def lengths(self) -> dict[str, int]:
         """Length of each dimension, by name."""
-        return dict(zip(self.dims, self.shape, strict=True))
+        return {dim: len(self.labels[dim]) for dim in self.dims}
 
     @property
-    @abc.abstractmethod
-    def labels(self) -> dict[str, np.ndarray]:
-        """The values along each dimension, by name."""
+    def shape(self) -> tuple[int, ...]:
+        """Length of each dimension."""
+        return tuple(self.lengths.values())
 
     @functools.cached_property
     @abc.abstractmethod
@@ -70,20 +78,24 @@ class AnyGrid(abc.ABC):
         """The block of a region."""
 
     @abc.abstractmethod
-    def variables(self) -> Mapping[str, Any]:
-        """The arrays, each a `Variable`; `ended_by` comes last, and its code 0 means that nothing is computed."""
+    def variables(self) -> "Mapping[str, Variable]":
+        """The arrays; `ended_by` comes last, and its code 0 means that nothing is computed."""
 
     @abc.abstractmethod
     def solve(self) -> dict[str, np.ndarray]:
         """Compute all of it, by name."""
 
     @abc.abstractmethod
-    def labelled(self, values: Mapping[str, Any]) -> "xr.Dataset":
-        """Arrays of the grid's shape as a Dataset."""
+    def frame(self) -> xr.Dataset:
+        """Coordinates and attributes."""
 
-    @abc.abstractmethod
-    def require_portable(self) -> None:
-        """Refuse what the workers of a cluster cannot load."""
+    def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
+        """Arrays of the variables' dimensions as a Dataset."""
+        arrays = {name: (its.dims, values[name], dict(its.attributes)) for name, its in self.variables().items()}
+        return self.frame().assign(arrays)
+
+    def require_portable(self) -> None:  # noqa: B027 (a problem needs no other)
+        """Refuse what the workers of a cluster cannot load; a problem travels to them as it is."""
 
 
 def block_shape(
@@ -146,20 +158,21 @@ KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "non
 
 @dataclasses.dataclass(frozen=True)
 class Variable:
-    """An array of a sweep: its dimensions, its quantity (none for codes), and further attributes."""
+    """An array of a sweep: its dimensions, and its attributes in the words of the CF conventions."""
 
     dims: tuple[str, ...]
-    quantity: Quantity | None
-    more: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def attributes(self, units: System) -> dict[str, Any]:
-        """Unit and names, in the words of the CF conventions."""
-        return {**({} if self.quantity is None else self.quantity.attributes(units)), **self.more}
+    attributes: Mapping[str, Any]
 
     @property
     def empty(self) -> Any:
         """The value of what is not computed yet: NaN, or the code of "not-computed"."""
-        return np.int8(0) if self.quantity is None else np.nan
+        return np.int8(0) if "flag_values" in self.attributes else np.nan
+
+
+def flags(meanings: Sequence[str], **names: str) -> dict[str, Any]:
+    """Attributes of codes 0, 1, … with these meanings."""
+    values = np.arange(len(meanings), dtype=np.int8)
+    return {**names, "flag_values": values, "flag_meanings": " ".join(meanings)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,15 +218,14 @@ class Named:
     digest: str | None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Grid(AnyGrid):
-    """A rectangle of impacts.
+    """A rectangle of impacts; `axes` are parameters of the case or every model's own.
 
     Args:
         models: the label of each model, and the model, or its name and digest.
         compared: whether "model" is a dimension (else there is one model).
         p: the case, all scalars; the axes replace some of its values.
-        axes: parameter name, of the case or every model's own, to its values, shape (n,).
         paired: names of the axes that go together along the dimension "pair".
         ends: meanings of the codes 0, 1, … in `ended_by`; 0 is "not-computed".
         outputs: what is computed of each impact.
@@ -223,23 +235,19 @@ class Grid(AnyGrid):
     models: "Mapping[str, CuttingModel | Named]"
     compared: bool
     p: Parameters
-    axes: Mapping[str, np.ndarray]
     paired: tuple[str, ...]
     ends: tuple[str, ...]
     outputs: Outputs
     own: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
+    def dim_of(self, axis: str) -> str:
+        """The dimension along which the values of an axis lie."""
+        return PAIR if axis in self.paired else axis
+
     @property
     def dims(self) -> tuple[str, ...]:
         """Names of the dimensions: "model", then the axes in their order."""
-        axes = dict.fromkeys(PAIR if name in self.paired else name for name in self.axes)
-        return (*(("model",) if self.compared else ()), *axes)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Length of each dimension."""
-        lengths = {PAIR if name in self.paired else name: len(values) for name, values in self.axes.items()}
-        return tuple(len(self.models) if dim == "model" else lengths[dim] for dim in self.dims)
+        return tuple(dict.fromkeys(map(self.dim_of, self.labels)))
 
     @property
     def labels(self) -> dict[str, np.ndarray]:
@@ -247,6 +255,11 @@ class Grid(AnyGrid):
         # Python strings: numpy's fixed-length ones have no specification in Zarr.
         models = {"model": np.array(list(self.models), dtype=object)} if self.compared else {}
         return {**models, **self.axes}
+
+    @property
+    def lengths(self) -> dict[str, int]:
+        """Length of each dimension, by name."""
+        return {self.dim_of(name): len(values) for name, values in self.labels.items()}
 
     def require_portable(self) -> None:
         """Refuse models that the workers of a cluster cannot load.
@@ -261,12 +274,14 @@ class Grid(AnyGrid):
         """The block of this region."""
         along = dict(zip(self.dims, region, strict=True))
         labels = list(self.models)[along.get("model", slice(None))]
-        axes = {name: v[along[PAIR if name in self.paired else name]] for name, v in self.axes.items()}
         # Blocks along α share their optimum; the first of them computes it.
         optimum = self.outputs.optimum and along.get("alpha", slice(None)).start in (0, None)
-        models = {label: self.models[label] for label in labels}
-        outputs = dataclasses.replace(self.outputs, optimum=optimum)
-        return dataclasses.replace(self, models=models, axes=axes, outputs=outputs)
+        return dataclasses.replace(
+            self,
+            models={label: self.models[label] for label in labels},
+            axes={name: values[along[self.dim_of(name)]] for name, values in self.axes.items()},
+            outputs=dataclasses.replace(self.outputs, optimum=optimum),
+        )
 
     def loaded(self) -> dict[str, CuttingModel]:
         """The models by label, with the values of `own`."""
@@ -280,11 +295,10 @@ class Grid(AnyGrid):
     def impacts(self, model: CuttingModel, but: str = "") -> tuple[CuttingModel, Parameters]:
         """A model and its case with all axes `but` one, as values that broadcast to the shape of their dimensions."""
         dims = [dim for dim in self.dims if dim not in ("model", but)]
-        along = {name: PAIR if name in self.paired else name for name in self.axes}
         values = {
-            name: values.reshape([-1 if dim == along[name] else 1 for dim in dims])
+            name: values.reshape([-1 if dim == self.dim_of(name) else 1 for dim in dims])
             for name, values in self.axes.items()
-            if along[name] in dims
+            if self.dim_of(name) in dims
         }
         return with_values(model, self.p, values)
 
@@ -294,19 +308,20 @@ class Grid(AnyGrid):
         impacts = [self.impacts(model) for model in self.loaded().values()]
         return tuple(said for model, p in impacts if (said := model.outside_of_range(p)) is not None)
 
-    def variables(self) -> dict[str, "Variable"]:
+    def variables(self) -> dict[str, Variable]:
         """The arrays of impacts, and of best angles; `ended_by` comes last."""
-        known = {**self.outputs.own, **RESULTS}
+        known, units = {**self.outputs.own, **RESULTS}, self.p.units
         variables = {
-            name: Variable(self.dims, known[name], self._derivative_attributes(name)) for name in self.outputs.names
+            name: Variable(self.dims, known[name].attributes(units) | self._derivative_attributes(name))
+            for name in self.outputs.names
         }
         if self.outputs.optimum:
             dims = tuple(dim for dim in self.dims if dim != "alpha")
-            variables |= {name: Variable(dims, RESULTS[name]) for name in ("alpha_max", "volume_max")}
-            variables["alpha_max_kind"] = Variable(dims, None, _flags("what makes the angle the best", KINDS))
-            variables["alpha_max_ended_by"] = Variable(dims, None, _flags("how the cut ends at that angle", self.ends))
-        variables["ended_by"] = Variable(self.dims, None, _flags("how the cut ended", self.ends))
-        return variables
+            codes = {"alpha_max_kind": flags(KINDS, long_name="what makes the angle the best"),
+                     "alpha_max_ended_by": flags(self.ends, long_name="how the cut ends at that angle")}  # fmt: skip
+            numbers = {name: RESULTS[name].attributes(units) for name in ("alpha_max", "volume_max")}
+            variables |= {name: Variable(dims, attributes) for name, attributes in (numbers | codes).items()}
+        return variables | {"ended_by": Variable(self.dims, flags(self.ends, long_name="how the cut ended"))}
 
     def solve(self) -> dict[str, np.ndarray]:
         """Compute every impact: arrays of the variables' dimensions, words as codes."""
@@ -320,21 +335,13 @@ class Grid(AnyGrid):
         """The variables of one model."""
         outputs = self.outputs
         hits = impact(*self.impacts(model), derivatives=outputs.derivatives, wrt=outputs.wrt, rtol=outputs.rtol)
-        values = {name: np.asarray(getattr(hits, name)) for name in outputs.names if name not in outputs.own}
-        values |= {name: np.asarray(hits.quantities[name]) for name in outputs.own}
+        values = {name: hits.quantities[name] if name in outputs.own else getattr(hits, name) for name in outputs.names}
+        values["ended_by"] = _codes(hits.ended_by, self.ends)
         if outputs.optimum:
             best = alpha_max(*self.impacts(model, but="alpha"))
-            values["alpha_max"], values["volume_max"] = np.asarray(best.alpha), np.asarray(best.volume)
-            values["alpha_max_kind"] = _codes(best.kind, KINDS)
-            values["alpha_max_ended_by"] = _codes(best.ended_by, self.ends)
-        return {**values, "ended_by": _codes(hits.ended_by, self.ends)}
-
-    def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
-        """Arrays of the grid's shape as a Dataset with coordinates, units and provenance."""
-        dataset = xr.Dataset(coords=self._coordinates(), attrs=self._provenance())
-        for name, variable in self.variables().items():
-            dataset[name] = (variable.dims, values[name], variable.attributes(self.p.units))
-        return dataset
+            values |= {"alpha_max": best.alpha, "volume_max": best.volume, "alpha_max_kind": _codes(best.kind, KINDS),
+                       "alpha_max_ended_by": _codes(best.ended_by, self.ends)}  # fmt: skip
+        return {name: np.asarray(array) for name, array in values.items()}
 
     @functools.cached_property
     def identity(self) -> dict[str, str]:
@@ -348,23 +355,23 @@ class Grid(AnyGrid):
             tolerance=repr(self.outputs.rtol),
         )
 
-    def _coordinates(self) -> dict[str, Any]:
+    def frame(self) -> xr.Dataset:
+        """Coordinates with units, and provenance."""
         coordinates: dict[str, Any] = {}
         if self.compared:
             coordinates["model"] = ("model", self.labels["model"], {"long_name": "model"})
         for name, values in self.axes.items():
-            dim = PAIR if name in self.paired else name
-            coordinates[name] = (dim, values, self.quantities[name].attributes(self.p.units))
-        return coordinates
-
-    def _provenance(self) -> dict[str, Any]:
-        only = {} if self.compared else {"model": next(iter(self.models))}
-        derivatives = {"derivatives_with_respect_to": self.outputs.wrt} if self.outputs.derivatives else {}
+            coordinates[name] = (self.dim_of(name), values, self.quantities[name].attributes(self.p.units))
         own = {label: own_in_words(model, but=self.axes) for label, model in self.loaded().items()}
-        own_words = "; ".join(f"{label}: {words}" if self.compared else words for label, words in own.items() if words)
-        own_words = {"own_parameters": own_words} if own_words else {}
-        comment = {"comment": " ".join(self.outside_of_range)} if self.outside_of_range else {}
-        return provenance("a sweep", self.p, **only, **own_words, **derivatives, **comment)
+        own = {label: f"{label}: {words}" if self.compared else words for label, words in own.items() if words}
+        said = {
+            "model": "" if self.compared else next(iter(self.models)),
+            "own_parameters": "; ".join(own.values()),
+            "derivatives_with_respect_to": self.outputs.wrt if self.outputs.derivatives else "",
+            "comment": " ".join(self.outside_of_range),
+        }
+        attributes = provenance("a sweep", self.p, **{name: words for name, words in said.items() if words})
+        return xr.Dataset(coords=coordinates, attrs=attributes)
 
     def _derivative_attributes(self, name: str) -> dict[str, str]:
         """Names and unit of a derivative that is not by α; empty for other results."""
@@ -405,7 +412,16 @@ def make_grid(
         raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(parameters)}), but is {outputs.wrt!r}.")
     events = [name for source in models.values() for name in end_names(_loaded(source))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
-    grid = Grid(models, compared, p, arrays, _pairs(paired, arrays), ends, outputs, own or {})
+    grid = Grid(
+        models=models,
+        compared=compared,
+        p=p,
+        axes=arrays,
+        paired=_pairs(paired, arrays),
+        ends=ends,
+        outputs=outputs,
+        own=own or {},
+    )
     for name in arrays:
         if name in {*grid.variables(), "model", PAIR}:
             raise ValueError(f"An axis must not be called `{name}`, as something else in a sweep is.")
@@ -506,9 +522,3 @@ def _codes(names: Any, meanings: Sequence[str]) -> np.ndarray:
 def in_words(codes: xr.DataArray) -> Any:
     """The words for the codes of a sweep's variable, strings of its shape."""
     return np.array(codes.attrs["flag_meanings"].split())[codes.values.astype(int)]
-
-
-def _flags(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
-    """Codes 0, 1, … and their meanings, in the words of the CF conventions."""
-    values = np.arange(len(meanings), dtype=np.int8)
-    return {"long_name": long_name, "flag_values": values, "flag_meanings": " ".join(meanings)}

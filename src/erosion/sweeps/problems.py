@@ -19,66 +19,38 @@ from erosion.ode.solution import Part, Solution, path_of
 from erosion.ode.solve import lanes_of, solve
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Options
-from erosion.parameters.quantities import Quantity
-from erosion.sweeps.grid import AnyGrid, Region, Variable
+from erosion.sweeps.grid import AnyGrid, Region, Variable, flags
 from erosion.sweeps.sweep import prepare_sweep
 from erosion.version import __version__
 
 _NOT_COMPUTED = "not-computed"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class ProblemGrid(AnyGrid):
-    """A rectangle of lanes of one problem.
+    """A rectangle of lanes of one problem; `axes` are paths of numbers of `args`, or "t0" or "t1".
 
     Args:
         problem: the problem.
         args: of one lane.
-        axes: by the path of a number of `args`, or "t0" or "t1", its values, shape (n,).
         options: of `erosion.ode.solve`.
     """
 
     problem: Problem
     args: PyTree
-    axes: Mapping[str, np.ndarray]
     options: Mapping[str, Any]
-
-    outside_of_range = ()
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """Names of the dimensions."""
-        return tuple(self.axes)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Length of each dimension."""
-        return tuple(map(len, self.axes.values()))
-
-    @property
-    def labels(self) -> dict[str, np.ndarray]:
-        """The values along each dimension."""
-        return dict(self.axes)
 
     def __getitem__(self, region: Region) -> "ProblemGrid":
         """The block of this region."""
         axes = {name: values[cut] for (name, values), cut in zip(self.axes.items(), region, strict=True)}
         return dataclasses.replace(self, axes=axes)
 
-    def require_portable(self) -> None:
-        """A problem travels to the workers of a cluster as it is."""
-
-    @functools.cached_property
-    def ends(self) -> tuple[str, ...]:
-        """Meanings of the codes 0, 1, … in `ended_by`."""
-        return (_NOT_COMPUTED, *(name.replace(" ", "_") for name in self.problem.events), *OTHER_ENDS)
-
     def variables(self) -> dict[str, Variable]:
         """The arrays; `ended_by` comes last."""
         one = self.solved({name: values[:1] for name, values in self.axes.items()})
-        flags = {"flag_values": np.arange(len(self.ends), dtype=np.int8), "flag_meanings": " ".join(self.ends)}
-        numbers = {name: Variable(self.dims, Quantity(name, "", "1")) for name in self._columns(one)}
-        return {**numbers, "ended_by": Variable(self.dims, None, flags)}
+        ends = (_NOT_COMPUTED, *(name.replace(" ", "_") for name in self.problem.events), *OTHER_ENDS)
+        numbers = {name: Variable(self.dims, {}) for name in self._columns(one)}
+        return {**numbers, "ended_by": Variable(self.dims, flags(ends))}
 
     def solve(self) -> dict[str, np.ndarray]:
         """Integrate every lane."""
@@ -102,17 +74,12 @@ class ProblemGrid(AnyGrid):
             columns |= _numbers(("d2{}_d" if len(names) == 2 else "d{}_d") + "_d".join(names), part)
         return {**columns, "ended_by": np.asarray(solution.outcome, np.int8) + np.int8(1)}
 
-    def labelled(self, values: Mapping[str, Any]) -> xr.Dataset:
-        """Arrays of the grid's shape as a Dataset with coordinates and provenance."""
-        attributes = {"Conventions": "CF-1.11", "source": f"erosion {__version__}", **self._in_words()}
-        dataset = xr.Dataset(coords={name: (name, axis) for name, axis in self.axes.items()}, attrs=attributes)
-        for name, variable in self.variables().items():
-            dataset[name] = (variable.dims, values[name], dict(variable.more))
-        return dataset
-
-    def _in_words(self) -> dict[str, str]:
+    def frame(self) -> xr.Dataset:
+        """Coordinates and provenance."""
         options = {name: value for name, value in self.options.items() if value is not None and np.size(value)}
-        return {"title": "A sweep of an ODE", "args": repr(self.args), "options": repr(options)}
+        words = {"title": "A sweep of an ODE", "args": repr(self.args), "options": repr(options)}
+        attributes = {"Conventions": "CF-1.11", "source": f"erosion {__version__}", **words}
+        return xr.Dataset(coords={name: (name, axis) for name, axis in self.axes.items()}, attrs=attributes)
 
     @functools.cached_property
     def identity(self) -> dict[str, str]:
@@ -201,7 +168,7 @@ def sweep_problem(
     arrays = {name: _axis(name, values, (*known, "t0", "t1")) for name, values in axes.items()}
     if not arrays:
         raise ValueError("Argument `axes` must name at least one number, but is empty.")
-    grid = ProblemGrid(problem, args, arrays, options)
+    grid = ProblemGrid(axes=arrays, problem=problem, args=args, options=options)
     one = grid.solved({name: values[:1] for name, values in arrays.items()})
     if np.shape(one.t) != (1,) * len(arrays):
         raise ValueError("Argument `args` must be of one lane; give arrays as axes, or name them in `shared`.")

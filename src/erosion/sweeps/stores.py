@@ -8,7 +8,6 @@ complete, and while each of its chunks is as it was written.
 import contextlib
 import json
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,31 +25,7 @@ from erosion.sweeps.grid import AnyGrid, Region, regions
 _DRAFT_OF_CHUNK = re.compile(r"(c|\d+)\.[0-9a-f]{12}4[0-9a-f]{3}[89ab][0-9a-f]{15}\.partial")
 
 
-class Store(ABC):
-    """A store for the blocks of one sweep."""
-
-    @abstractmethod
-    def missing(self) -> list[Region]:
-        """The regions of the blocks that are still to be computed."""
-
-    @abstractmethod
-    def require_writable(self) -> None:
-        """Find out whether blocks can be stored; an `OSError` that names the path where they cannot."""
-
-    @abstractmethod
-    def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
-        """Store the arrays of a block, by name."""
-
-    @abstractmethod
-    def save(self) -> None:
-        """Make the stored blocks outlast this process."""
-
-    @abstractmethod
-    def dataset(self) -> xr.Dataset:
-        """All blocks, labelled."""
-
-
-class MemoryStore(Store):
+class MemoryStore:
     """Arrays in memory; with a path, also a netCDF file that `save` writes.
 
     Raises:
@@ -72,31 +47,37 @@ class MemoryStore(Store):
         )
 
     def missing(self) -> list[Region]:
+        """The regions of the blocks that are still to be computed."""
         codes = self._dataset["ended_by"].values
         return [region for region in regions(self._grid.shape, self._block) if not codes[region].all()]
 
     def require_writable(self) -> None:
+        """Find out whether blocks can be stored; an `OSError` that names the path where they cannot."""
         if self._path is not None:
             require_writable(self._path)
 
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
+        """Store the arrays of a block, by name."""
         along = dict(zip(self._grid.dims, region, strict=True))
         for name, block in values.items():
             array = self._dataset[name]
             array.values[tuple(along[str(dim)] for dim in array.dims)] = block
 
     def save(self) -> None:
+        """Make the stored blocks outlast this process."""
         if self._path is not None:
             self._since = write_netcdf(self._dataset, self._path, self._grid.identity, self._since)
 
     def dataset(self) -> xr.Dataset:
+        """All blocks, labelled."""
         return self._dataset
 
 
-class ZarrStore(Store):
+class ZarrStore:
     """A Zarr folder (format 3), with one chunk of each array for a block; any process may write.
 
-    Every chunk carries a checksum. A chunk that is lost or damaged is missing, and is computed again.
+    Every chunk carries a checksum. A chunk that is lost or damaged is missing, and is computed again. Methods are those
+    of `MemoryStore`.
 
     Raises:
         StoreError: for a folder that exists and holds something else, or lacks an array.
@@ -105,65 +86,88 @@ class ZarrStore(Store):
     def __init__(self, grid: AnyGrid, block: Sequence[int], path: Path) -> None:
         for module in ("dask.array", "zarr"):
             library(module, "dask")
-        self._grid, self._block, self._path = grid, block, path
+        self._grid, self._path, self._variables = grid, path, grid.variables()
+        self._lengths = dict(zip(grid.dims, zip(grid.shape, block, strict=True), strict=True))
         identity = grid.identity | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
         if not path.exists():
             self._create(identity)
         # Another process may have made it at the same moment.
         require_same(path, _zarr_identity(path), identity)
+        self._arrays = _arrays(path, {**self._variables, **grid.labels})
         self._require_frame()
         self._clear_drafts()
 
     def missing(self) -> list[Region]:
-        arrays = _arrays(self._path, self._grid.variables())
-        return [region for region in regions(self._grid.shape, self._block) if not self._holds(arrays, region)]
+        """See `MemoryStore`."""
+        shape, block = zip(*self._lengths.values(), strict=True)
+        return [region for region in regions(shape, block) if not self._holds(region)]
 
     def require_writable(self) -> None:
-        for name in self._grid.variables():
+        """See `MemoryStore`."""
+        for name in self._variables:
             require_writable(self._path / name / "probe")
 
     def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
+        """See `MemoryStore`."""
         write_block(self._path, dict(zip(self._grid.dims, region, strict=True)), values)
 
     def save(self) -> None:
         """Every block is on the disk already."""
 
     def dataset(self) -> xr.Dataset:
+        """See `MemoryStore`; lazy."""
         stored = xr.open_zarr(self._path, consolidated=False)
-        return stored[list(self._grid.variables())]  # zarr lists them in any order
+        return stored[list(self._variables)]  # zarr lists them in any order
 
-    def _holds(self, arrays: Mapping[str, Any], region: Region) -> bool:
+    def _holds(self, region: Region) -> bool:
         """Whether each array has its chunk of this block, as it was written."""
         along = dict(zip(self._grid.dims, region, strict=True))
-        for name, variable in self._grid.variables().items():
+        for name, variable in self._variables.items():
             # An array without the dimension "alpha" is computed by the first block along it.
             if any(along[dim].start for dim in self._grid.dims if dim not in variable.dims):
                 continue
-            values = _chunk(self._path, name, arrays[name], tuple(along[dim] for dim in variable.dims))
+            values = self._chunk(name, tuple(along[dim] for dim in variable.dims))
             if values is None or (name == "ended_by" and not np.all(values)):
                 return False
         return True
 
+    def _chunk(self, name: str, cut: tuple[slice, ...]) -> np.ndarray | None:
+        """A chunk of an array; None where it was not written, or is damaged.
+
+        Raises:
+            StoreError: where the system does not let it be read.
+        """
+        array = self._arrays[name]
+        place = tuple(along.start // length for along, length in zip(cut, array.chunks, strict=True))
+        file = self._path / name / array.metadata.encode_chunk_key(place)
+        try:
+            return np.asarray(array[cut]) if file.is_file() else None
+        except OSError as error:
+            reason = f"cannot be read ({error.strerror or error})"
+            raise StoreError(f"{file}: {reason}; the store is left as it is.") from error
+        except (ValueError, RuntimeError):  # of the checksum, or of what unpacks
+            return None
+
     def _require_frame(self) -> None:
         """Refuse a store whose arrays are not of the grid's shape, or whose axes are not the grid's."""
-        along = {dim: (n, cut) for dim, n, cut in zip(self._grid.dims, self._grid.shape, self._block, strict=True)}
-        variables = self._grid.variables()
-        for name, array in _arrays(self._path, variables).items():
-            dims, empty = variables[name].dims, np.asarray(variables[name].empty)
-            shapes = array.metadata.dimension_names, array.shape, array.chunks
-            if shapes != (dims, *(tuple(along[dim][i] for dim in dims) for i in (0, 1))) or array.dtype != empty.dtype:
-                raise StoreError(f"{self._path}: its array `{name}` is damaged; the store is left as it is.")
-        coordinates = self._grid.labels
-        arrays = _arrays(self._path, coordinates)
-        for name, values in coordinates.items():
-            stored = _chunk(self._path, name, arrays[name], (slice(0, len(values)),))
-            if stored is None or not np.array_equal(stored, values):
-                raise StoreError(f"{self._path}: its array `{name}` is damaged; the store is left as it is.")
+        labels, damaged = self._grid.labels, list[str]()
+        for name, array in self._arrays.items():
+            if name in labels:
+                stored = self._chunk(name, (slice(0, len(labels[name])),))
+                is_whole = stored is not None and np.array_equal(stored, labels[name])
+            else:
+                variable = self._variables[name]
+                shape, chunks = _shapes(variable.dims, self._lengths)
+                shapes = array.metadata.dimension_names, array.shape, array.chunks
+                is_whole = shapes == (variable.dims, shape, chunks) and array.dtype == np.asarray(variable.empty).dtype
+            damaged += [] if is_whole else [name]
+        if damaged:
+            raise StoreError(f"{self._path}: its array `{damaged[0]}` is damaged; the store is left as it is.")
 
     def _clear_drafts(self) -> None:
         """Remove the chunks that a killed process left half-written, unless another one is writing."""
         with claimed(self._path, alone=True) as is_alone:
-            names = self._grid.variables() if is_alone else ()
+            names = self._variables if is_alone else ()
             for draft in (file for name in names for file in (self._path / name).rglob("*.partial")):
                 if _DRAFT_OF_CHUNK.fullmatch(draft.name):
                     with contextlib.suppress(OSError):
@@ -173,17 +177,15 @@ class ZarrStore(Store):
         import dask.array
         from zarr.codecs import Crc32cCodec, ZstdCodec
 
-        lengths = {dim: (n, cut) for dim, n, cut in zip(self._grid.dims, self._grid.shape, self._block, strict=True)}
-        lazy, encoding = {}, {}
-        for name, variable in self._grid.variables().items():
-            shape, chunks = zip(*(lengths[dim] for dim in variable.dims), strict=True) if variable.dims else ((), ())
+        lazy = {}
+        for name, variable in self._variables.items():
+            shape, chunks = _shapes(variable.dims, self._lengths)
             lazy[name] = dask.array.full(shape, variable.empty, chunks=chunks)
-            encoding[name] = {"fill_value": variable.empty}
-        template = self._grid.labelled(lazy)
+        template = self._grid.labelled(lazy).assign_attrs({IDENTITY: json.dumps(identity)})
         # A checksum at the end of every chunk.
-        summed = {"compressors": (ZstdCodec(), Crc32cCodec())}
-        encoding = {str(name): {**encoding.get(str(name), {}), **summed} for name in template.variables}
-        template.attrs[IDENTITY] = json.dumps(identity)
+        encoding = {str(name): {"compressors": (ZstdCodec(), Crc32cCodec())} for name in template.variables}
+        for name, variable in self._variables.items():
+            encoding[name]["fill_value"] = variable.empty
         require_writable(self._path)  # zarr would make folders
         try:
             with written_whole(self._path) as draft:
@@ -200,6 +202,9 @@ class ZarrStore(Store):
         except OSError:
             if not self._path.exists():
                 raise
+
+
+Store = MemoryStore | ZarrStore
 
 
 def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
@@ -259,22 +264,10 @@ def _arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
     return arrays
 
 
-def _chunk(path: Path, name: str, array: Any, cut: tuple[slice, ...]) -> np.ndarray | None:
-    """A chunk of an array; None where it was not written, or is damaged.
-
-    Raises:
-        StoreError: where the system does not let it be read.
-    """
-    place = tuple(along.start // length for along, length in zip(cut, array.chunks, strict=True))
-    file = path / name / array.metadata.encode_chunk_key(place)
-    if not file.is_file():
-        return None
-    try:
-        return np.asarray(array[cut])
-    except OSError as error:
-        raise StoreError(f"{file}: cannot be read ({error.strerror or error}); the store is left as it is.") from error
-    except (ValueError, RuntimeError):  # of the checksum, or of what unpacks
-        return None
+def _shapes(dims: Sequence[str], lengths: Mapping[str, tuple[int, int]]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The shape of an array over some dimensions, and of its chunks."""
+    shape, chunks = (tuple(lengths[dim][i] for dim in dims) for i in (0, 1))
+    return shape, chunks
 
 
 # What zarr raises for a description that is damaged depends on where.
