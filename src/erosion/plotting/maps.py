@@ -187,9 +187,7 @@ def _picture(wear: xr.Dataset, colours: np.ndarray, camera: _Camera) -> np.ndarr
         edges = {"show_edges": surface.n_cells <= _EDGES, "edge_color": FAINT, "edge_opacity": 0.5, "line_width": 1}
         plotter.add_mesh(surface, scalars="colour", rgb=True, ambient=0.6, diffuse=0.42, specular=0.0, **edges)
         far = 10 * float(np.linalg.norm(np.ptp(surface.points, axis=0)))
-        plotter.camera.focal_point = camera.middle
-        plotter.camera.position = camera.middle + far * camera.eye
-        plotter.camera.up = camera.up
+        plotter.camera_position = [camera.middle + far * camera.eye, camera.middle, camera.up]
         plotter.camera.parallel_projection = True
         plotter.camera.parallel_scale = camera.height / 2
         plotter.renderer.reset_camera_clipping_range()
@@ -228,14 +226,12 @@ def _norm(values: np.ndarray, *, from_zero: bool, log: bool) -> Normalize:
 def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
     """Below the picture a ruler, and the directions of x, y and z."""
     strip, centre = _STRIP * camera.width, -0.6 * _STRIP * camera.width
-    ax.set_xlim(0, camera.width)
-    ax.set_ylim(-strip, camera.height)
+    ax.set(xlim=(0, camera.width), ylim=(-strip, camera.height))
     ax.axis("off")
     length = 10.0 ** math.floor(math.log10(camera.width / 4))
     length *= max(factor for factor in (1, 2, 5) if factor * length <= camera.width / 4)
     scale = readable_scale("length", "si", length)
-    begin = 0.02 * camera.width
-    tick = 0.01 * camera.width
+    begin, tick = 0.02 * camera.width, 0.01 * camera.width
     ax.plot([begin, begin, begin + length, begin + length], [centre + tick, centre, centre, centre + tick],
             color=INK, linewidth=1.2, solid_joinstyle="miter")  # fmt: skip
     ax.annotate(f"{length / scale.size:g} {scale.unit}", (begin + length / 2, centre), (0, 3),
@@ -288,14 +284,11 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     ax.stairs(shares, edges / scale.size, color=PALETTE["vermillion"])
     ax.axvline(mean / scale.size, color=PALETTE["blue"], label="mean")
     ax.axvline(stream.quantiles[0.5] / scale.size, color=PALETTE["green"], linestyle="--", label="median")
-    ax.set_xscale("log")
-    ax.xaxis.set_major_formatter(_PlainNumbers())
-    ax.xaxis.set_minor_formatter(_PlainNumbers())
-    ax.set_xlabel(f"{RESULTS['volume'].symbol}  {RESULTS['volume'].meaning}  [{scale.unit}]")
-    ax.set_ylabel("share of the particles")
+    volume, nothing = RESULTS["volume"], stream.tally.bins[0] / stream.tally.bins.sum()
+    label = f"{volume.symbol}  {volume.meaning}  [{scale.unit}]"
+    ax.set(xscale="log", xlabel=label, ylabel="share of the particles", ylim=(0, None))
+    ax.xaxis.set(major_formatter=_PlainNumbers(), minor_formatter=_PlainNumbers())
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
-    ax.set_ylim(bottom=0)
-    nothing = stream.tally.bins[0] / stream.tally.bins.sum()
     title = f"{100 * nothing:.2g} % of the particles remove nothing" if nothing else "every particle removes something"
     ax.set_title(title, fontsize=10)
     ax.legend(loc="best")
@@ -320,11 +313,9 @@ def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
     )
     ax.plot([np.rad2deg(best.value)], [nozzle.volume.value / scale.size], "*", color=PALETTE["orange"],
             markersize=13, markeredgecolor=INK, markeredgewidth=0.7, zorder=5, label=label)  # fmt: skip
-    ax.set_xlim(0, 90)
-    ax.set_ylim(bottom=0)
+    ax.set(xlim=(0, 90), ylim=(0, None), xlabel="angle of the nozzle",
+           ylabel=f"{RESULTS['volume'].symbol}  of a particle  [{scale.unit}]")  # fmt: skip
     ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
-    ax.set_xlabel("angle of the nozzle")
-    ax.set_ylabel(f"{RESULTS['volume'].symbol}  of a particle  [{scale.unit}]")
     figure: Any = ax.figure
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return ax

@@ -72,8 +72,8 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
             mark_best(ax, best, scale.size, color)
         label = f"{name}: {describe(best)}"
         handles.append(Line2D([], [], color=color, linestyle=line, linewidth=1.8, label=label))
-    ax.set_ylabel(result_label("volume", scale))
-    ax.set_ylim(bottom=0, top=1.06 * float(np.nanmax(comparison.volume_max)) / scale.size)
+    top = 1.06 * float(np.nanmax(comparison.volume_max)) / scale.size
+    ax.set(ylabel=result_label("volume", scale), ylim=(0, top))
     angle_axis(ax)
     legend_of_panel(ax, [*handles, *shares], 1 if len(models) < 4 else 2)
     return fig
@@ -97,8 +97,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     volume = regimes.volume.transpose("phidot0", "alpha").values
     scale = readable_scale("volume", units, float(np.nanmax(volume)))
     mesh = right.pcolormesh(degrees, spins, volume / scale.size, cmap="cividis", rasterized=True)
-    bar = fig.colorbar(mesh, ax=right)
-    bar.set_label(result_label("volume", scale))
+    fig.colorbar(mesh, ax=right, label=result_label("volume", scale))
     jumps = in_words(regimes.alpha_max_kind) == "jump"
     best = np.rad2deg(regimes.alpha_max.values)
     for ax, ink in ((left, INK), (right, "white")):
@@ -106,9 +105,8 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
         ax.plot(np.where(jumps, best, np.nan), spins, "D", color="none", markeredgecolor=ink, markersize=4)
         angle_axis(ax)
         ax.grid(visible=False)
+        ax.set_title("how the cut ends" if ax is left else "what it removes", fontsize=10)
     left.set_ylabel(f"{QUANTITIES['phidot0'].symbol}  {QUANTITIES['phidot0'].meaning}  [{spin.unit}]")
-    left.set_title("how the cut ends", fontsize=10)
-    right.set_title("what it removes", fontsize=10)
     handles: list[Any] = [
         Patch(color=color, alpha=0.75, label=end_label(names[code]))
         for code, color in zip(present, colors, strict=True)
@@ -174,9 +172,7 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
         colors = [mpl.colormaps["viridis"](fraction) for fraction in np.linspace(0, 0.92, len(curves))]
     for curve, label, color in zip(curves, labels, colors, strict=False):
         ax.plot(x, curve, color=color, label=label, marker="" if len(x) > 1 else "o")
-    ax.set_xlabel(x_label)
-    ax.set_ylabel(result_label("volume", scale))
-    ax.set_ylim(bottom=0)
+    ax.set(xlabel=x_label, ylabel=result_label("volume", scale), ylim=(0, None))
     ax.margins(x=0)
     shown = slice(None, None, max(1, (len(curves) - 1) // (_FEW - 1)))
     handles = ax.get_legend_handles_labels()[0][shown]
@@ -197,12 +193,10 @@ def plot_volume_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
         ax.contour(across, up, ends, levels=(codes[1:] + codes[:-1]) / 2, colors="white", linewidths=1.2)
         ax.plot([], [], color="white", label="the end of the cut changes")
         ax.legend(loc="upper right", frameon=True, facecolor=INK, labelcolor="white", framealpha=0.75)
-    ax.set_xlabel(x_label)
-    ax.set_ylabel(y_label)
+    ax.set(xlabel=x_label, ylabel=y_label)
     ax.grid(visible=False)
     figure: Any = ax.figure
-    bar = figure.colorbar(image, ax=ax)
-    bar.set_label(result_label("volume", scale))
+    figure.colorbar(image, ax=ax, label=result_label("volume", scale))
     return ax
 
 
@@ -260,10 +254,8 @@ def plot_validation(validation: Validation) -> Figure:
     for place, comparison in zip(places, comparisons, strict=True):
         if comparison.computed == 0:
             ax.annotate("0", (_NOTHING, place), xytext=(6, 0), textcoords="offset points", va="center", fontsize=8)
-    ax.set_xscale("log")
     ax.set_yticks(places, [comparison.fact.name for comparison in comparisons], fontsize=8)
-    ax.set_ylim(places[-1] - 0.7, 0.7)
-    ax.set_xlabel("computed over published")
+    ax.set(xscale="log", ylim=(places[-1] - 0.7, 0.7), xlabel="computed over published")
     ax.grid(axis="y", linewidth=0.3)
     legend_below(ax, 3)
     return fig
