@@ -39,45 +39,33 @@ def test_correlated_speed_and_size_remove_more():
     assert ratio == pytest.approx(np.exp(2 * 3 * 0.8 * 0.2**2), rel=0.01)
 
 
-def test_a_part_of_a_joint_law_is_refused():
-    rows = Rows({"alpha": [0.2, 0.3], "v0": [4000.0, 5000.0]})
-    with pytest.raises(ValueError, match="must include all of a joint law, but v0 is missing"):
-        stream("linearized", TABLE_1, n=64, alpha=rows["alpha"])
-    with pytest.raises(ValueError, match="`v0` must be positive"):
-        stream("linearized", TABLE_1, n=64, **Rows({"v0": [-1.0, 4000.0]}))
-
-
 def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
     laws = {"v0": LogNormal(4400.0, 0.05), "m": LogNormal(float(TABLE_1.m), 0.1)}
-    joint = Correlated(laws, {("v0", "m"): -0.5})
-    result = stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1), **joint,
-                    store=tmp_path / "jet.nc")  # fmt: skip
+
+    def jet(rho: float, **more: Any):
+        joint = Correlated(laws, {("v0", "m"): rho})
+        return stream("linearized", TABLE_1, n=2**12, best_angle=False, **more, **joint)
+
+    stored: dict[str, Any] = {"sigma": LogNormal(2e5, 0.1), "store": tmp_path / "jet.nc"}
+    result, again = jet(-0.5, **stored), jet(-0.5, **stored)
+    assert again.mean_volume == result.mean_volume
     assert result.sensitivities is not None
-    assert list(result.sensitivities) == ["sigma", "v0, m"]
     # log V = log m + 2 log v0 - log σ: variances 0.01 and 0.01 + 4·0.0025 - 4·0.5·0.1·0.05 = 0.01.
     first = {name: estimate.value for name, (estimate, _) in result.sensitivities.items()}
-    assert first["sigma"] == pytest.approx(0.5, abs=0.02)
-    assert first["v0, m"] == pytest.approx(0.5, abs=0.02)
+    assert first == {"sigma": pytest.approx(0.5, abs=0.02), "v0, m": pytest.approx(0.5, abs=0.02)}
     assert "S(v₀, m)" in str(result)
-    alone = stream("linearized", TABLE_1, n=2**12, best_angle=False, **joint)
-    assert alone.sensitivities is None
-    assert "sensitivity" not in str(alone)
-    again = stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1),
-                   **Correlated(laws, {("v0", "m"): -0.5}), store=tmp_path / "jet.nc")  # fmt: skip
-    assert again.mean_volume == result.mean_volume
+    assert jet(-0.5).sensitivities is None
     with pytest.raises(ValueError, match="another distributions"):
-        stream("linearized", TABLE_1, n=2**12, best_angle=False, sigma=LogNormal(2e5, 0.1),
-               **Correlated(laws, {("v0", "m"): -0.4}), store=tmp_path / "jet.nc")  # fmt: skip
+        jet(-0.4, **stored)
 
 
 def test_a_store_knows_which_values_stand_in_one_row(tmp_path):
     angle, speed = np.linspace(0.2, 0.6, 8), np.linspace(4000.0, 5000.0, 8)
-    first = stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed}), store=tmp_path / "jet.nc")
-    with pytest.raises(ValueError, match="another distributions"):
-        stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed[::-1]}),
-               store=tmp_path / "jet.nc")  # fmt: skip
-    again = stream("linearized", TABLE_1, n=64, **FEW, **Rows({"alpha": angle, "v0": speed}), store=tmp_path / "jet.nc")
+    options: dict[str, Any] = {"n": 64, **FEW, "store": tmp_path / "jet.nc"}
+    first, again = (stream("linearized", TABLE_1, **options, **Rows({"alpha": angle, "v0": speed})) for _ in range(2))
     assert again.mean_volume == first.mean_volume
+    with pytest.raises(ValueError, match="another distributions"):
+        stream("linearized", TABLE_1, **options, **Rows({"alpha": angle, "v0": speed[::-1]}))
 
 
 def test_sobols_indices_are_those_of_ishigami():
@@ -158,10 +146,19 @@ def test_uncertain_parameters_are_inputs_of_the_sensitivities(tmp_path):
         stream("linearized", TABLE_1, **options, **metal, store=tmp_path / "jet.nc")
 
 
-def test_a_parameter_varies_or_is_uncertain():
-    law: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
-    with pytest.raises(ValueError, match="`uncertain` must name parameters without another law, but sigma has one"):
-        stream("linearized", TABLE_1, n=64, **law, uncertain=law)
-    rows = Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]})
-    with pytest.raises(ValueError, match="must include all of a joint law, but psi is missing"):
-        stream("linearized", TABLE_1, n=64, k=rows["k"], uncertain={"psi": rows["psi"]})
+PAIR: dict[str, Any] = dict(Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]}))
+SIGMA: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
+
+
+@pytest.mark.parametrize(
+    ("laws", "message"),
+    [
+        ({**SIGMA, "uncertain": SIGMA}, "`uncertain` must name parameters without another law, but sigma has one"),
+        ({"k": PAIR["k"], "uncertain": {"psi": PAIR["psi"]}}, "must include all of a joint law, but psi is missing"),
+        ({"k": PAIR["k"]}, "must include all of a joint law, but psi is missing"),
+        (Rows({"v0": [-1.0, 4000.0]}), "`v0` must be positive"),
+    ],
+)
+def test_laws_that_make_no_sense_are_refused(laws, message):
+    with pytest.raises(ValueError, match=message):
+        stream("linearized", TABLE_1, n=64, **laws)

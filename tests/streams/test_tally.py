@@ -1,9 +1,9 @@
-"""Tallies: the numbers of all particles at once, whatever parts they come in."""
+"""Points, estimates, and tallies: the numbers of all particles at once, whatever parts they come in."""
 
 import numpy as np
 import pytest
 
-from erosion.streams.tally import BIN_RATIO, Tally
+from erosion.streams.tally import BIN_RATIO, Estimate, Points, Tally
 
 SCALE = 1e-4
 ENDS = ("stop", "no-cut", "failed")
@@ -24,6 +24,10 @@ KNOWN = VOLUME[np.isfinite(VOLUME)]
 
 def tally_of(part: slice) -> Tally:
     return Tally.of(VOLUME[:, part], MASS[:, part], ENDED_BY[:, part], ENDS, SCALE)
+
+
+def alone(volume: np.ndarray) -> Tally:
+    return Tally.of(volume, np.ones(volume.shape), np.full(volume.shape, "stop"), ENDS, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -55,29 +59,19 @@ def test_parts_add_up_to_the_whole(whole: Tally, cuts: tuple[int, int]) -> None:
 
 def test_squares_keep_their_digits_far_from_zero() -> None:
     """Volumes of 1 that differ by 1e-9: sums of squares alone would lose all of the deviation."""
-    volume = 1 + 1e-9 * np.arange(4.0).reshape(1, 4)
-    one, other = (
-        Tally.of(part, np.ones((1, 2)), np.full((1, 2), "stop"), ENDS, 1.0) for part in np.split(volume, 2, 1)
-    )
+    one, other = map(alone, np.split(1 + 1e-9 * np.arange(4.0).reshape(1, 4), 2, 1))
     assert (one + other).deviation == pytest.approx(1e-9 * np.sqrt(1.25), rel=1e-6)
 
 
-@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
-def test_quantiles_are_those_of_the_volumes_to_half_a_bin(whole: Tally, share: float) -> None:
-    exact = np.quantile(KNOWN, share, method="inverted_cdf")
-    assert abs(np.log(whole.quantile(share) / exact)) <= np.log(BIN_RATIO) / 2 * (1 + 1e-9)
-
-
-def test_those_that_remove_nothing_are_the_lowest(whole: Tally) -> None:
-    assert whole.quantile(0.99 * 30 / 2990) == 0
-    assert whole.quantile(1.01 * 30 / 2990) > 0
-
-
-@pytest.mark.parametrize(("volume", "quantile"), [(1e-40, 1e-24), (1e40, 1e6)])
-def test_volumes_beyond_the_histogram_are_in_its_last_bins(volume: float, quantile: float) -> None:
-    alone = Tally.of(np.full((1, 5), volume), np.ones((1, 5)), np.full((1, 5), "stop"), ENDS, 1.0)
-    assert alone.quantile(0.5) == pytest.approx(quantile, rel=BIN_RATIO - 1)
-    assert alone.mean == pytest.approx([volume])
+def test_quantiles_are_those_of_the_volumes_to_half_a_bin(whole: Tally) -> None:
+    shares = [0.05, 0.5, 0.95]
+    exact = np.quantile(KNOWN, shares, method="inverted_cdf")
+    given = [whole.quantile(share) for share in shares]
+    assert np.abs(np.log(given / exact)).max() <= np.log(BIN_RATIO) / 2 * (1 + 1e-9)
+    # Those that remove nothing are the lowest.
+    assert whole.quantile(0.99 * 30 / 2990) == 0 < whole.quantile(1.01 * 30 / 2990)
+    for volume, quantile in ((1e-40, 1e-24), (1e40, 1e6)):  # beyond the histogram they are in its last bins
+        assert alone(np.full((1, 5), volume)).quantile(0.5) == pytest.approx(quantile, rel=BIN_RATIO - 1)
 
 
 def test_a_histogram_shares_out_the_middle(whole: Tally) -> None:
@@ -96,3 +90,25 @@ def test_a_dataset_holds_all_of_a_tally(whole: Tally) -> None:
     again = Tally.from_dataset(whole.to_dataset())
     for name, values in vars(whole).items():
         assert np.asarray(getattr(again, name)).tobytes() == np.asarray(values).tobytes(), name
+
+
+@pytest.mark.parametrize("kind", ["sobol", "random"])
+def test_points_are_those_of_a_seed_and_go_on_where_they_stopped(kind: str) -> None:
+    whole, again, other = (Points(kind, 3, seed, 2).take(64) for seed in (7, 7, 8))
+    np.testing.assert_array_equal(whole, again)
+    np.testing.assert_array_equal(Points(kind, 3, 7, 2, skip=16).take(16), whole[:, 16:32])
+    assert ((whole > 0) & (whole < 1)).all()
+    assert not (whole == other).any()
+    assert not (whole[0] == whole[1]).any()
+    # 2ⁿ points of Sobol: one in each interval of 2⁻ⁿ, along every axis.
+    evenly = [(np.sort((axis * 64).astype(int)) == np.arange(64)).all() for sequence in whole for axis in sequence.T]
+    assert all(evenly) == any(evenly) == (kind == "sobol")
+
+
+def test_an_estimate_is_students() -> None:
+    mean, moved = (Estimate.of(np.array([1.0, 2.0, 3.0, 4.0]), value) for value in (None, 7.0))
+    assert (mean.value, mean.error) == (2.5, pytest.approx(np.sqrt(5 / 3) / 2))
+    # t of three degrees of freedom, 97.5 %.
+    assert (mean.low, mean.high) == pytest.approx((2.5 - 3.182446 * mean.error, 2.5 + 3.182446 * mean.error), rel=1e-6)
+    # A value of its own moves the interval, not the error.
+    assert (moved.value, moved.error, moved.high) == (7, mean.error, pytest.approx(7 + mean.high - 2.5))

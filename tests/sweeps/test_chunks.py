@@ -28,33 +28,31 @@ def test_blocks_cover_the_grid_once(usual: int, shape: tuple[int, ...]) -> None:
     assert (covered == 1).all()
 
 
-def test_the_last_dimensions_stay_whole() -> None:
-    """A block is one piece of memory, or as few as may be."""
-    assert block_shape(lengths_of((10, 20, 30)), None, 1, 6000) == (10, 20, 30)
-    assert block_shape(lengths_of((10, 20, 30)), None, 1, 2999) == (4, 20, 30)
-    assert block_shape(lengths_of((10, 20, 30)), None, 1, 100) == (1, 3, 30)
-    # Pieces of about one length: 3 of 34 rather than 2 of 40 and one of 20.
-    assert block_shape(lengths_of((100,)), None, 1, 40) == (34,)
-
-
-def test_no_block_holds_two_models() -> None:
-    lengths = {"model": 3, "alpha": 10}
-    assert block_shape(lengths, None, 1, 1000) == (1, 10)
-    assert block_shape(lengths, {"model": 2, "alpha": 5}, 1, 1000) == (1, 5)
+@pytest.mark.parametrize(
+    ("lengths", "chunks", "least", "usual", "block"),
+    [
+        # The last dimensions stay whole: a block is one piece of memory, or as few as may be.
+        (lengths_of((10, 20, 30)), None, 1, 6000, (10, 20, 30)),
+        (lengths_of((10, 20, 30)), None, 1, 2999, (4, 20, 30)),
+        (lengths_of((10, 20, 30)), None, 1, 100, (1, 3, 30)),
+        # Pieces of about one length: 3 of 34 rather than 2 of 40 and one of 20.
+        (lengths_of((100,)), None, 1, 40, (34,)),
+        # No block holds two models.
+        ({"model": 3, "alpha": 10}, None, 1, 1000, (1, 10)),
+        ({"model": 3, "alpha": 10}, {"model": 2, "alpha": 5}, 1, 1000, (1, 5)),
+        # Chunks are what the user wants; the whole grid may be smaller than the least block.
+        (lengths_of((300, 100)), {"alpha": 100}, 10_000, 0, (100, 100)),
+        (lengths_of((300, 100)), {"alpha": 1000, "k": 50}, 10_000, 0, (300, 50)),
+        (lengths_of((3,)), {"alpha": 3}, 10_000, 0, (3,)),
+    ],
+)
+def test_the_shape_of_a_block(lengths, chunks, least, usual, block) -> None:
+    assert block_shape(lengths, chunks, least, usual) == block
 
 
 def test_regions_come_in_the_order_of_memory() -> None:
     numbers = np.arange(7 * 5).reshape(7, 5)
-    firsts = [numbers[region].flat[0] for region in regions((7, 5), (3, 2))]
-    assert firsts == [0, 2, 4, 15, 17, 19, 30, 32, 34]
-
-
-def test_chunks_are_what_the_user_wants() -> None:
-    lengths = lengths_of((300, 100))
-    assert block_shape(lengths, {"alpha": 100}, 10_000, 0) == (100, 100)
-    assert block_shape(lengths, {"alpha": 1000, "k": 50}, 10_000, 0) == (300, 50)
-    # The whole grid may be smaller than the least block.
-    assert block_shape(lengths_of((3,)), {"alpha": 3}, 10_000, 0) == (3,)
+    assert [numbers[region].flat[0] for region in regions((7, 5), (3, 2))] == [0, 2, 4, 15, 17, 19, 30, 32, 34]
 
 
 @pytest.mark.parametrize(

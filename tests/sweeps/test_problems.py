@@ -46,18 +46,23 @@ def swept():
 def test_a_sweep_holds_what_solve_gives(swept) -> None:
     angle, drag = np.meshgrid(*AXES.values(), indexing="ij")
     end = ode.solve(BALL, ARGS | {"angle": angle, "drag": drag}, **OPTIONS)
-    assert np.array_equal(swept["t"], end.t)
-    assert np.array_equal(swept["y_v_1"], end.y["v"][..., 1])
-    assert np.array_equal(swept["integrals_path"], end.integrals["path"])
-    assert np.array_equal(swept["dt_dangle"], end.along("angle").t)
-    assert np.array_equal(swept["dy_v_dangle_0"], end.along("angle").y["v"][..., 0])
+    for name, values in {
+        "t": end.t,
+        "y_v_1": end.y["v"][..., 1],
+        "integrals_path": end.integrals["path"],
+        "dt_dangle": end.along("angle").t,
+        "dy_v_dangle_0": end.along("angle").y["v"][..., 0],
+    }.items():
+        assert np.array_equal(swept[name], values), name
     meanings = swept["ended_by"].attrs["flag_meanings"].split()
     assert {meanings[code] for code in np.unique(swept["ended_by"])} == {"ground"}
     assert swept["t"].dims == ("angle", "drag")
 
 
-def test_time_may_be_an_axis() -> None:
-    short = erosion.sweep_problem(BALL, ARGS | {"angle": 1.0, "drag": 0.1}, {"t1": [0.5, 1.0, 200.0]})
+def test_time_may_be_an_axis_and_options_numbers_of_numpy() -> None:
+    short = erosion.sweep_problem(
+        BALL, ARGS | {"angle": 1.0, "drag": 0.1}, {"t1": [0.5, 1.0, 200.0]}, rtol=np.float64(1e-9)
+    )
     meanings = short["ended_by"].attrs["flag_meanings"].split()
     assert [meanings[code] for code in short["ended_by"].values] == ["t1", "t1", "ground"]
 
@@ -83,31 +88,22 @@ def test_a_store_is_filled_block_by_block_and_goes_on(tmp_path, swept) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "number"),
+    ("change", "said"),
     [
-        ("problem", ""),
-        ("args", "v0 is 100.0 there, and 101.0 here"),
-        ("axes", "angle is 3 numbers from 0.1 to 1.4"),
-        ("options", "rtol is not there, and 1e-06 here"),
+        ({"problem": thrown(1.62)}, "problem"),
+        ({"args": ARGS | {"v0": 101.0}}, "args.*v0 is 100.0 there, and 101.0 here"),
+        ({"axes": {"angle": np.linspace(0.1, 1.5, 3)}}, "axes.*angle is 3 numbers from 0.1 to 1.4"),
+        ({"rtol": 1e-6}, "options.*rtol is not there, and 1e-06 here"),
     ],
 )
-def test_a_store_of_something_else_is_refused(tmp_path, change: str, number: str) -> None:
+def test_a_store_of_something_else_is_refused(tmp_path, change: dict[str, Any], said: str) -> None:
     axes = {"angle": np.linspace(0.1, 1.4, 3)}
-    erosion.sweep_problem(BALL, ARGS, axes, store=tmp_path / "ball.nc", **OPTIONS)
-    problem = thrown(1.62) if change == "problem" else BALL
-    args = ARGS | {"v0": 101.0} if change == "args" else ARGS
-    other = {"angle": np.linspace(0.1, 1.5, 3)} if change == "axes" else axes
-    options: Any = OPTIONS | {"rtol": 1e-6} if change == "options" else OPTIONS
-    with pytest.raises(StoreError, match=f"{change}.*{number}"):
-        erosion.sweep_problem(problem, args, other, store=tmp_path / "ball.nc", **options)
-
-
-def test_a_problem_that_is_written_again_goes_on_with_its_store(tmp_path) -> None:
-    axes = {"angle": np.linspace(0.1, 1.4, 3)}
-    first = erosion.sweep_problem(BALL, ARGS, axes, store=tmp_path / "ball.nc", **OPTIONS)
-    assert np.array_equal(
-        erosion.sweep_problem(thrown(), ARGS, axes, store=tmp_path / "ball.nc", **OPTIONS)["t"], first["t"]
-    )
+    given: dict[str, Any] = {"problem": BALL, "args": ARGS, "axes": axes, "store": tmp_path / "ball.nc", **OPTIONS}
+    first = erosion.sweep_problem(**given)
+    # A problem that is written again goes on with its store.
+    assert np.array_equal(erosion.sweep_problem(**given | {"problem": thrown()})["t"], first["t"])
+    with pytest.raises(StoreError, match=said):
+        erosion.sweep_problem(**given | change)
 
 
 @pytest.mark.parametrize(
@@ -134,8 +130,3 @@ def test_workers_of_a_cluster_compute_the_same_bits(tmp_path, swept) -> None:
     with erosion.local_cluster(2):
         lazy = erosion.sweep_problem(BALL, ARGS, AXES, store=tmp_path / "ball.zarr", chunks={"angle": 75}, **OPTIONS)
         assert np.array_equal(lazy["dt_dangle"].values, swept["dt_dangle"])
-
-
-def test_options_may_be_numbers_of_numpy() -> None:
-    short = erosion.sweep_problem(BALL, ARGS, {"angle": [0.5, 1.0]}, t1=np.float64(100.0), rtol=np.float64(1e-9))
-    assert np.isfinite(short["t"]).all()
