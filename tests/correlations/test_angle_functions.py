@@ -57,26 +57,30 @@ def test_okas_peak_moves_with_hardness(hardness, angle):
     at = dataclasses.replace(CORRELATIONS["oka"], function=lambda alpha: oka_angle(alpha, hardness))
     assert np.rad2deg(at.alpha_max) == pytest.approx(angle, abs=0.0055)
     assert float(at(RIGHT)) == 1.0
-
-
-def test_two_misprints_of_the_polynomial_show_at_90_degrees():
+    # Two misprints of the polynomial of DNV show at 90°.
     misprinted = (9.370, 42.295, 110.804, 175.804, 170.137, 98.298, 31.211, 4.170)
     assert float(dnv_polynomial(RIGHT, misprinted)) == pytest.approx(1.838, abs=5e-4)
 
 
 def test_finnie_is_the_model_and_openfoams_formula():
-    angles = np.deg2rad(np.linspace(1, 89, 45))
-    p = TABLE_1.replace(alpha=angles)
-    volume = finnie_volume(angles, p.v0, p.m, p.sigma, p.psi, force_ratio=2.0)
+    p = TABLE_1.replace(alpha=np.deg2rad(np.linspace(1, 89, 45)))
+    volume = finnie_volume(p.alpha, p.v0, p.m, p.sigma, p.psi, force_ratio=2.0)
     np.testing.assert_allclose(volume, FinnieCut().volume(p), rtol=1e-12)
     assert float(finnie_angle(np.arctan(1 / 3), 2.0)) == pytest.approx(0.3)  # (K/6) cos²α where the branches meet
     assert float(finnie_volume(0.3, 2.0, 3.0, 5.0)) == pytest.approx(3 * 4 / (5 * 2 * 2) * float(finnie_angle(0.3)))
 
 
-def test_arabnejads_branches_meet():
-    at = np.arctan(0.4)
-    below, above = float(arabnejad_cutting(at - 1e-9)), float(arabnejad_cutting(at + 1e-9))
-    assert below == pytest.approx(above, abs=1e-8)
+# With the value of y that is in print McLaury's step would be greater, and of the other sign.
+@pytest.mark.parametrize(
+    ("function", "at", "step", "tolerance"),
+    [
+        (arabnejad_cutting, np.arctan(0.4), 0.0, 1e-8),
+        (mclaury_angle, np.deg2rad(15), -0.00445, 1e-5),
+        (lambda alpha: mclaury_angle(alpha, dataclasses.replace(EDWARDS, y=-0.1192)), np.deg2rad(15), 0.0255, 1e-4),
+    ],
+)
+def test_how_far_branches_meet(function, at, step, tolerance):
+    assert float(function(at + 1e-9) / function(at - 1e-9)) - 1 == pytest.approx(step, abs=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -101,12 +105,3 @@ def test_each_names_its_source_and_its_range():
         assert (correlation.ranges["alpha"].low, correlation.ranges["alpha"].high) == (0.0, RIGHT)
         assert 0.0 < correlation.alpha_max < RIGHT
         assert float(correlation(0.0)) == 0.0
-
-
-def test_the_branches_of_mclaurys_function_meet_to_half_a_percent():
-    at = np.deg2rad(15)
-    below, above = float(mclaury_angle(at - 1e-9)), float(mclaury_angle(at + 1e-9))
-    assert above / below - 1 == pytest.approx(-0.00445, abs=1e-5)
-    # With the value of y that is in print the step would be greater, and of the other sign.
-    misprinted = dataclasses.replace(EDWARDS, y=-0.1192)
-    assert float(mclaury_angle(at + 1e-9, misprinted)) / below - 1 == pytest.approx(0.0255, abs=1e-4)
