@@ -1,4 +1,4 @@
-"""diffrax under vmap: all lanes at once ("flat") or in blocks, one after another, by `lax.map`.
+"""diffrax under vmap, in blocks of lanes, one after another, by `lax.map`.
 
 One event on the minimum of both functions, falling: with two events diffrax reports the first
 in pytree order, not the earliest. Both cores get half of the work each, by a thread.
@@ -24,13 +24,12 @@ _LATE = 1e3  # [1/ω]
 SOLVERS = {"Tsit5": diffrax.Tsit5, "Dopri8": diffrax.Dopri8}
 
 
-def prepare(work: Work, solver: str, rtol: float, block: int = 0) -> Callable[[], Answers]:
-    """`block` lanes at a time, or all in one if 0; the equations as in `heyoka_taylor`."""
-    gpu = jax.default_backend() != "cpu"
-    threads = 1 if gpu else len(cores())
+def prepare(work: Work, solver: str, rtol: float) -> Callable[[], Answers]:
+    """`BLOCK` lanes at a time; the equations as in `heyoka_taylor`."""
+    threads = len(cores())
     c, cut = constants(), np.nonzero(work.cutting())[0]
     count = -(-len(cut) // threads)
-    block = min(block or count, count)
+    block = min(BLOCK, count)
     blocks = -(-count // block)
     # Every thread gets the same shape: the last lanes are repeated where the work runs out.
     share = [cut[np.minimum(np.arange(i, i + threads * block * blocks, threads), len(cut) - 1)] for i in range(threads)]

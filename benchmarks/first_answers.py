@@ -73,8 +73,8 @@ STARTS = {
     RUN_OPTIMUM: Start(("-m", "erosion", "optimum", "--model", "rotating"), _ANGLE_IN_TABLE),
 }  # fmt: skip
 PEERS = {
-    "heyoka scalar, V": _peer("heyoka_scalar", "order=0", _NOT_KEPT),
-    "heyoka scalar, V, V′, V″": _peer("heyoka_scalar", "order=2", _NOT_KEPT),
+    "heyoka scalar, V": _peer("heyoka_taylor", "order=0", _NOT_KEPT),
+    "heyoka scalar, V, V′, V″": _peer("heyoka_taylor", "order=2", _NOT_KEPT),
     "heyoka batch refilled, V": _peer("heyoka_batch", "order=0", _NOT_KEPT),
     "heyoka batch refilled, V, V′, V″": _peer("heyoka_batch", "order=2", _NOT_KEPT),
     "diffrax Tsit5, V": _peer("diffrax_vmap", "'Tsit5', peer.TOLERANCES['Tsit5']"),

@@ -1,4 +1,4 @@
-"""The two heyoka contenders share equations, initial states and derivatives.
+"""heyoka's `taylor_adaptive`, and the equations, initial states and derivatives for its batch, too.
 
 The equations are the engine's without units (time in 1/ω, length in v0/ω) and without x,
 which neither volume nor events need; the turn q = φ - π/2 is carried in place of φ.
@@ -10,15 +10,17 @@ The derivatives with respect to α enter by the initial state alone. `var_ode_sy
 parameter that no equation contains gives one direction, 18 equations, not the 36 of (ẋ, ẏ).
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import heyoka as hy
 import numpy as np
 
-from benchmarks.work import NO_CUT, REBOUND, STOP, Answers, Constants, Work
+from benchmarks.work import NO_CUT, REBOUND, STOP, Answers, Constants, Work, constants
 
 TOLERANCE = 1e-9  # 99 % of the volumes are then right to 2e-9
 _NOTHING = 1e-300  # depth at contact
+_LATE = 1e3  # no cut is longer [1/ω]
 SIZE = 6  # y, q, ẋ, ẏ, q̇, V
 
 
@@ -75,3 +77,32 @@ def answers(work: Work, c: Constants, order: int, end: np.ndarray) -> Answers:
         # d²V/dα² at a fixed time, and what the end's own motion adds.
         columns[2][cut] = c.volume * (end[:, -1] + (depth1 * speed + depth * speed1) * dt_c)
     return Answers(columns[0], code, *columns[1:])
+
+
+def prepare(work: Work, order: int = 0, tol: float = TOLERANCE) -> Callable[[], Answers]:
+    """One integrator, one impact after another, as its manual shows."""
+    c = constants()
+    system, events, parameters = equations(c, order)
+    falling = hy.event_direction.negative
+    integrator = hy.taylor_adaptive(
+        system,
+        [0.0] * SIZE,
+        pars=parameters,
+        tol=tol,
+        fast_math=True,
+        t_events=[hy.t_event(event, direction=falling) for event in events],
+    )
+    starts = initial_states(work, c, order)[work.cutting()]
+    end = np.empty_like(starts)
+
+    def run() -> Answers:
+        state, propagate, reset = integrator.state, integrator.propagate_until, integrator.reset_cooldowns
+        for i in range(len(starts)):
+            state[:] = starts[i]
+            integrator.time = 0.0
+            reset()
+            propagate(_LATE)
+            end[i] = state
+        return answers(work, c, order, end)
+
+    return run

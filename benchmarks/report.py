@@ -6,8 +6,7 @@ from pathlib import Path
 
 from benchmarks import diffrax_vmap, heyoka_taylor, scipy_dop853
 from benchmarks.contenders import V2
-from benchmarks.measure import Row, Table
-from benchmarks.reference import Reference
+from benchmarks.measure import Reference, Row, Table
 from benchmarks.timing import rate_text, table_text
 from benchmarks.work import Verdict
 
@@ -17,7 +16,7 @@ METHOD = f"""\
 ## Method
 
 - One program, one process group, the same cores. Every contender gets all cores: the engine
-  and the blocks of diffrax by threads, heyoka and scipy by one spawned process per core,
+  and diffrax by threads, heyoka and scipy by one spawned process per core,
   pinned to it, with interleaved shares. Rates are of compiled and warm code, without the start of
   processes and without the data that moves between them; first answers are with both.
 - The work: the rotating model at Table 1. Random: α evenly in (0.05, 1.5) rad and
@@ -52,8 +51,6 @@ METHOD = f"""\
   returns within a step is lost: those are its wrong lanes, and a tighter tolerance only makes them rarer.
 - **scipy** gets both events, terminal and falling, and the start 1e-300 deep: from 0 it would find
   the event at contact whenever a cut ends within the first step.
-- **linearized** is no solver but one closed formula per impact (one array read, one written). Its rate
-  shows what memory and trigonometry allow.
 """
 
 
@@ -88,8 +85,6 @@ def rates_text(table: Table) -> str:
 def _cells(row: Row, times: float | None) -> list[str]:
     rates = f"{rate_text(row.rate)} ({rate_text(min(row.rates))}–{rate_text(max(row.rates))})"
     cells = [row.name, f"{row.lanes:,}", rates, "" if times is None else f"{times:,.3g}"]
-    if row.verdict is None:
-        return [*cells, "", "", "", ""]
     errors = row.verdict.errors
     cells += [str(row.verdict.wrong), ", ".join(f"{e:.1e}" for e in errors[0])]
     return [*cells, *([f"{e[1]:.1e}" for e in errors[1:]] if row.group == V2 else ["", ""])]
