@@ -86,8 +86,10 @@ def complete_model_page(app: Sphinx, docname: str, source: list[str]) -> None:
 
 
 def point_to_examples(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Have links to the notebooks of the repository lead to their pages here."""
+    """Have links between the pages and the examples, two folders of the repository, lead to their pages here."""
     source[0] = source[0].replace("](../examples/", "](examples/")
+    if docname.startswith("examples/"):
+        source[0] = source[0].replace("](../docs/", "](../").replace("](../models/", "](../../models/")
 
 
 def offer_notebook(app: Sphinx, pagename: str, templatename: str, context: dict[str, Any], doctree: Any) -> None:

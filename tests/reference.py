@@ -1,4 +1,4 @@
-"""Golden numbers at Table 1; docs/golden-numbers.md says where they come from."""
+"""Golden numbers at Table 1; tests/golden-numbers.md says where they come from."""
 
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ AT_20_DEGREES = {
     "rotating-velocity-aligned-full-torque": Figure(2.659688478457e-4, 1.0762279956e-4, "stop", 2.424201867e-4),
 }
 
-# To 11 and 9 digits in docs/golden-numbers.md, without a derivative.
+# To 11 and 9 digits in tests/golden-numbers.md, without a derivative.
 AS_PRINTED = (4.9551209838e-4, 7.46068867e-5, "rebound")
 
 CLOSED = ("linearized", "tan-alpha", "velocity-aligned", "finnie")

@@ -20,7 +20,7 @@ def spun(s, **changes):
     return P.replace(phidot0=np.asarray(s) * P.v0 / P.r, **changes)
 
 
-# docs/golden-numbers.md: angle in degrees, volume, end. The angles are printed to 1e-9 degrees.
+# tests/golden-numbers.md: angle in degrees, volume, end. The angles are printed to 1e-9 degrees.
 GREATEST = {
     "linearized": (31.717474411, 2.135029315836e-4, "rebound"),
     "finnie": (16.845033763, 1.045953579327e-4, "rebound"),
@@ -63,7 +63,7 @@ def test_batch_of_optima_is_the_published_list_of_spins():
     np.testing.assert_allclose(best.sensitivities["k"][1], alone.sensitivities["k"], rtol=1e-6)
 
 
-# docs/golden-numbers.md: jumps in degrees, V just below and just above, and which supremum is the greatest.
+# tests/golden-numbers.md: jumps in degrees, V just below and just above, and which supremum is the greatest.
 JUMPS = [
     ("rotating", P, [42.92255530], 7.53326457e-5, 6.49398094e-5, "interior", ""),
     ("rotating", P.replace(k=1.0), [33.05321999, 39.99624582], 1.77719894e-4, 7.14990785e-5, "jump", "below"),

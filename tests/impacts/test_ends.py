@@ -41,7 +41,7 @@ def test_the_reference_itself_knows_the_closed_form():
     assert wrong == 100
 
 
-# docs/golden-numbers.md: where V(α) jumps, by an independent solver.
+# tests/golden-numbers.md: where V(α) jumps, by an independent solver.
 JUMPS = [
     ("rotating", {}, 42.92255530, 7.53326457e-5, 6.49398094e-5),
     ("rotating", {"k": 1.0}, 39.99624582, 1.77719894e-4, 7.14990785e-5),

@@ -197,7 +197,7 @@ def test_grazing_impacts_with_spin_keep_their_digits(alpha):
 
 
 def test_a_graze_that_step_ends_cannot_see():
-    # docs/golden-numbers.md: the jump of the rotating model at k = 1.
+    # tests/golden-numbers.md: the jump of the rotating model at k = 1.
     p = P.replace(k=1.0)
     jump = np.deg2rad(39.99624582)
     below, above = (quietly("rotating", p.replace(alpha=jump + d)) for d in (-1e-6, 1e-6))

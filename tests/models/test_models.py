@@ -34,7 +34,7 @@ def test_a_variant_is_a_choice_of_parts():
 
 
 def test_maxima_of_the_closed_forms():
-    # docs/golden-numbers.md.
+    # tests/golden-numbers.md.
     for name, degrees, volume in (
         ("linearized", 31.717474411, 2.135029315836e-4),
         ("finnie", 16.845033763, 1.045953579327e-4),

@@ -17,7 +17,7 @@ from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.plotting.style import legend_below, new_axes
 from erosion.report import write_report
-from erosion.report.case import Answer, ReportCase, question
+from erosion.report.case import Answer, ReportCase
 from erosion.report.page import PARTS, fit_on_sheet, write_text
 from erosion.report.questions import QUESTIONS, text_file, turning
 from erosion.report.text import degrees
@@ -29,7 +29,6 @@ CASES = {
     "Table 1": TABLE_1,
     "SI": TABLE_1.to("si"),
     "k = 0.1": TABLE_1.replace(k=0.1),
-    "k = 10": TABLE_1.replace(k=10.0),
     "60°": TABLE_1.replace(alpha=np.pi / 3),
 }
 
@@ -107,16 +106,6 @@ def test_numbers_are_those_of_the_closed_forms(reports: dict[str, Path], name: s
     assert q4["iterates"][-1]["alpha"] == q4["alpha_max"]
 
 
-def test_table_1_reproduces_the_settled_figures(reports: dict[str, Path]) -> None:
-    answers = numbers(reports["Table 1"])["answers"]
-    # docs/golden-numbers.md, as printed there.
-    assert answers["q2"]["t_c"] == pytest.approx(6.6353363429e-5, rel=1e-10)
-    assert answers["q3"]["volume"] == pytest.approx(1.816436352531e-4, rel=1e-12)
-    assert np.rad2deg(answers["q4"]["alpha_max"]) == pytest.approx(31.717474411, abs=1e-8)
-    assert answers["q4"]["volume_max"] == pytest.approx(2.135029315836e-4, rel=1e-10)
-    assert np.rad2deg(answers["q1"]["turn_if_free"]) == pytest.approx(-69.7, abs=0.05)
-
-
 def test_sentences_say_the_numbers(page: str) -> None:
     text = re.sub(r"<[^>]*>", "", page).replace("\N{NO-BREAK SPACE}", " ")
     for said in (
@@ -156,7 +145,7 @@ def test_families_follow_the_laws_of_the_linearized_model(reports: dict[str, Pat
 
 def test_rotation_answers_with_the_settled_figures(whole: Path) -> None:
     answers = numbers(whole)["answers"]
-    # docs/golden-numbers.md, as printed there.
+    # tests/golden-numbers.md, as printed there.
     a1 = answers["a1"]
     assert np.rad2deg(a1["rotating"]["alpha_max"]) == pytest.approx(25.571827308, abs=1e-8)
     assert np.rad2deg(a1["rotating-full-torque"]["alpha_max"]) == pytest.approx(23.884236296, abs=1e-8)
@@ -193,7 +182,7 @@ def test_the_spin_has_a_sensitivity_where_the_body_spins() -> None:
 
 def test_other_force_ratios_and_the_printed_equations(whole: Path) -> None:
     answers = numbers(whole)["answers"]
-    # docs/golden-numbers.md.
+    # tests/golden-numbers.md.
     assert answers["a2"]["kind"] == "boundary"
     assert not answers["a2"]["attained"]
     assert answers["a2"]["supremum"] == pytest.approx(3.45455e-4, rel=1e-6)
@@ -259,17 +248,16 @@ def test_figures_follow_the_theme(page: str) -> None:
             assert f'id="{reference}"' in drawing
 
 
-def test_same_case_same_bytes(reports: dict[str, Path], tmp_path: Path) -> None:
-    write_report(CASES["SI"], tmp_path, case_name="SI", only=LINEARIZED)
+def test_same_case_same_bytes(tmp_path: Path) -> None:
     first, second = (
         {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-        for folder in (reports["SI"], tmp_path)
+        for folder in (write_report(TABLE_1, tmp_path / name, only=["q8"]).parent for name in "ab")
     )
     assert first == second
     names = sorted(str(path) for path in first)
     assert names[:2] == ["figures/best-angle-over-k.png", "figures/best-angle-over-k.svg"]
     assert names[-3:] == ["index.html", "numbers.csv", "numbers.json"]
-    assert len(names) == 2 * 11 + 3
+    assert len(names) == 2 * 3 + 3
 
 
 def test_only_answers_what_is_asked_in_the_pages_order(tmp_path: Path) -> None:
@@ -306,17 +294,6 @@ def test_a_place_that_cannot_be_written_is_named_in_one_sentence(tmp_path: Path,
         write_report(TABLE_1, tmp_path / place)
     assert str(caught.value).startswith(f"{tmp_path / place}: ")
     assert (tmp_path / "file").read_text() == "not a folder"
-
-
-def test_nothing_half_written_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(path: Path, content: bytes) -> int:
-        path.write_text("half")
-        raise OSError(28, "No space left on device", str(path))
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(OSError, match="No space left on device"):
-        write_report(TABLE_1, tmp_path, only=["q2"])
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_a_normal_impact_cuts_nothing_and_says_so(tmp_path: Path) -> None:
@@ -359,10 +336,6 @@ def test_a_body_that_hardly_turns_is_told_as_one(backward: tuple[ReportCase, Ans
     text = write_text(text_file("a1"), heavy, dataclasses.replace(answer, fields=turned))
     assert f"The body turns by {degrees(abs(turn), 4)} at {degrees(alpha)}, so" in text.derivation
     assert "the tip loses 1.02 times" in text.derivation
-
-
-def test_headings_are_the_scenarios() -> None:
-    assert [question(key) for key in ("q1", "q10", "a2")] == ["Question 1", "Question 10", "Additional question 2"]
 
 
 def test_a_case_name_is_text_not_html(tmp_path: Path) -> None:
