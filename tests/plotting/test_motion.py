@@ -6,18 +6,11 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from erosion.impacts.simulate import Trajectory, simulate
-from erosion.models import Linearized
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.scales import readable_scale
-from erosion.plotting.motion import (
-    plot_end_times,
-    plot_histories,
-    plot_path,
-    plot_removal_rate,
-    plot_trajectory,
-    plot_volume,
-)
+from erosion.plotting.curves import plot_end_times, plot_volume
+from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate, plot_trajectory
 from erosion.plotting.style import new_axes, new_figure, save_plot
 
 CLOSED = LinearizedCut()
@@ -117,18 +110,3 @@ def test_bars_are_the_midpoint_rule(cut: Trajectory) -> None:
     assert ax.get_ylabel() == "$dV/dt$  [10⁻⁶ in³/µs]"
     # The midpoint rule with 100 bars errs by 4.1e-5, here and in the report's table.
     assert bars * 1e-6 / cut.volume - 1 == pytest.approx(4.11e-5, rel=0.01)
-
-
-@pytest.mark.slow
-def test_rate_of_removal_is_the_models_own() -> None:
-    class Twice(Linearized):
-        """Two tips, one behind the other's back."""
-
-        def removal_rate(self, state, p):
-            tip = self.tip(state, p)
-            return 2 * p.b * tip.depth * tip.vx
-
-    cut = simulate(Twice(), TABLE_1)
-    ax = plot_removal_rate(new_axes()[1], cut, bars=100)
-    bars = sum(bar.get_bbox().width * bar.get_bbox().height for bar in ax.patches if isinstance(bar, Rectangle))
-    assert bars * 1e-6 / cut.volume == pytest.approx(1, rel=1e-4)

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,12 +18,13 @@ from erosion.impacts.impact import impact
 from erosion.models.base import NO_CUT
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import QUARTER_DEGREES, RESULTS
-from erosion.parameters.scales import readable_scale
+from erosion.parameters.scales import Scale, readable_scale
 from erosion.parameters.units import System
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,
     ENDS,
+    EVENT_LABELS,
     FAINT,
     INK,
     PALETTE,
@@ -138,11 +140,8 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     for candidate in optimum.candidates[1:]:
         ax.plot(np.rad2deg(candidate.alpha), candidate.value / scale.size, _MARKS[candidate.kind], color="white",
                 markeredgecolor=INK, markersize=7, zorder=4)  # fmt: skip
-    handles: list[Any] = [
-        Line2D([], [], color=ENDS.get(end, INK), linewidth=2.2,
-               label=end_label(end))
-        for end in dict.fromkeys(piece.ended_by for piece in curve)
-    ]  # fmt: skip
+    ends = dict.fromkeys(piece.ended_by for piece in curve)
+    handles: list[Any] = [Line2D([], [], color=ENDS.get(end, INK), linewidth=2.2, label=end_label(end)) for end in ends]
     if shares:
         handles.append(Patch(label=AT_CONTACT, **REMOVED_AT_CONTACT))
     if optimum.jumps:
@@ -206,6 +205,16 @@ class AngleSeries(NamedTuple):
     line: bool = True
 
 
+def _over_angles(ax: Axes, label: str, columns: int, limits: tuple[float | None, float | None] | None = None) -> Axes:
+    """Finish a panel of curves over α: the label and the limits of y, the axis of α, and the legend below."""
+    if limits is not None:
+        ax.set_ylim(*limits)
+    ax.set_ylabel(label)
+    angle_axis(ax)
+    legend_below(ax, columns)
+    return ax
+
+
 @house_style()
 def plot_family(
     ax: Axes, curves: Sequence[ShapeCurve], *, units: System, joined: bool = False, columns: int = 3
@@ -237,16 +246,12 @@ def plot_family(
             ax.plot(np.rad2deg(tops[drawn, 0]), tops[drawn, 1] / scale.size, "*" if attained else "o", color=fill,
                     markersize=12 if attained else 8, markeredgecolor=INK, markeredgewidth=0.8, linestyle="none",
                     zorder=5, clip_on=False, label=label)  # fmt: skip
-    least = min(largest)
+    least, top = min(largest), max(largest) / scale.size
+    limits = (0, 1.1 * top or None)
     if max(largest) > _WIDE * least > 0:
         ax.set_yscale("log")
-        ax.set_ylim(0.03 * least / scale.size, 2 * max(largest) / scale.size)
-    else:
-        ax.set_ylim(0, 1.1 * max(largest) / scale.size or None)
-    ax.set_ylabel(result_label("volume", scale))
-    angle_axis(ax)
-    legend_below(ax, columns)
-    return ax
+        limits = (0.03 * least / scale.size, 2 * top)
+    return _over_angles(ax, result_label("volume", scale), columns, limits)
 
 
 @house_style()
@@ -315,11 +320,8 @@ def plot_differences(ax: Axes, angles: np.ndarray, differences: Mapping[str, np.
         # A logarithmic axis has no zero: a difference of zero is drawn at the smallest value.
         ax.semilogy(np.rad2deg(angles), np.maximum(difference, _ROUNDING), ".", color=color, markersize=4, label=label)
     ax.axhline(_ROUNDING, color=INK, linestyle=(0, (4, 3)), linewidth=1, label="rounding of one number")
-    ax.set_ylim(1e-17, max(1e-8, 10 * max(float(np.nanmax(difference)) for difference in differences.values())))
-    ax.set_ylabel("difference over the volume scale V*")
-    angle_axis(ax)
-    legend_below(ax, 1)
-    return ax
+    top = max(1e-8, 10 * max(float(np.nanmax(difference)) for difference in differences.values()))
+    return _over_angles(ax, "difference over the volume scale V*", 1, (1e-17, top))
 
 
 @house_style()
@@ -339,10 +341,7 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
         ax.plot(np.rad2deg(angles[shown]), np.rad2deg(turn[shown]), "o", color=ENDS.get(end, INK), markersize=5,
                 label=end_label(end))  # fmt: skip
     ax.yaxis.set_major_formatter("{x:g}°")
-    ax.set_ylabel(f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}")
-    angle_axis(ax)
-    legend_below(ax, 2)
-    return ax
+    return _over_angles(ax, f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}", 2)
 
 
 _DASHES = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)), (0, (10, 3)))
@@ -369,11 +368,7 @@ def plot_shapes(ax: Axes, curves: Sequence[ShapeCurve], correlations: Sequence[s
         best = f"{np.rad2deg(alpha):.1f}°" if alpha else "as α → 0"
         ax.plot(np.rad2deg(curve.angles), curve.volume / greatest, color=color, linestyle=line, linewidth=2,
                 label=f"{curve.label}: {best}")  # fmt: skip
-    ax.set_ylabel("divided by its own maximum")
-    ax.set_ylim(0, 1.05)
-    angle_axis(ax)
-    legend_below(ax, 2)
-    return ax
+    return _over_angles(ax, "divided by its own maximum", 2, (0, 1.05))
 
 
 @house_style()
@@ -393,3 +388,88 @@ def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str
     fig, ax = new_axes(6.6, 4.4 + 0.11 * (len(curves) + len(correlations)))
     plot_shapes(ax, curves, correlations)
     return fig
+
+
+MARKS = {
+    "cusp": ("D", PALETTE["green"], "cusp at {}"),
+    "branch": ("D", PALETTE["green"], "change of branch at {}"),
+    "case": ("o", PALETTE["purple"], "this case, {}"),
+    "best": ("*", PALETTE["orange"], "greatest at {}"),
+}
+"""Marker, colour and label of the points over the angle that a figure can mark."""
+
+
+@house_style()
+def plot_end_times(
+    ax: Axes,
+    angles: np.ndarray,
+    candidates: Mapping[str, np.ndarray],
+    t_c: np.ndarray,
+    *,
+    units: System,
+    real_part: np.ndarray | None = None,
+    marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> Axes:
+    """When each event alone would end the cut, and when the cut ends, over the angle (Laverty, Figure 9).
+
+    Args:
+        ax: empty axes.
+        angles: α, shape (n,) [rad].
+        candidates: by event name, times of shape (n,) [s]; NaN where the event never happens.
+        t_c: the actual end, shape (n,) [s].
+        units: the unit system, for labels.
+        real_part: the real part of the complex root of ẋ = 0, shape (n,) [s]; NaN where the root is real.
+        marks: (α, t) of points, by their names in `MARKS`.
+    """
+    time = readable_scale("time", units, float(np.nanmax(t_c)))
+    degrees = np.rad2deg(angles)
+    ax.plot(
+        degrees, t_c / time.size, color=DIM, alpha=0.4, linewidth=9, solid_capstyle="butt", label="actual end $t_c$"
+    )
+    for name, times in candidates.items():
+        ax.plot(degrees, times / time.size, color=ENDS.get(name, INK), label=EVENT_LABELS.get(name, name))
+    if real_part is not None:
+        ax.plot(degrees, real_part / time.size, color=ENDS["stop"], linestyle=(0, (4, 4)), alpha=0.7,
+                label="ẋ = 0: real part, complex root")  # fmt: skip
+    _mark(ax, marks, time)
+    return _over_angles(ax, result_label("t_c", time), 2, (0, 1.12 * float(np.nanmax(t_c)) / time.size))
+
+
+@house_style()
+def plot_volume(
+    ax: Axes,
+    angles: np.ndarray,
+    volume: np.ndarray,
+    ended_by: np.ndarray,
+    *,
+    units: System,
+    marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+) -> Axes:
+    """Removed volume over the angle of attack; colours show how the cut ends.
+
+    Args:
+        ax: empty axes.
+        angles: α, ascending, shape (n,) [rad].
+        volume: V, shape (n,) [volume].
+        ended_by: "rebound", "stop" or "no-cut", shape (n,).
+        units: the unit system, for labels.
+        marks: (α, V) of points, by their names in `MARKS`.
+    """
+    greatest = float(np.max(np.abs(volume)))
+    scale = readable_scale("volume", units, greatest)
+    for end in dict.fromkeys(str(end) for end in ended_by):
+        shown = ended_by == end
+        shown[:-1] |= shown[1:]  # one more point to the left, so that the coloured pieces join
+        ax.plot(np.rad2deg(angles), np.where(shown, volume / scale.size, np.nan), color=ENDS.get(end, INK),
+                linewidth=2.2, label=end_label(end))  # fmt: skip
+    _mark(ax, marks, scale)
+    return _over_angles(ax, result_label("volume", scale), 2, (0, 1.1 * greatest / scale.size or None))
+
+
+def _mark(ax: Axes, marks: Mapping[str, tuple[float, float]], scale: Scale) -> None:
+    for name, (alpha, value) in marks.items():
+        marker, color, label = MARKS[name]
+        angle = float(np.rad2deg(alpha))
+        ax.plot([angle], [value / scale.size], marker, color=color, markersize=13 if marker == "*" else 7,
+                markeredgecolor=INK, markeredgewidth=0.7, zorder=5, clip_on=False,
+                label=label.format(f"{angle:.4g}°"))  # fmt: skip

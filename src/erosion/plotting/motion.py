@@ -1,8 +1,7 @@
 """Figures of one impact, and of a solution of `erosion.ode`, over time."""
 
 import math
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,26 +14,16 @@ from erosion.models import model_name
 from erosion.models.base import NO_CUT, ClosedForm, State
 from erosion.ode.solution import Solution
 from erosion.parameters.quantities import RESULTS
-from erosion.parameters.scales import Scale, readable_scale
+from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import System
-from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, EVENT_LABELS, HISTORIES, INK, NOTHING, PALETTE, end_label
+from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE
 from erosion.plotting.style import (
-    angle_axis,
     axes_or_new,
     house_style,
     legend_below,
     legend_of_panel,
     new_figure,
-    result_label,
 )
-
-MARKS = {
-    "cusp": ("D", PALETTE["green"], "cusp at {}"),
-    "branch": ("D", PALETTE["green"], "change of branch at {}"),
-    "case": ("o", PALETTE["purple"], "this case, {}"),
-    "best": ("*", PALETTE["orange"], "greatest at {}"),
-}
-"""Marker, colour and label of the points over the angle that a figure can mark."""
 
 
 @house_style()
@@ -118,46 +107,6 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
 
 
 @house_style()
-def plot_end_times(
-    ax: Axes,
-    angles: np.ndarray,
-    candidates: Mapping[str, np.ndarray],
-    t_c: np.ndarray,
-    *,
-    units: System,
-    real_part: np.ndarray | None = None,
-    marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
-) -> Axes:
-    """When each event alone would end the cut, and when the cut ends, over the angle (Laverty, Figure 9).
-
-    Args:
-        ax: empty axes.
-        angles: α, shape (n,) [rad].
-        candidates: by event name, times of shape (n,) [s]; NaN where the event never happens.
-        t_c: the actual end, shape (n,) [s].
-        units: the unit system, for labels.
-        real_part: the real part of the complex root of ẋ = 0, shape (n,) [s]; NaN where the root is real.
-        marks: (α, t) of points, by their names in `MARKS`.
-    """
-    time = readable_scale("time", units, float(np.nanmax(t_c)))
-    degrees = np.rad2deg(angles)
-    ax.plot(
-        degrees, t_c / time.size, color=DIM, alpha=0.4, linewidth=9, solid_capstyle="butt", label="actual end $t_c$"
-    )
-    for name, times in candidates.items():
-        ax.plot(degrees, times / time.size, color=ENDS.get(name, INK), label=EVENT_LABELS.get(name, name))
-    if real_part is not None:
-        ax.plot(degrees, real_part / time.size, color=ENDS["stop"], linestyle=(0, (4, 4)), alpha=0.7,
-                label="ẋ = 0: real part, complex root")  # fmt: skip
-    _mark(ax, marks, time)
-    ax.set_ylim(bottom=0, top=1.12 * float(np.nanmax(t_c)) / time.size)
-    ax.set_ylabel(result_label("t_c", time))
-    angle_axis(ax)
-    legend_below(ax, columns=2)
-    return ax
-
-
-@house_style()
 def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
     """dV/dt over time, with the bars of the midpoint rule; the area below the curve is the volume."""
     p, t_c = trajectory.p, trajectory.t_c
@@ -179,40 +128,6 @@ def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
     return ax
 
 
-@house_style()
-def plot_volume(
-    ax: Axes,
-    angles: np.ndarray,
-    volume: np.ndarray,
-    ended_by: np.ndarray,
-    *,
-    units: System,
-    marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
-) -> Axes:
-    """Removed volume over the angle of attack; colours show how the cut ends.
-
-    Args:
-        ax: empty axes.
-        angles: α, ascending, shape (n,) [rad].
-        volume: V, shape (n,) [volume].
-        ended_by: "rebound", "stop" or "no-cut", shape (n,).
-        units: the unit system, for labels.
-        marks: (α, V) of points, by their names in `MARKS`.
-    """
-    scale = readable_scale("volume", units, _largest(volume))
-    for end in dict.fromkeys(str(end) for end in ended_by):
-        shown = ended_by == end
-        shown[:-1] |= shown[1:]  # one more point to the left, so that the coloured pieces join
-        ax.plot(np.rad2deg(angles), np.where(shown, volume / scale.size, np.nan), color=ENDS.get(end, INK),
-                linewidth=2.2, label=end_label(end))  # fmt: skip
-    _mark(ax, marks, scale)
-    ax.set_ylim(bottom=0, top=1.1 * _largest(volume) / scale.size or None)
-    ax.set_ylabel(result_label("volume", scale))
-    angle_axis(ax)
-    legend_below(ax, columns=2)
-    return ax
-
-
 def _largest(values: Any) -> float:
     return float(np.max(np.abs(np.asarray(values))))
 
@@ -220,15 +135,6 @@ def _largest(values: Any) -> float:
 def _read(name: str, value: float, units: System) -> str:
     scale = readable_scale(RESULTS[name].dimension, units, abs(value))
     return f"{value / scale.size:.5g} {scale.unit}".replace(" 10", " × 10")
-
-
-def _mark(ax: Axes, marks: Mapping[str, tuple[float, float]], scale: Scale) -> None:
-    for name, (alpha, value) in marks.items():
-        marker, color, label = MARKS[name]
-        angle = float(np.rad2deg(alpha))
-        ax.plot([angle], [value / scale.size], marker, color=color, markersize=13 if marker == "*" else 7,
-                markeredgecolor=INK, markeredgewidth=0.7, zorder=5, clip_on=False,
-                label=label.format(f"{angle:.4g}°"))  # fmt: skip
 
 
 _MOST = 12  # lanes in one figure: more cannot be told from each other
