@@ -17,19 +17,6 @@ SLIDE = """([name, positions]) => {
   }
 }"""
 
-# From the slider's event to the frame in which each of these has drawn another state.
-SLIDE_AND_TIME = """async ([name, position, views]) => {
-  const slider = document.getElementById(name + '-slider');
-  const begun = performance.now();
-  const drawn = views.map((view) => new Promise((done) => {
-    const element = document.querySelector('.view-' + view + ' > :is(.plot, .cut)');
-    element.addEventListener('drawn', () => done(performance.now() - begun), { once: true });
-  }));
-  slider.value = position;
-  slider.dispatchEvent(new Event('input', { bubbles: true }));
-  return Math.max(...(await Promise.all(drawn)));
-}"""
-
 SERIES = """(view) => document.querySelector('.view-' + view + ' .plot').chart.getOption().series.map(
   (one) => ({ name: one.name, data: one.data, best: one.markPoint?.data?.[0]?.coord }))"""
 

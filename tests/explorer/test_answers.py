@@ -5,8 +5,9 @@ import dataclasses
 import json
 import threading
 import time
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +17,8 @@ from erosion.explorer.computed import (
     ANGLES,
     Answers,
     Computed,
+    Kind,
     LatestWins,
-    ModelProgram,
     Preparation,
     SingleEvent,
     end_times,
@@ -56,6 +57,12 @@ def test_a_single_event_is_the_closed_forms_candidate(event: str) -> None:
     assert np.isnan(exact).any() == (event == "stop")
 
 
+def fake(**compute: Callable[[str, PageCase], Any]) -> Answers:
+    """Answers of these kinds, computed by these functions."""
+    kinds = {name: Kind(lambda _, model, case, of=of: of(model, case)) for name, of in compute.items()}
+    return Answers({}, kinds)
+
+
 def test_answers_are_remembered_but_not_all() -> None:
     asked = []
 
@@ -63,15 +70,13 @@ def test_answers_are_remembered_but_not_all() -> None:
         asked.append(case)
         return f"{model} {case.numbers()['k']}"
 
-    answer = ModelProgram(ask)
+    answers = fake(words=ask)
     cases = [CASE.replace(k=1.0 + n) for n in range(200)]
-    assert answer.remembered("m", cases[0]) is None
-    assert answer("m", cases[0]) == answer("m", cases[0]) == answer.remembered("m", cases[0]) == "m 1.0"
-    assert len(asked) == 1
-    for case in cases:
-        answer("m", case)
-    assert answer.remembered("m", cases[0]) is None
-    assert answer.remembered("m", cases[-1]) == "m 200.0"
+    assert answers.remembered("words", "m", cases[0]) is None
+    assert [answers("words", "m", case) for case in (cases[0], *cases)][:2] == ["m 1.0", "m 1.0"]
+    assert len(asked) == 200
+    assert answers.remembered("words", "m", cases[0]) is None
+    assert answers.remembered("words", "m", cases[-1]) == "m 200.0"
 
 
 def test_only_the_latest_waits() -> None:
@@ -98,25 +103,9 @@ def test_only_the_latest_waits() -> None:
     assert done == [0, 199, 200]
 
 
-def test_work_that_fails_does_not_stop_what_follows() -> None:
-    async def main() -> None:
-        tasks: list[asyncio.Future] = []
-
-        async def work(item: int) -> None:
-            raise ArithmeticError(f"{item}")
-
-        lane = LatestWins(work, lambda run: tasks.append(asyncio.ensure_future(run)))
-        for item in (1, 2):
-            lane.offer(item)
-            with pytest.raises(ArithmeticError, match=f"{item}"):
-                await tasks[-1]
-        assert len(tasks) == 2
-
-    asyncio.run(main())
-
-
 def test_two_tabs_compute_at_a_time() -> None:
-    service = Service(Answers({}), Preparation(CASE), STATE, summaries={}, sources={}, materials=Materials({}, {}))
+    none = Answers({})
+    service = Service(none, Preparation(none, CASE), STATE, summaries={}, sources={}, materials=Materials({}, {}))
     goes_on, busy, at_once = threading.Event(), [0], []
 
     def work() -> None:
@@ -138,83 +127,72 @@ def test_two_tabs_compute_at_a_time() -> None:
 
 
 def test_preparation_begins_once_and_says_what_failed() -> None:
-    def fail(model: str, case: PageCase) -> None:
-        raise ValueError("no such forces")
+    def compile_(model: str, case: PageCase) -> PageCase:
+        if model == "bad":
+            raise ValueError("no such forces")
+        return case
 
-    preparation, told = Preparation(CASE), []
-    good, bad = ModelProgram(lambda model, case: case), ModelProgram(fail)
+    preparation, told = Preparation(fake(words=compile_), CASE), []
     preparation.listeners.add(lambda: told.append(preparation.progress()))
-    assert not preparation.ready(good, "a") or told
-    preparation.ready(bad, "b")
-    while not (preparation.ready(good, "a") and preparation.ready(bad, "b")):
+    assert not preparation.ready("words", "good") or told
+    preparation.ready("words", "bad")
+    while not (preparation.ready("words", "good") and preparation.ready("words", "bad")):
         pass
-    assert preparation.failure("a") is None
-    assert preparation.failure("b") == "b: no such forces"
+    assert preparation.failure("good") is None
+    assert preparation.failure("bad") == "bad: no such forces"
     assert told[-1] == (2, 2, ())
 
 
 def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(computing, "PATIENCE_AT_ONCE", 0.2)
-    answers, preparation = Answers({"linearized": Linearized(), "plug_in": Linearized()}), Preparation(CASE)
     goes_on = threading.Event()
-    compiled = ModelProgram(lambda model, case: "compiled")
-    for name in ("curve", "point", "cut"):
-        setattr(answers, name, ModelProgram(lambda model, case: model == "linearized" or goes_on.wait()))
-    both = PageState(CASE.replace(k=3.0), ("linearized", "plug_in"), "linearized")
-
-    def ready(answer: ModelProgram, model: str) -> bool:
-        return Preparation.ready(preparation, compiled, model)
-
-    monkeypatch.setattr(preparation, "ready", ready)
-    while not (preparation.ready(compiled, "linearized") and preparation.ready(compiled, "plug_in")):
+    state = PageState(CASE.replace(k=3.0), ("linearized", "plug_in"), "linearized")
+    # Compiled for the first case, and without an answer for another one.
+    answers = fake(curve=lambda model, case: case == CASE or model == "linearized" or goes_on.wait())
+    preparation = Preparation(answers, CASE)
+    while not (preparation.ready("curve", "linearized") and preparation.ready("curve", "plug_in")):
         pass
 
     def computed_at_once() -> Computed:
-        computed = Computed(both)
-        for stage in computing.stages(answers, computed):
-            computing.at_once(computed, stage, preparation)
+        computed = Computed(state)
+        computing.at_once(computed, ["curve"], answers, preparation)
         return computed
 
-    computed = computed_at_once()
-    assert (list(computed.curves), list(computed.points), computed.cut) == (["linearized"], ["linearized"], True)
+    assert computed_at_once().of_all("curve") == {"linearized": True}
     assert preparation.failure("plug_in") == "plug_in: no answer in 0.2 s; left out until it comes"
-    assert not preparation.ready(compiled, "plug_in")
+    assert not preparation.ready("curve", "plug_in")
     goes_on.set()
-    while not preparation.ready(compiled, "plug_in"):
+    while not preparation.ready("curve", "plug_in"):
         pass
     assert preparation.failure("plug_in") is None
-    assert set(computed_at_once().curves) == {"linearized", "plug_in"}
+    assert computed_at_once().of_all("curve") == {"linearized": True, "plug_in": True}
 
 
-def test_python_lines_compute_the_same(capsys: pytest.CaptureFixture) -> None:
-    lines = python_lines(STATE, {"linearized": "linearized"})
-    scope: dict = {}
-    exec(lines, scope)
-    assert scope["p"] == TABLE_1
-    assert float(scope["hit"].volume) == pytest.approx(1.816436352531e-4, rel=1e-10)
-    assert scope["best"].alpha == alpha_max("linearized", TABLE_1).alpha
-    assert "rebound" in capsys.readouterr().out
+def test_an_answer_that_fails_is_a_line_on_the_page() -> None:
+    answers = fake(curve=lambda model, case: 1 / 0 if case != CASE else True)
+    preparation, computed = Preparation(answers, CASE), Computed(dataclasses.replace(STATE, case=CASE.replace(k=3.0)))
+    computing.take(computed, [("curve", "linearized")], answers, preparation, 60.0)
+    assert computed.errors == ["linearized: division by zero"]
+    assert computed.answers == {}
 
 
 def test_answers_are_of_the_own_parameters_of_the_case() -> None:
     answers = Answers(MODELS)
     model = load_model(TIP).replace(friction=0.35)
     hit, best = impact(model, TABLE_1, derivatives=2), alpha_max(model, TABLE_1)
-    assert answers.point("tip", PLUGGED).volume == hit.volume
-    assert answers.cut("tip", PLUGGED).volume == pytest.approx(hit.volume, rel=1e-8)
-    assert answers.best("tip", PLUGGED).alpha == best.alpha
-    assert answers.spins("tip", PLUGGED).alpha[30] == pytest.approx(best.alpha, abs=1e-10)
-    # Another model's answer is remembered while the slider of this one moves.
-    answers.point("linearized", PLUGGED)
+    assert answers("point", "tip", PLUGGED).volume == hit.volume
+    assert answers("cut", "tip", PLUGGED).volume == pytest.approx(hit.volume, rel=1e-8)
+    assert answers("best", "tip", PLUGGED).alpha == best.alpha
+    assert answers("spins", "tip", PLUGGED).alpha[30] == pytest.approx(best.alpha, abs=1e-10)
+    # Another model's answer is remembered while the slider of this one moves, and a curve while the angle's does.
+    answers("point", "linearized", PLUGGED)
     moved = PLUGGED.replace(**{"tip.friction": 0.1})
-    assert answers.point.remembered("linearized", moved) is not None
-    assert answers.point.remembered("tip", moved) is None
-
-
-def test_own_parameters_move_the_best_angle_too() -> None:
-    computed, answers = Computed(SLID), Answers(MODELS)
-    computed.sensitivities = rates = answers.sensitivities("tip", PLUGGED)
-    option, _, said = sensitivities(computed, MODELS)
+    assert answers.remembered("point", "linearized", moved) is not None
+    assert answers.remembered("point", "tip", moved) is None
+    assert answers.remembered("best", "tip", PLUGGED.replace(alpha=0.5)) is not None
+    # Own parameters move the best angle, too.
+    rates = answers("sensitivities", "tip", PLUGGED)
+    option, _, said = sensitivities(Computed(SLID, {("sensitivities", "tip"): rates}), MODELS)
     assert option["yAxis"]["data"][0] == "μ"
     move = np.rad2deg(0.01 * 0.35 * rates["friction"])
     assert option["series"][0]["data"][0] == pytest.approx(move, abs=1e-6)
@@ -227,6 +205,8 @@ def test_what_is_handed_out_has_the_own_parameters() -> None:
     scope: dict = {}
     exec(lines, scope)
     assert scope["hit"].volume == impact(load_model(TIP).replace(friction=0.35), TABLE_1, derivatives=2).volume
+    assert scope["best"].alpha == alpha_max(load_model(TIP).replace(friction=0.35), TABLE_1).alpha
+    assert scope["p"] == TABLE_1
     content = json.loads(results_json(Answers(MODELS), SLID))
     assert content["models"]["tip"]["own_parameters"] == {"friction": 0.35}
     assert content["models"]["linearized"]["own_parameters"] == {}
@@ -241,19 +221,20 @@ def test_curves_and_case_are_exact(tmp_path) -> None:
     assert [float(row[1]) for row in rows[1:]] == hits.volume.tolist()
     results = ("volume [in³]", "dvolume [in³/rad]", "t_c [s]", "ended_by")
     assert rows[0] == ["alpha [deg]", *(f"linearized {name}" for name in results)]
-    assert b"alpha = 0.3490658503988659" in case_toml(STATE)
+    assert b"alpha = 0.3490658503988659" in case_toml(answers, STATE)
     weighed = dataclasses.replace(STATE, per_mass=PerMass(2700, 0.5))
-    (tmp_path / "case.toml").write_bytes(case_toml(weighed))
+    (tmp_path / "case.toml").write_bytes(case_toml(answers, weighed))
     assert CaseFile.read(tmp_path / "case.toml").per_mass() == weighed.per_mass
 
 
 def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
     models = {"linearized": Linearized(), "deforming": load_model("linearized-deformation")}
     answers, case = Answers(models), PageCase.of(TABLE_1, own_numbers(models))
-    curves = {name: answers.curve(name, case.at_any_angle()) for name in models}
+    curves = {("curve", name): answers("curve", name, case) for name in models}
     shaded = []
     for shown in models:
-        computed = Computed(PageState(case, tuple(models), shown), cut=answers.cut(shown, case), curves=curves)
+        cut = {("cut", shown): answers("cut", shown, case)}
+        computed = Computed(PageState(case, tuple(models), shown), curves | cut)
         shaded = [line for line in volumes(computed, models)[0]["series"] if line["name"] == AT_CONTACT]
         assert len(shaded) == (shown == "deforming") == ("areaStyle" in str(shaded))
         assert ("removed at contact" in numbers(computed, models)[0]) == (shown == "deforming")
@@ -265,9 +246,8 @@ def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:
 
 def test_a_volume_has_its_amount_per_mass_below_it() -> None:
     answers, case = Answers({"linearized": Linearized()}), PageCase.of(TABLE_1, ())
-    computed = Computed(
-        PageState(case, ("linearized",), "linearized"), points={"linearized": answers.point("linearized", case)}
-    )
+    point = {("point", "linearized"): answers("point", "linearized", case)}
+    computed = Computed(PageState(case, ("linearized",), "linearized"), point)
     # 1.81644e-4 in³ of 2.855e-7 slinch.
     assert "1.8164·10⁻⁴ in³<br><small>59,530 mm³/kg</small></td>" in numbers(computed, ["linearized"])[0]
     # Of a twentieth of the particles, and of aluminium.

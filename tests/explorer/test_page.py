@@ -3,7 +3,6 @@
 import json
 import signal
 import socket
-import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 import erosion
 from erosion.cli import _status
 from tests.explorer.conftest import free_of_pytest, served
-from tests.explorer.driving import SLIDE_AND_TIME, curve, enter, parameters, settle, slide, star
+from tests.explorer.driving import curve, enter, parameters, settle, slide, star
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -25,7 +24,8 @@ PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")
 
 
 def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
-    slide(page, "k", -0.25)
+    # Of two hundred rapid events the last one is shown.
+    slide(page, "k", *np.random.default_rng(1).uniform(-0.5, 0.5, 199), -0.25)
     settle(page, "k", "0.9457")
     p = parameters(page)
     assert float(p.k) == 0.9457
@@ -141,17 +141,6 @@ def test_a_link_carries_the_whole_state(page: Page) -> None:
     np.testing.assert_array_equal(curve(other, "volumes", "as-printed"), curve(page, "volumes", "as-printed"))
 
 
-def test_a_link_may_be_written_by_hand(page: Page, address: str) -> None:
-    page.goto(f"{address}?alpha=30 deg&v0=100 m/s&models=linearized")
-    settle(page, "alpha", "30")
-    expect(page.locator("#v0-entry")).to_have_value("3937.01")
-    page.goto(f"{address}?alpha=95 deg")
-    expect(page.get_by_text("The link cannot be used: Field `alpha` must be in (0, 90°]")).to_be_visible()
-    page.goto(f"{address}?models=/etc/passwd.py")
-    expect(page.get_by_text("but the page offers no such model")).to_be_visible()
-    expect(page.locator("#alpha-entry")).to_have_value("20")
-
-
 BAD_INPUT = [
     ("v0", "fast", "must be a speed"),
     ("v0", "-3", "must be positive and finite, but is -3"),
@@ -236,21 +225,6 @@ def test_presets_and_reset(page: Page) -> None:
     page.get_by_role("button", name="Reset").click()
     settle(page, "r", "0.04")
     assert page.input_value("#phidot0-entry") == "0"
-
-
-def test_two_hundred_rapid_events_end_in_the_final_state(page: Page) -> None:
-    rng = np.random.default_rng(1)
-    slide(page, "sigma", *rng.uniform(-0.5, 0.5, 199), 0.1)
-    settle(page, "sigma", "269900")
-    degrees, volume = curve(page, "volumes", "linearized").T
-    hits = erosion.impact("linearized", parameters(page).replace(alpha=np.deg2rad(degrees)), derivatives=2)
-    np.testing.assert_allclose(volume, hits.volume / 1e-4, atol=ATOL)
-
-
-def test_a_slider_moves_the_plots_without_delay(page: Page) -> None:
-    times = [page.evaluate(SLIDE_AND_TIME, ["v0", 0.005 * n, ["cut", "volumes", "histories"]]) for n in range(1, 16)]
-    # `python -m benchmarks.explorer` measures; this only notices a page that waits, on a busy machine too.
-    assert statistics.median(times) < 500
 
 
 def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

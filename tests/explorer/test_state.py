@@ -143,11 +143,6 @@ def test_presets_leave_own_parameters() -> None:
     assert case.own_values("tip") == {"friction": 0.7}
 
 
-def test_unchecking_the_model_drawn_draws_another() -> None:
-    assert STATE.checking(("linearized",)).shown == "linearized"
-    assert STATE.checking(KNOWN).shown == "rotating"
-
-
 def test_entries_are_read_with_units_and_bare_angles_are_degrees() -> None:
     assert CASE.read("alpha", "30").numbers()["alpha"] == np.deg2rad(30)
     assert CASE.read("alpha", "0.5 rad").numbers()["alpha"] == 0.5
@@ -167,11 +162,6 @@ def test_sliders_go_where_they_are_put(name: str, units: str) -> None:
         assert position(name, case, first) == pytest.approx(at, rel=1e-3, abs=1e-3)
     beyond = first.replace(**{name: 1.5 if name == "alpha" else 1e12})
     assert position(name, beyond, first) <= ends.high
-
-
-def test_the_middle_of_a_slider_is_the_first_value_exactly() -> None:
-    first = CASE.to("si")
-    assert at_position("m", 0.0, first.replace(m=1.0), first) == first
 
 
 def test_spin_follows_speed_and_size() -> None:
@@ -264,7 +254,7 @@ def test_a_position_is_a_number_in_its_range(sent: object, told: list[float]) ->
 def test_words_of_a_plug_in_are_no_html() -> None:
     computed = Computed(PageState(CASE, ("rotating",), "rotating"))
     point: Any = SimpleNamespace(t_c=1.0, ended_by="<img src=x onerror=alert(1)>", volume=1.0, dvolume=1.0)
-    computed.points["rotating"] = point
+    computed.answers["point", "rotating"] = point
     (table,) = numbers(computed, ("rotating",))
     assert "<img" not in table
     assert "&lt;img src=x" in table

@@ -5,7 +5,7 @@ import dataclasses
 import functools
 import sys
 import threading
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.explorer.state import PageCase, PageState, sentence
-from erosion.impacts.alpha_max import Optimum, alpha_max
+from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
-from erosion.impacts.simulate import Trajectory, path
+from erosion.impacts.simulate import path
 from erosion.models.base import CuttingModel, Scales, Tip
-from erosion.parameters.parameters import Parameters
+from erosion.parameters.parameters import QUANTITIES, Parameters
 
 T = TypeVar("T")
 
@@ -142,12 +142,9 @@ def end_times(model: CuttingModel, p: Parameters) -> dict[str, np.ndarray]:
     closed = model.closed_form()
     if closed is not None:
         return {name: np.asarray(times) for name, times in closed.end_times(p).items()}
-    return {name: _alone(model, name, p) for name in end_names(model) if name not in OTHER_ENDS}
-
-
-def _alone(model: CuttingModel, event: str, p: Parameters) -> np.ndarray:
-    hits = impact(SingleEvent(model=model, event=event), p)
-    return np.where(np.asarray(hits.ended_by) == event, hits.t_c, np.nan)
+    events = [name for name in end_names(model) if name not in OTHER_ENDS]
+    hits = {event: impact(SingleEvent(model=model, event=event), p) for event in events}
+    return {event: np.where(np.asarray(hit.ended_by) == event, hit.t_c, np.nan) for event, hit in hits.items()}
 
 
 # Every 0.375°. At exactly 90° an impact without spin cuts nothing, so the last angle is smaller than 90°,
@@ -166,86 +163,89 @@ class SpinCurves(NamedTuple):
     kind: np.ndarray
 
 
-class ModelProgram:
-    """One kind of answer, for any model and case; the latest answers are remembered.
+class Kind(NamedTuple):
+    """One kind of answer.
 
     Args:
-        compute: computes the answer from a model's name and a case.
+        compute: the answer, from the `Answers`, a model's name and a case.
+        fixed: parameters that the answer does not depend on, and the numbers that stand for them.
+        program: the kind whose compiled program computes it, if that is another one.
     """
 
-    def __init__(self, compute: Callable[[str, PageCase], Any]) -> None:
-        self._compute = compute
-        self._kept: dict[tuple[str, PageCase], Any] = {}
-        self._lock = threading.Lock()
+    compute: Callable[["Answers", str, PageCase], Any]
+    fixed: Mapping[str, float] = {}
+    program: str = ""
 
-    def __call__(self, model: str, case: PageCase) -> Any:
-        """The answer; it is computed if it is not remembered."""
-        case = case.of_model(model)
-        answer = self.remembered(model, case)
-        if answer is None:
-            answer = self._compute(model, case)
-            with self._lock:
-                self._kept[model, case] = answer
-                if len(self._kept) > _KEPT:
-                    del self._kept[next(iter(self._kept))]
-        return answer
 
-    def remembered(self, model: str, case: PageCase) -> Any:
-        """The answer if it is remembered, else None."""
-        return self._kept.get((model, case.of_model(model)))
+def _point(answers: "Answers", name: str, case: PageCase) -> Impact:
+    return impact(answers.model(name, case), case.parameters(), derivatives=2)
+
+
+def _curve(answers: "Answers", name: str, case: PageCase) -> Impact:
+    # With second derivatives, as `alpha_max` computes V: so the best angle lies on the curve to the last bit.
+    return impact(answers.model(name, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
+
+
+def _spins(answers: "Answers", name: str, case: PageCase) -> SpinCurves:
+    p = case.parameters()
+    best = alpha_max(answers.model(name, case), p.replace(phidot0=SPINS * float(p.v0 / p.r)))
+    return SpinCurves(best.alpha, best.volume, best.kind)
+
+
+_ANY_ANGLE = {"alpha": 1.0}
+KINDS: Mapping[str, Kind] = {
+    "cut": Kind(lambda answers, name, case: path(answers.model(name, case), case.parameters())),
+    "point": Kind(_point, program="curve"),
+    "curve": Kind(_curve, _ANY_ANGLE),
+    "best": Kind(lambda answers, name, case: alpha_max(answers.model(name, case), case.parameters()), _ANY_ANGLE,
+                 "curve"),
+    "ends": Kind(lambda answers, name, case: end_times(answers.model(name, case),
+                                                       case.parameters().replace(alpha=ANGLES)), _ANY_ANGLE),
+    "sensitivities": Kind(lambda answers, name, case: answers("best", name, case).sensitivities, _ANY_ANGLE),
+    "spins": Kind(_spins, _ANY_ANGLE | {"phidot0": 0.0}, "curve"),
+}  # fmt: skip
+"""The motion of one impact; its end, volume and derivatives; impacts at all `ANGLES`; the angle of greatest removal;
+when each event alone would end the cut, at all `ANGLES`; dα_max/dq for each q; the best angle at all `SPINS`."""
 
 
 class Answers:
-    """All kinds of answers, about models that are given by name.
+    """All kinds of answers, about models that are given by name; the latest answers are remembered.
 
     Args:
         models: by name, in the order of the page's list.
+        kinds: of answers, by name.
     """
 
-    def __init__(self, models: Mapping[str, CuttingModel]) -> None:
-        self.models = models
-        self.cut = ModelProgram(self._cut)
-        self.point = ModelProgram(self._point)
-        self.curve = ModelProgram(self._curve)
-        self.best = ModelProgram(self._best)
-        self.ends = ModelProgram(self._ends)
-        self.sensitivities = ModelProgram(self._sensitivities)
-        self.spins = ModelProgram(self._spins)
+    def __init__(self, models: Mapping[str, CuttingModel], kinds: Mapping[str, Kind] = KINDS) -> None:
+        self.models, self.kinds = models, kinds
+        self._kept: dict[str, dict[tuple[str, PageCase], Any]] = {kind: {} for kind in kinds}
+        self._lock = threading.Lock()
+
+    def __call__(self, kind: str, model: str, case: PageCase) -> Any:
+        """The answer; it is computed if it is not remembered."""
+        answer = self.remembered(kind, model, case)
+        if answer is None:
+            case, kept = self._about(kind, model, case), self._kept[kind]
+            answer = self.kinds[kind].compute(self, model, case)
+            with self._lock:
+                kept[model, case] = answer
+                if len(kept) > _KEPT:
+                    del kept[next(iter(kept))]
+        return answer
+
+    def remembered(self, kind: str, model: str, case: PageCase) -> Any:
+        """The answer if it is remembered, else None."""
+        return self._kept[kind].get((model, self._about(kind, model, case)))
 
     def model(self, name: str, case: PageCase) -> CuttingModel:
         """The model with the own parameters of the case."""
         return self.models[name].replace(**case.own_values(name))
 
-    def _cut(self, model: str, case: PageCase) -> Trajectory:
-        """The motion of one impact, at many times."""
-        return path(self.model(model, case), case.parameters())
-
-    def _point(self, model: str, case: PageCase) -> Impact:
-        """End, volume and derivatives of the same impact."""
-        return impact(self.model(model, case), case.parameters(), derivatives=2)
-
-    def _curve(self, model: str, case: PageCase) -> Impact:
-        """Impacts at all `ANGLES`."""
-        # With second derivatives, as `alpha_max` computes V: so the best angle lies on the curve to the last bit.
-        return impact(self.model(model, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
-
-    def _best(self, model: str, case: PageCase) -> Optimum:
-        """The angle of greatest removal."""
-        return alpha_max(self.model(model, case), case.parameters())
-
-    def _ends(self, model: str, case: PageCase) -> dict[str, np.ndarray]:
-        """The times at which each event alone would end the cut, at all `ANGLES`."""
-        return end_times(self.model(model, case), case.parameters().replace(alpha=ANGLES))
-
-    def _sensitivities(self, model: str, case: PageCase) -> Mapping[str, Any]:
-        """dα_max/dq for every parameter q of the case and of the model."""
-        return self.best(model, case).sensitivities
-
-    def _spins(self, model: str, case: PageCase) -> SpinCurves:
-        """The angle of greatest removal at all `SPINS`."""
-        p = case.parameters()
-        best = alpha_max(self.model(model, case), p.replace(phidot0=SPINS * float(p.v0 / p.r)))
-        return SpinCurves(best.alpha, best.volume, best.kind)
+    def _about(self, kind: str, model: str, case: PageCase) -> PageCase:
+        """The case without what does not matter to the answer."""
+        numbers = zip(QUANTITIES, case.values, strict=True)
+        values = tuple(self.kinds[kind].fixed.get(name, number) for name, number in numbers)
+        return case.of_model(model)._replace(values=values)
 
 
 _IN_PARALLEL = 2  # compilations: one of the engine, which does one at a time, and one of XLA for a closed form
@@ -261,27 +261,29 @@ class Progress(NamedTuple):
 
 
 class Preparation:
-    """Compiles the program of each answer and model; all tabs share one preparation.
+    """Compiles the program of each kind of answer and model; all tabs share one preparation.
 
     Args:
+        answers: of which the programs are.
         case: any case; to compile a program, its answer is computed once for this case.
     """
 
-    def __init__(self, case: PageCase) -> None:
-        self._case = case
+    def __init__(self, answers: Answers, case: PageCase) -> None:
+        self._answers, self._case = answers, case
         self._turns = threading.Semaphore(_IN_PARALLEL)
         self._lock = threading.Lock()
-        self._begun: dict[tuple[ModelProgram, str], Future] = {}
+        self._begun: dict[tuple[str, str], Future] = {}
         self._late: dict[str, tuple[Future, str]] = {}
         self.listeners: set[Callable[[], None]] = set()
 
-    def ready(self, answer: ModelProgram, model: str) -> bool:
+    def ready(self, kind: str, model: str) -> bool:
         """Whether the program is compiled and the model answers; the first call starts the compilation."""
+        kind = self._answers.kinds[kind].program or kind
         with self._lock:
-            if (answer, model) not in self._begun:
-                self._begun[answer, model] = in_thread(lambda: self._compile(answer, model))
-                self._begun[answer, model].add_done_callback(self._tell)
-            return self._begun[answer, model].done() and not self._is_late(model)
+            if (kind, model) not in self._begun:
+                self._begun[kind, model] = in_thread(lambda: self._compile(kind, model))
+                self._begun[kind, model].add_done_callback(self._tell)
+            return self._begun[kind, model].done() and not self._is_late(model)
 
     def leave_out(self, model: str, late: Future, why: str) -> None:
         """Treat a model as not ready until its late answer comes."""
@@ -303,10 +305,10 @@ class Preparation:
         waiting = [model for (_, model), future in begun if not future.done()]
         return Progress(len(begun) - len(waiting), len(begun), tuple(dict.fromkeys(waiting)))
 
-    def _compile(self, answer: ModelProgram, model: str) -> None:
+    def _compile(self, kind: str, model: str) -> None:
         in_turn = self._turns.acquire(timeout=_TURN)
         try:
-            answer(model, self._case)
+            self._answers(kind, model, self._case)
         finally:
             if in_turn:
                 self._turns.release()
@@ -323,109 +325,94 @@ class Preparation:
 PATIENCE_AT_ONCE = 5.0
 PATIENCE_LATER = 60.0
 
+STAGES = (
+    (("curve", "point"), ("volumes", "end_times")),
+    (("cut",), ("cut", "histories", "numbers", "spins", "sensitivities")),
+)
+"""The kinds of answers that take milliseconds, in parts: the browser draws one part while the next is computed."""
+
+LATER: Mapping[str, tuple[str, ...]] = {
+    "best": ("volumes", "numbers"),
+    "ends": ("end_times",),
+    "sensitivities": ("sensitivities",),
+    "spins": ("spins",),
+}
+"""The slower kinds in the order in which the reader needs them, and the views to draw again afterwards."""
+
+_OF_MODEL_SHOWN = ("cut", "ends", "sensitivities")
+Step = tuple[str, str]
+"""A kind of answer and the model that it is about."""
+
+
+def steps(kinds: Iterable[str], state: PageState) -> list[Step]:
+    """The answers of these kinds that a state needs; the model shown comes first."""
+    models = sorted(state.models, key=lambda name: name != state.shown)
+    return [(kind, model) for kind in kinds for model in ([state.shown] if kind in _OF_MODEL_SHOWN else models)]
+
 
 @dataclasses.dataclass
 class Computed:
-    """Answers about one state, by model; answers that are not computed yet are missing.
+    """Answers about one state; answers that are not computed yet are missing.
 
     Args:
-        state: the state that the answers are about.
-        cut: the cut of the model shown.
-        points: the impacts at the state's angle.
-        curves: the impacts over all angles.
-        best: the angles of greatest removal.
-        ends: for the model shown, the times at which each event alone would end the cut, over all angles.
-        spins: the angles of greatest removal over the spin.
-        sensitivities: how far the angle of greatest removal of the model shown moves with each parameter.
-        errors: one sentence for each answer that could not be computed.
+        state: the state of the page.
+        answers: by their step.
+        errors: one line for each answer that could not be computed.
     """
 
     state: PageState
-    cut: Trajectory | None = None
-    points: dict[str, Impact] = dataclasses.field(default_factory=dict)
-    curves: dict[str, Impact] = dataclasses.field(default_factory=dict)
-    best: dict[str, Optimum] = dataclasses.field(default_factory=dict)
-    ends: Mapping[str, np.ndarray] | None = None
-    spins: dict[str, SpinCurves] = dataclasses.field(default_factory=dict)
-    sensitivities: Mapping[str, Any] | None = None
+    answers: dict[Step, Any] = dataclasses.field(default_factory=dict)
     errors: list[str] = dataclasses.field(default_factory=list)
 
-    def in_order(self, answers: Mapping[str, Any]) -> list[tuple[str, Any]]:
-        """Answers in the order of the state's models."""
-        return [(model, answers[model]) for model in self.state.models if model in answers]
+    def of_shown(self, kind: str) -> Any:
+        """The answer about the model shown, or None."""
+        return self.answers.get((kind, self.state.shown))
+
+    def of_all(self, kind: str) -> dict[str, Any]:
+        """The answers by model, in the order of the state's models."""
+        return {model: self.answers[kind, model] for model in self.state.models if (kind, model) in self.answers}
+
+    def take_remembered(self, answers: Answers, kinds: Iterable[str]) -> list[Step]:
+        """Take what is remembered of these kinds, and return the other steps."""
+        wanted = steps(kinds, self.state)
+        remembered = {step: answers.remembered(*step, self.state.case) for step in wanted}
+        self.answers |= {step: answer for step, answer in remembered.items() if answer is not None}
+        return [step for step in wanted if step not in self.answers]
 
 
-class Step(NamedTuple):
-    """One answer to compute.
-
-    Args:
-        answer, model, case: the kind of answer, and the model and case that it is about.
-        keep: a function that stores the answer in `Computed`.
-        compiled: the kind of answer whose compiled program this step runs.
-        views: names of the views to draw again afterwards; empty if the whole stage waits for the step.
-    """
-
-    answer: ModelProgram
-    model: str
-    case: PageCase
-    keep: Callable[[Any], None]
-    compiled: ModelProgram
-    views: tuple[str, ...]
+def at_once(computed: Computed, kinds: Iterable[str], answers: Answers, preparation: Preparation) -> None:
+    """Compute these kinds for the models that are compiled."""
+    missing = computed.take_remembered(answers, kinds)
+    take(computed, [step for step in missing if preparation.ready(*step)], answers, preparation, PATIENCE_AT_ONCE)
 
 
-class Stage(NamedTuple):
-    """A part of the answers that the page needs at once.
-
-    Args:
-        steps: the steps to compute.
-        views: names of the views that can be drawn afterwards.
-    """
-
-    steps: Sequence[Step]
-    views: tuple[str, ...]
-
-
-def stages(answers: Answers, computed: Computed) -> Sequence[Stage]:
-    """The answers that take milliseconds, in parts: the browser draws one part while the next is computed."""
-    curves = Stage([*_curves(answers, computed), *_second(answers, computed)], ("volumes", "end_times"))
-    return curves, Stage([_cut(answers, computed)], ("cut", "histories", "numbers", "spins", "sensitivities"))
-
-
-def at_once(computed: Computed, stage: Stage, preparation: Preparation) -> None:
-    """Compute a stage for the models that are compiled. Of slower answers only the remembered ones are taken."""
-    missing = []
-    for step in stage.steps:
-        remembered = step.answer.remembered(step.model, step.case)
-        if remembered is not None:
-            step.keep(remembered)
-        elif not step.views and preparation.ready(step.compiled, step.model):
-            missing.append(step)
-    take(computed, missing, preparation, PATIENCE_AT_ONCE)
-
-
-def later(answers: Answers, computed: Computed, preparation: Preparation) -> Iterator[Step]:
-    """The slower steps whose answers are not remembered, in the order in which the reader needs them."""
-    for step in _second(answers, computed):
-        if step.answer.remembered(step.model, step.case) is None and preparation.ready(step.compiled, step.model):
-            yield step
-
-
-def all_ready(answers: Answers, state: PageState, preparation: Preparation) -> bool:
+def all_ready(state: PageState, preparation: Preparation) -> bool:
     """Whether all programs are compiled whose answers follow a slider."""
-    computed = Computed(state)
-    steps = _cut(answers, computed), *_curves(answers, computed)
+    wanted = [step for kinds, _ in reversed(STAGES) for step in steps(kinds, state)]
     # A list: `ready` starts the compilation, and `all` alone would stop at the first program that is not ready.
-    compiled = [preparation.ready(step.compiled, step.model) for step in steps]
-    return all(compiled)
+    ready = [preparation.ready(*step) for step in wanted]
+    return all(ready)
 
 
-def take(computed: Computed, steps: Sequence[Step], preparation: Preparation, patience: float) -> None:
+def take(
+    computed: Computed, wanted: Sequence[Step], answers: Answers, preparation: Preparation, patience: float
+) -> None:
     """Compute steps, all models in parallel. An error becomes a sentence; a model that is late is left out."""
+    case = computed.state.case
+
+    def of_model(name: str) -> list[tuple[Step, Any]]:
+        done: list[tuple[Step, Any]] = []
+        for kind, model in wanted:
+            try:
+                done += [((kind, model), answers(kind, model, case))] if model == name else []
+            # A plug-in's own code may raise any error; the page shows the error and goes on.
+            except Exception as error:  # noqa: BLE001
+                done.append(((kind, model), error))
+        return done
+
     # The steps of one model run in one thread: an answer that never comes keeps one thread and one core busy.
-    futures = {
-        model: in_thread(functools.partial(_answer, [step for step in steps if step.model == model]))
-        for model in dict.fromkeys(step.model for step in steps)
-    }
+    models = dict.fromkeys(model for _, model in wanted)
+    futures = {model: in_thread(functools.partial(of_model, model)) for model in models}
     wait(futures.values(), timeout=patience)
     for model, future in futures.items():
         if not future.done():
@@ -435,49 +422,4 @@ def take(computed: Computed, steps: Sequence[Step], preparation: Preparation, pa
             if isinstance(answer, Exception):
                 computed.errors.append(f"{model}: {sentence(answer)}")
             else:
-                step.keep(answer)
-
-
-def _answer(steps: Sequence[Step]) -> list[tuple[Step, Any]]:
-    """Each step with its answer, or with the error that was raised instead."""
-    answers: list[tuple[Step, Any]] = []
-    for step in steps:
-        try:
-            answers.append((step, step.answer(step.model, step.case)))
-        # A plug-in's own code may raise any error; the page shows the error and goes on.
-        except Exception as error:  # noqa: BLE001
-            answers.append((step, error))
-    return answers
-
-
-def _cut(answers: Answers, computed: Computed) -> Step:
-    return Step(answers.cut, computed.state.shown, computed.state.case, _as(computed, "cut"), answers.cut, ())
-
-
-def _curves(answers: Answers, computed: Computed) -> Iterator[Step]:
-    state = computed.state
-    over_angles = state.case.at_any_angle()
-    for model in sorted(state.models, key=lambda name: name != state.shown):
-        yield Step(answers.curve, model, over_angles, _into(computed.curves, model), answers.curve, ())
-        yield Step(answers.point, model, state.case, _into(computed.points, model), answers.curve, ())
-
-
-def _second(answers: Answers, computed: Computed) -> Iterator[Step]:
-    state, shown = computed.state, computed.state.shown
-    over_angles, over_spins = state.case.at_any_angle(), state.case.at_any_spin()
-    order = sorted(state.models, key=lambda name: name != shown)
-    for model in order:
-        yield Step(answers.best, model, over_angles, _into(computed.best, model), answers.curve, ("volumes", "numbers"))
-    yield Step(answers.ends, shown, over_angles, _as(computed, "ends"), answers.ends, ("end_times",))
-    yield Step(answers.sensitivities, shown, over_angles, _as(computed, "sensitivities"), answers.sensitivities,
-               ("sensitivities",))  # fmt: skip
-    for model in order:
-        yield Step(answers.spins, model, over_spins, _into(computed.spins, model), answers.curve, ("spins",))
-
-
-def _into(kept: dict[str, Any], model: str) -> Callable[[Any], None]:
-    return lambda answer: kept.update({model: answer})
-
-
-def _as(computed: Computed, name: str) -> Callable[[Any], None]:
-    return lambda answer: setattr(computed, name, answer)
+                computed.answers[step] = answer

@@ -19,7 +19,7 @@ from erosion.impacts.impact import Impact
 from erosion.parameters.materials import Particle, Target, known_particles, known_targets, particle, target
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters.quantities import QUANTITIES, Quantity
 from erosion.parameters.units import SYSTEMS, System, conversion_factor, read_quantity, unit_name
 from erosion.plotting.labels import STYLES, broken
 
@@ -57,17 +57,19 @@ def position(name: str, case: PageCase, first: PageCase) -> float:
         case: the case that is shown.
         first: the case at the middle of all sliders, in the same units.
     """
-    numbers, ends = case.numbers(), range_of(name)
-    middle = first.numbers()[name]
+    ends = range_of(name)
+    return float(np.clip(_place(name, case, first), ends.low, ends.high))
+
+
+def _place(name: str, case: PageCase, first: PageCase) -> float:
+    numbers, middle = case.numbers(), first.numbers()[name]
     if name == "alpha":
-        at = np.rad2deg(numbers["alpha"])
-    elif name == "phidot0":
-        at = numbers["phidot0"] * numbers["r"] / numbers["v0"]
-    elif middle <= 0:
-        at = (numbers[name] - middle) / _size(name, first)
-    else:
-        at = np.log(numbers[name] / middle) / np.log(_FACTOR) if numbers[name] > 0 else ends.low
-    return float(np.clip(at, ends.low, ends.high))
+        return float(np.rad2deg(numbers["alpha"]))
+    if name == "phidot0":
+        return numbers["phidot0"] * numbers["r"] / numbers["v0"]
+    if middle <= 0:
+        return (numbers[name] - middle) / _size(name, first)
+    return np.log(numbers[name] / middle) / np.log(_FACTOR) if numbers[name] > 0 else -np.inf
 
 
 def at_position(name: str, at: float, case: PageCase, first: PageCase) -> PageCase:
@@ -127,25 +129,18 @@ class Field(ui.element, component="web/field.js"):
 
     Args:
         name: the parameter.
-        symbol, meaning: the parameter's label.
-        range_: the range of the slider's positions.
+        quantity: its symbol and its meaning.
         on_slide: is called with the position.
         on_entry: is called with the text.
     """
 
     def __init__(
-        self,
-        name: str,
-        symbol: str,
-        meaning: str,
-        range_: SliderRange,
-        on_slide: Callable[[float], None],
-        on_entry: Callable[[str], None],
+        self, name: str, quantity: Quantity, on_slide: Callable[[float], None], on_entry: Callable[[str], None]
     ) -> None:
         super().__init__()
-        labels = {"id": name, "symbol": symbol, "meaning": meaning}
-        self.props.update(labels | {"low": range_.low, "high": range_.high, "step": range_.step})
-        self.on("slide", partial(_tell, on_slide, range_))
+        labels = {"id": name, "symbol": quantity.symbol, "meaning": quantity.meaning}
+        self.props.update(labels | range_of(name)._asdict())
+        self.on("slide", partial(_tell, on_slide, range_of(name)))
         self.on("entry", lambda event: on_entry(str(event.args)))
 
     def show(self, text: str, unit: str, position: float) -> None:
@@ -175,7 +170,7 @@ class CutDrawing(ui.element, component="web/cut.js"):
 
     def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
         super().__init__()
-        self.props.update({"instant": instant})
+        self.props["instant"] = instant
         self.on("instant", partial(_tell, on_instant, _SHARES))
 
     def draw(self, content: Mapping[str, Any], key: str) -> None:
@@ -189,27 +184,20 @@ class Plot(ui.element, component="web/plot.js"):
     Args:
         height: the height of the plot, in CSS.
         follows: whether the fixed handles follow the time of the cut.
-        range_: the range of the positions of a handle that the reader moves.
-        on_pick: is called with the position to which the reader moves a handle.
+        moved: the parameter that a handle moves, if the reader can drag one.
+        on_pick: is called with this parameter and the position to which the reader drags the handle.
     """
 
-    def __init__(
-        self,
-        height: str,
-        *,
-        follows: bool = False,
-        range_: SliderRange | None = None,
-        on_pick: Callable[[float], None] | None = None,
-    ) -> None:
+    def __init__(self, height: str, *, follows: bool, moved: str | None, on_pick: Callable[[str, float], None]) -> None:
         super().__init__()
         self.props.update({"height": height, "follows": follows})
-        if range_ is not None and on_pick is not None:
-            self.on("pick", partial(_tell, on_pick, range_))
+        if moved is not None:
+            self.on("pick", partial(_tell, partial(on_pick, moved), range_of(moved)))
 
     def draw(
         self, option: Mapping[str, Any] | None, handles: Sequence[Mapping[str, Any]], label: str, key: str
     ) -> None:
-        """Draw an option of ECharts, or only move the handles if there is none; `key` is as of `CutDrawing.draw`."""
+        """Draw an option of ECharts, or only move the handles if there is none; `key` as in `CutDrawing.draw`."""
         self.run_method("draw", option, handles, label, key)
 
 
@@ -327,20 +315,19 @@ def gaps(curve: Impact) -> np.ndarray:
     return at - np.arange(at.size)
 
 
-def angle_handle(state: PageState) -> Option:
-    """The handle at the state's angle, which the reader can drag."""
-    quantity, degrees = QUANTITIES["alpha"], float(np.rad2deg(state.case.numbers()["alpha"]))
+def handle(name: str, case: PageCase) -> Option:
+    """The handle at a parameter's number, which the reader can drag along the axis of its slider's positions."""
+    at, text = _place(name, case, case), "{:.4g}°" if name == "alpha" else "s = {:.3g}"
     return {
-        "x": degrees,
+        "x": at,
         "movable": True,
-        "low": ANGLE_SLIDER.low,
-        "high": ANGLE_SLIDER.high,
-        "step": ANGLE_SLIDER.step,
-        "label": f"{quantity.meaning}, in the plot",
-        "text": f"{degrees:.4g}°",
+        **range_of(name)._asdict(),
+        "label": f"{QUANTITIES[name].meaning}, in the plot",
+        "text": text.format(at),
     }
 
 
+_MENU = "dense no-caps outline icon-right=arrow_drop_down"
 _ORDER = ("alpha", *(name for name in QUANTITIES if name != "alpha"))
 
 
@@ -364,14 +351,13 @@ class Controls:
             ui.button("Reset", on_click=self._reset).props("dense no-caps outline")
             ui.button("Table 1", on_click=self._table_1).props("dense no-caps outline")
             self._particle_menu(materials)
-            with ui.button("Metal").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
+            with ui.button("Metal").props(_MENU), ui.menu():
                 for name, metal in materials.targets.items():
-                    ui.menu_item(name, on_click=lambda _, metal=metal: self._metal(metal)).tooltip(metal.source)
-            with ui.button("Spin").props("dense no-caps outline icon-right=arrow_drop_down"), ui.menu():
+                    take = partial(lambda metal: self._go(self._state.of_metal(metal)), metal)
+                    ui.menu_item(name, on_click=take).tooltip(metal.source)
+            with ui.button("Spin").props(_MENU), ui.menu():
                 for s in SPIN_PRESETS:
-                    ui.menu_item(
-                        f"s = {s:g}".replace("-", "−"), on_click=lambda _, s=s: self.change(partial(with_spin, s))
-                    )
+                    ui.menu_item(f"s = {s:g}".replace("-", "−"), partial(self.change, partial(with_spin, s)))
             self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
             self._units.props('dense no-caps unelevated aria-label="Units"')
         self._fields = {name: self._field(name) for name in _ORDER}
@@ -402,20 +388,23 @@ class Controls:
         self._shown.set_value(state.shown)
         self._showing = False
 
-    def change(self, change: Callable[[PageCase], PageCase]) -> bool:
-        """Show what a function makes of the case; if this is no valid case, say why and show the case again.
+    def change(self, change: Callable[[PageCase], PageCase], complain: Callable[[str], None] | None = None) -> bool:
+        """Show what a function makes of the case; if this is no valid case, say why.
 
         Returns:
             Whether it is a valid case.
         """
         try:
-            case = change(self._state.case)
+            state = dataclasses.replace(self._state, case=change(self._state.case))
         except ValueError as error:
-            warn(sentence(error))
-            self._go(self._state)
+            (complain or self._warn)(sentence(error))
             return False
-        self._go(dataclasses.replace(self._state, case=case))
+        self._go(state)
         return True
+
+    def _warn(self, why: str) -> None:
+        warn(why)
+        self._go(self._state)
 
     def _group(self, model: str) -> ui.element:
         """The fields of a model's own parameters."""
@@ -430,24 +419,17 @@ class Controls:
     def _field(self, name: str) -> Field:
         quantity = self._start.case.quantities()[name]
 
+        def ask(change: Callable[[PageCase], PageCase]) -> None:
+            self._shown_fields.pop(name, None)
+            self.change(change, lambda why: self._fields[name].complain(why.removeprefix(f"Field `{name}` ")))
+
         def slide(at: float) -> None:
-            first = self._start.case.to(self._state.case.units)
-            self._ask(name, lambda: at_position(name, at, self._state.case, first))
+            ask(lambda case: at_position(name, at, case, self._start.case.to(case.units)))
 
         def entry(text: str) -> None:
-            self._ask(name, lambda: self._state.case.read(name, text))
+            ask(lambda case: case.read(name, text))
 
-        return Field(name, quantity.symbol, quantity.meaning, range_of(name), slide, entry)
-
-    def _ask(self, name: str, case: Callable[[], PageCase]) -> None:
-        """Show a case; if it is not valid, say why at the parameter."""
-        self._shown_fields.pop(name, None)
-        try:
-            state = dataclasses.replace(self._state, case=case())
-        except ValueError as error:
-            self._fields[name].complain(sentence(error).removeprefix(f"Field `{name}` "))
-            return
-        self._go(state)
+        return Field(name, quantity, slide, entry)
 
     def _box(self, name: str, summaries: Mapping[str, str]) -> ui.checkbox:
         with ui.element("div").classes("model"):
@@ -483,9 +465,6 @@ class Controls:
         case = state.case.with_parameters(TABLE_1.to(state.case.units))
         self._go(dataclasses.replace(state, case=case, per_mass=PerMass()))
 
-    def _metal(self, metal: Target) -> None:
-        self._go(self._state.of_metal(metal))
-
     def _particle_menu(self, materials: Materials) -> None:
         """A material and a size, from which r, b, m and β follow."""
 
@@ -498,7 +477,7 @@ class Controls:
                 menu.close()
 
         with (
-            ui.button("Particle").props("dense no-caps outline icon-right=arrow_drop_down"),
+            ui.button("Particle").props(_MENU),
             ui.menu() as menu,
             ui.element("div").classes("particle"),
         ):

@@ -1,7 +1,8 @@
 """The exports of a tab: figures, data, the case, and Python lines that compute the same numbers."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,29 +16,12 @@ from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.quantities import RESULTS
 from erosion.parameters.units import Dimension, unit_name
 
-FIGURES: Mapping[str, str] = {
-    "cut": "The cut and its histories",
-    "volumes": "V(α) of the checked models",
-    "optimum": "V(α) with its maxima, jumps and regimes",
-    "end-times": "t_c(α) with both candidates",
-    "spins": "α_max over the spin",
-}
-"""The title of each figure, by the name of its file."""
-
-
-def figure(name: str, suffix: str, answers: Answers, state: PageState) -> bytes:
-    """One of `FIGURES` as the bytes of an "svg" or "png" file."""
-    # Imported here: matplotlib, scipy and xarray would delay the first page.
-    from erosion.explorer.figures import draw
-
-    return draw(name, suffix, answers, state)
-
 
 def curves_csv(answers: Answers, state: PageState) -> bytes:
     """A table over all angles: α [°], and for each checked model V, dV/dα, t_c and how the cut ends."""
     columns: dict[str, Any] = {"alpha [deg]": np.rad2deg(ANGLES)}
     for name in state.models:
-        curve = answers.curve(name, state.case.at_any_angle())
+        curve = answers("curve", name, state.case)
         for result in ("volume", "dvolume", "t_c"):
             columns[_heading(f"{name} {result}", RESULTS[result].dimension, state)] = getattr(curve, result)
         columns[f"{name} ended_by"] = curve.ended_by
@@ -46,7 +30,7 @@ def curves_csv(answers: Answers, state: PageState) -> bytes:
 
 def motion_csv(answers: Answers, state: PageState) -> bytes:
     """The motion of the model shown over time."""
-    cut = answers.cut(state.shown, state.case)
+    cut = answers("cut", state.shown, state.case)
     dimensions: dict[str, Dimension] = {
         "t": "time", "x_tip": "length", "depth": "length", "vx_tip": "speed", "vdepth": "speed", "removed": "volume",
     }  # fmt: skip
@@ -58,11 +42,9 @@ def motion_csv(answers: Answers, state: PageState) -> bytes:
 
 def results_json(answers: Answers, state: PageState) -> bytes:
     """The case, and all numbers that the page shows of each checked model."""
-    over_angles = state.case.at_any_angle()
     models = {}
     for name in state.models:
-        point, best = answers.point(name, state.case), answers.best(name, over_angles)
-        curve = answers.curve(name, over_angles)
+        point, best, curve, spins = (answers(kind, name, state.case) for kind in ("point", "best", "curve", "spins"))
         models[name] = {
             "own_parameters": state.case.own_values(name),
             "t_c": point.t_c, "ended_by": str(point.ended_by), "volume": point.volume, "dvolume": point.dvolume,
@@ -72,20 +54,21 @@ def results_json(answers: Answers, state: PageState) -> bytes:
             "jumps": [vars(jump) for jump in best.jumps], "regimes": [vars(regime) for regime in best.regimes],
             "curve": {"alpha": ANGLES.tolist(), "volume": curve.volume.tolist(), "dvolume": curve.dvolume.tolist(),
                       "t_c": curve.t_c.tolist(), "ended_by": curve.ended_by.tolist()},
-            "spins": {"s": SPINS.tolist(), "alpha_max": answers.spins(name, state.case.at_any_spin()).alpha.tolist()},
+            "spins": {"s": SPINS.tolist(), "alpha_max": spins.alpha.tolist()},
         }  # fmt: skip
+    cut = answers("cut", state.shown, state.case)
     shown = {
         "model": state.shown,
-        "sensitivities": dict(answers.sensitivities(state.shown, over_angles)),
-        **({"turn": turn} if math.isfinite(turn := answers.cut(state.shown, state.case).turn) else {}),
-        "warnings": list(answers.cut(state.shown, state.case).warnings),
+        "sensitivities": dict(answers("sensitivities", state.shown, state.case)),
+        **({"turn": cut.turn} if math.isfinite(cut.turn) else {}),
+        "warnings": list(cut.warnings),
     }
     parameters = {name: float(getattr(state.case.parameters(), name)) for name in QUANTITIES}
     content = {"parameters": {"units": state.case.units, **parameters}, "models": models, "shown": shown}
     return to_json(content).encode()
 
 
-def case_toml(state: PageState) -> bytes:
+def case_toml(_: Answers, state: PageState) -> bytes:
     """The case as a file for `erosion run --case`."""
     return (dump_case(state.case.parameters(), "From the explorer") + dump_per_mass(state.per_mass)).encode()
 
@@ -129,3 +112,32 @@ def _heading(name: str, dimension: Dimension, state: PageState) -> str:
 
 def _csv(columns: Mapping[str, Any]) -> bytes:
     return to_csv({heading: np.asarray(column).tolist() for heading, column in columns.items()}).encode()
+
+
+def _figure(name: str, suffix: str, answers: Answers, state: PageState) -> bytes:
+    # Imported here: matplotlib, scipy and xarray would delay the first page.
+    from erosion.explorer.figures import FIGURES
+    from erosion.plotting.style import render
+
+    return render(FIGURES[name](answers, state), suffix)
+
+
+Export = tuple[str, Callable[[Answers, PageState], bytes]]
+FIGURES: Mapping[str, Export] = {
+    f"{name}.{suffix}": (f"{title} ({suffix.upper()})", partial(_figure, name, suffix))
+    for name, title in (
+        ("cut", "The cut and its histories"),
+        ("volumes", "V(α) of the checked models"),
+        ("optimum", "V(α) with its maxima, jumps and regimes"),
+        ("end-times", "t_c(α) with both candidates"),
+        ("spins", "α_max over the spin"),
+    )
+    for suffix in ("svg", "png")
+}
+TABLES: Mapping[str, Export] = {
+    "curves.csv": ("Curves over α (CSV)", curves_csv),
+    "motion.csv": ("Motion of the model drawn (CSV)", motion_csv),
+    "explorer.json": ("All numbers (JSON)", results_json),
+}
+CASES: Mapping[str, Export] = {"case.toml": ("The case (TOML)", case_toml)}
+"""What a tab exports, by the name of the file: its title, and the function that makes it."""

@@ -174,7 +174,7 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
         _announce(address)
         _look_for_garbage()
         # Not earlier: compiling would slow the start of the server.
-        all_ready(service.answers, service.start, service.preparation)
+        all_ready(service.start, service.preparation)
 
     app.add_middleware(OnlyOwnPage, address=address)
     app.on_startup(lambda: background_tasks.create(announce()))
@@ -271,7 +271,7 @@ def offer(
     start = PageState(case, checked, next(iter(plugged), _SHOWN), per_mass or PerMass())
     return Service(
         answers=answers,
-        preparation=Preparation(case),
+        preparation=Preparation(answers, case),
         start=start,
         summaries={name: summary for name, (_, summary) in offered.items()},
         sources={name: source for name, (source, _) in offered.items()},

@@ -4,123 +4,25 @@ import asyncio
 import contextlib
 import dataclasses
 import json
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import segno
 from nicegui import background_tasks, ui
 
 from erosion.explorer import computed as computing, exports
-from erosion.explorer.computed import Answers, Computed, LatestWins, Preparation, in_thread
-from erosion.explorer.controls import (
-    ANGLE_SLIDER,
-    SPINS,
-    Controls,
-    CutDrawing,
-    Materials,
-    Plot,
-    Prose,
-    at_position,
-    warn,
-    with_spin,
-)
+from erosion.explorer.computed import LATER, STAGES, Answers, Computed, LatestWins, Preparation, Step, in_thread
+from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Prose, at_position, warn
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
-
-_OUTLINE = "dense no-caps outline"
-
-
-def window_buttons(invitation: str | None) -> None:
-    """Make the buttons.
-
-    Args:
-        invitation: the link for other devices; None where they cannot reach the explorer.
-    """
-    if invitation is not None:
-        with ui.dialog() as dialog, ui.card().classes("panel invitation"):
-            ui.html("Scan the code to open this page on another device of this network", tag="h2", sanitize=False)
-            code = segno.make_qr(invitation).svg_inline(scale=8, border=4, light="white", omitsize=True)
-            ui.html(code, sanitize=False).props('role=img aria-label="QR code of the link"')
-            ui.label(invitation).classes("invitation-link")
-            ui.button("Close", on_click=dialog.close).props("dense no-caps flat")
-        ui.button("Invite", icon="qr_code", on_click=dialog.open).props(_OUTLINE)
-    screen = ui.fullscreen()
-    ui.button("Full screen", icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes("full-screen")
-
-
-class Sharing:
-    """The buttons for the link, for exports, and for the dark page.
-
-    Args:
-        answers: the answers about all models.
-        sources: the argument of `erosion.load_model` for each model, by name.
-        state: returns the tab's present state.
-        go: is called with the state that the reader asks for.
-    """
-
-    def __init__(
-        self,
-        answers: Answers,
-        sources: Mapping[str, str],
-        state: Callable[[], PageState],
-        go: Callable[[PageState], None],
-    ) -> None:
-        self._answers, self._sources, self._state, self._go = answers, sources, state, go
-        ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
-        with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
-            for name, title in exports.FIGURES.items():
-                for suffix in ("svg", "png"):
-                    self._item(f"{title} ({suffix.upper()})", f"{name}.{suffix}", exports.figure, name, suffix)
-            ui.separator()
-            self._item("Curves over α (CSV)", "curves.csv", exports.curves_csv)
-            self._item("Motion of the model drawn (CSV)", "motion.csv", exports.motion_csv)
-            self._item("All numbers (JSON)", "explorer.json", exports.results_json)
-            ui.separator()
-            self._item("The case (TOML)", "case.toml", lambda _, state: exports.case_toml(state))
-            ui.menu_item("Python lines…", self._show_python)
-        ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
-        with ui.dialog() as self._python, ui.card().classes("panel"):
-            self._lines = ui.code("", language="python").classes("w-full")
-            with ui.row():
-                ui.button("Close", on_click=self._python.close).props("dense no-caps flat")
-
-    def _item(self, title: str, file: str, make: Callable[..., bytes], *arguments: Any) -> None:
-        async def download() -> None:
-            state = self._state()
-            try:
-                content = await asyncio.wrap_future(in_thread(lambda: make(*arguments, self._answers, state)))
-            # A plug-in's own code may raise any error; the page shows the error and goes on.
-            except Exception as error:  # noqa: BLE001
-                ui.notify(f"{file}: {sentence(error)}", type="negative")
-                return
-            ui.download.content(content, file)
-
-        ui.menu_item(title, download)
-
-    async def _copy_link(self) -> None:
-        query = json.dumps(f"/?{self._state().query()}")
-        try:
-            await ui.run_javascript(f"navigator.clipboard.writeText(location.origin + {query}).then(() => true)")
-        except TimeoutError:
-            ui.notify("The browser refused to copy the link; you find it in the address line.", type="negative")
-            return
-        ui.notify("Link copied.")
-
-    async def _toggle_dark(self) -> None:
-        # Only the browser knows whether it prefers a dark page.
-        dark = bool(await ui.run_javascript("Quasar.Dark.isActive"))
-        self._go(dataclasses.replace(self._state(), dark=not dark))
-
-    def _show_python(self) -> None:
-        self._lines.set_content(exports.python_lines(self._state(), self._sources))
-        self._python.open()
-
 
 T = TypeVar("T")
 
 _REST = 0.2  # s; the slower answers begin after this time without a change
 _IN_PARALLEL = 2  # tabs; each computes its models in threads of their own, and the page's event loop needs its share
 _PATIENCE = 0.4  # s; after this time the page says that it computes
+_OUTLINE = "dense no-caps outline"
 
 _TITLES: Mapping[str, str] = {
     "cut": "The cut, to scale",
@@ -183,8 +85,11 @@ class Tab:
             with ui.element("div").classes("status").props("role=status"):
                 self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
                 self._status = ui.label()
-            Sharing(service.answers, service.sources, lambda: self.state, self._go)
-            window_buttons(invitation)
+            self._sharing_buttons()
+            if invitation is not None:
+                _invite_button(invitation)
+            screen = ui.fullscreen()
+            ui.button("Full screen", icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes("full-screen")
         with ui.element("main").classes("explorer") as self._main:
             with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
                 self._controls = Controls(service.start, service.summaries, service.materials, self._go)
@@ -210,29 +115,63 @@ class Tab:
         with self._main:
             warn(sentence)
 
+    def _sharing_buttons(self) -> None:
+        """The buttons for the link, for exports, and for the dark page."""
+        ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
+        with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
+            for group in (exports.FIGURES, exports.TABLES, exports.CASES):
+                for file, (title, make) in group.items():
+                    ui.menu_item(title, partial(self._download, file, make))
+                if group is not exports.CASES:
+                    ui.separator()
+            ui.menu_item("Python lines…", self._show_python)
+        ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
+        with ui.dialog() as self._python, ui.card().classes("panel"):
+            self._lines = ui.code("", language="python").classes("w-full")
+            with ui.row():
+                ui.button("Close", on_click=self._python.close).props("dense no-caps flat")
+
+    async def _download(self, file: str, make: Callable[[Answers, PageState], bytes]) -> None:
+        state = self.state
+        try:
+            content = await asyncio.wrap_future(in_thread(lambda: make(self.service.answers, state)))
+        # A plug-in's own code may raise any error; the page shows the error and goes on.
+        except Exception as error:  # noqa: BLE001
+            ui.notify(f"{file}: {sentence(error)}", type="negative")
+            return
+        ui.download.content(content, file)
+
+    async def _copy_link(self) -> None:
+        query = json.dumps(f"/?{self.state.query()}")
+        try:
+            await ui.run_javascript(f"navigator.clipboard.writeText(location.origin + {query}).then(() => true)")
+        except TimeoutError:
+            ui.notify("The browser refused to copy the link; you find it in the address line.", type="negative")
+            return
+        ui.notify("Link copied.")
+
+    async def _toggle_dark(self) -> None:
+        # Only the browser knows whether it prefers a dark page.
+        dark = bool(await ui.run_javascript("Quasar.Dark.isActive"))
+        self._go(dataclasses.replace(self.state, dark=not dark))
+
+    def _show_python(self) -> None:
+        self._lines.set_content(exports.python_lines(self.state, self.service.sources))
+        self._python.open()
+
     def _view(self, name: str) -> Any:
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
             ui.html(_TITLES[name], tag="h2", sanitize=False)
             if name == "cut":
-                return CutDrawing(self.state.instant, self._stay_at)
+                stay_at = lambda instant: self._go(dataclasses.replace(self.state, instant=instant))  # noqa: E731
+                return CutDrawing(self.state.instant, stay_at)
             if name == "numbers":
                 return Prose()
-            if name == "histories":
-                return Plot("400px", follows=True)
-            if name == "spins":
-                return Plot("400px", range_=SPINS, on_pick=self._pick_spin)
-            if name == "sensitivities":
-                return Plot("400px")
-            return Plot("400px", range_=ANGLE_SLIDER, on_pick=self._pick_angle)
+            moved = {"volumes": "alpha", "end_times": "alpha", "spins": "phidot0"}.get(name)
+            return Plot("400px", follows=name == "histories", moved=moved, on_pick=self._pick)
 
-    def _stay_at(self, instant: float) -> None:
-        self._go(dataclasses.replace(self.state, instant=instant))
-
-    def _pick_angle(self, degrees: float) -> None:
-        self._controls.change(lambda case: at_position("alpha", degrees, case, self.service.start.case))
-
-    def _pick_spin(self, s: float) -> None:
-        self._controls.change(lambda case: with_spin(s, case))
+    def _pick(self, parameter: str, at: float) -> None:
+        self._controls.change(lambda case: at_position(parameter, at, case, self.service.start.case))
 
     def _go(self, state: PageState) -> None:
         """Change to another state and show it."""
@@ -266,14 +205,19 @@ class Tab:
             self._at_once.offer(self.state)
             self._later.offer(self.state)
 
-    async def _show_at_once(self, state: PageState) -> None:
-        computed = Computed(state)
-        patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
-        for stage in computing.stages(self.service.answers, computed):
+    def _contents(self, computed: Computed, views: Iterable[str]) -> dict[str, Any]:
+        return {name: VIEWS[name](computed, self._models) for name in views}
 
-            def work(stage: computing.Stage = stage) -> dict[str, Any]:
-                computing.at_once(computed, stage, self.service.preparation)
-                return {name: VIEWS[name](computed, self._models) for name in stage.views}
+    async def _show_at_once(self, state: PageState) -> None:
+        answers, preparation = self.service.answers, self.service.preparation
+        computed = Computed(state)
+        computed.take_remembered(answers, LATER)
+        patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
+        for kinds, views in STAGES:
+
+            def work(kinds: Sequence[str] = kinds, views: Sequence[str] = views) -> dict[str, Any]:
+                computing.at_once(computed, kinds, answers, preparation)
+                return self._contents(computed, views)
 
             self._draw(await self.service.in_turn(work), computed)
         patience.cancel()
@@ -285,14 +229,17 @@ class Tab:
             return
         answers, preparation = self.service.answers, self.service.preparation
         computed = Computed(state)
-        for stage in computing.stages(answers, computed):
-            await self.service.in_turn(lambda stage=stage: computing.at_once(computed, stage, preparation))
-        for step in computing.later(answers, computed, preparation):
+        missing = computed.take_remembered(answers, LATER)
+        for kinds, _ in STAGES:
+            await self.service.in_turn(partial(computing.at_once, computed, kinds, answers, preparation))
+        for step in missing:
 
-            def work(step: computing.Step = step) -> dict[str, Any]:
-                computing.take(computed, [step], preparation, computing.PATIENCE_LATER)
-                return {name: VIEWS[name](computed, self._models) for name in step.views}
+            def work(step: Step = step) -> dict[str, Any]:
+                computing.take(computed, [step], answers, preparation, computing.PATIENCE_LATER)
+                return self._contents(computed, LATER[step[0]])
 
+            if not preparation.ready(*step):
+                continue
             contents = await self.service.in_turn(work, later=True)
             if self._later.waiting:
                 return
@@ -316,7 +263,7 @@ class Tab:
     def _tell_progress(self, computed: Computed) -> None:
         preparation = self.service.preparation
         done, begun, models = preparation.progress()
-        ready = computing.all_ready(self.service.answers, computed.state, preparation)
+        ready = computing.all_ready(computed.state, preparation)
         failures = [failure for name in computed.state.models if (failure := preparation.failure(name))]
         errors = list(dict.fromkeys([*failures, *computed.errors]))
         self._progress.set_visibility(done < begun)
@@ -324,3 +271,14 @@ class Tab:
         preparing = f"Preparing {', '.join(models)}: {done} of {begun} programs compiled"
         self._status.set_text(" · ".join([*errors, *([preparing] if models else [])]))
         self._main.props(f"data-ready={'true' if ready else 'false'}")
+
+
+def _invite_button(link: str) -> None:
+    """A button that shows the link, which lets other devices in."""
+    with ui.dialog() as dialog, ui.card().classes("panel invitation"):
+        ui.html("Scan the code to open this page on another device of this network", tag="h2", sanitize=False)
+        code = segno.make_qr(link).svg_inline(scale=8, border=4, light="white", omitsize=True)
+        ui.html(code, sanitize=False).props('role=img aria-label="QR code of the link"')
+        ui.label(link).classes("invitation-link")
+        ui.button("Close", on_click=dialog.close).props("dense no-caps flat")
+    ui.button("Invite", icon="qr_code", on_click=dialog.open).props(_OUTLINE)

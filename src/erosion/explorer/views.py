@@ -10,19 +10,19 @@ from erosion.explorer.computed import SPINS, Computed
 from erosion.explorer.controls import (
     DEGREES,
     LEGEND,
-    SPINS as SPIN_SLIDER,
     STAR,
     Option,
     angle_axis,
-    angle_handle,
     axis,
     frame,
     gaps,
+    handle,
     line,
     points,
     styles,
 )
 from erosion.impacts.alpha_max import Optimum
+from erosion.impacts.impact import Impact
 from erosion.impacts.simulate import Trajectory
 from erosion.models.base import State as Body
 from erosion.parameters.parameters import QUANTITIES
@@ -45,57 +45,63 @@ from erosion.plotting.labels import (
 
 _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
+Drawing = tuple[Option, list[Option], str]
+"""An option of ECharts, its handles, and a description in words."""
+_NOT_YET: Drawing = ({"series": []}, [], "not computed yet")
 
 
-def volumes(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
-    """V(α) of the checked models, the angle's handle, and a description in words."""
-    largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in computed.curves.values()]
+def volumes(computed: Computed, models: Collection[str]) -> Drawing:
+    """V(α) of the checked models, with their maxima."""
+    curves, best, shown = computed.of_all("curve"), computed.of_all("best"), computed.state.shown
+    largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in curves.values()]
     scale = readable_scale("volume", computed.state.case.units, max(largest, default=0.0))
     series = []
-    for model, curve in computed.in_order(computed.curves):
-        color, dashes = styles(models)[model]
-        best = computed.best.get(model)
-        marks = {} if best is None else _marks(best, scale.size, color, shown=model == computed.state.shown)
-        degrees, volume = with_gaps(gaps(curve), DEGREES, curve.volume / scale.size)
-        series.append(line(model, degrees, volume, color, dashes, **marks))
-        cuts = np.any(curve.t_c > 0)
-        if model == computed.state.shown and cuts and curve.volume_at_contact.any():
+    for model, curve in curves.items():
+        color = styles(models)[model][0]
+        marks = _marks(best[model], scale.size, color, shown=model == shown) if model in best else {}
+        series.append(_over_angle(model, curve, "volume", scale, models, **marks))
+        if model == shown and np.any(curve.t_c > 0) and curve.volume_at_contact.any():
             at_contact, area = curve.volume_at_contact / scale.size, {"opacity": 0.2, "color": color}
             thin = {"color": color, "width": 0}
             series.append(line(AT_CONTACT, DEGREES, at_contact, color, areaStyle=area, lineStyle=thin, z=1))
-    quantity = RESULTS["volume"]
-    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38)
-    maxima = [f"{model} removes most {describe(best)}" for model, best in computed.in_order(computed.best)]
-    label = "; ".join([f"{quantity.meaning} over the angle of attack", *maxima])
-    return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
+    maxima = [f"{model} removes most {describe(optimum)}" for model, optimum in best.items()]
+    return _over_angles(computed, "volume", scale, series, "; ".join(["", *maxima]))
 
 
-def end_times(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def end_times(computed: Computed, models: Collection[str]) -> Drawing:
     """t_c(α) of the checked models, and both candidates of the model shown."""
-    curves = computed.curves
+    curves = computed.of_all("curve")
     # Near 0° the cuts of some models last longer and longer; their times would flatten all other curves.
     longest = [float(np.nanmax(curve.t_c[DEGREES > _SHALLOW], initial=0.0)) for curve in curves.values()]
     largest = max(longest, default=0.0)
     scale = readable_scale("time", computed.state.case.units, largest)
-    series = []
-    for model, curve in computed.in_order(curves):
-        color, dashes = styles(models)[model]
-        degrees, t_c = with_gaps(gaps(curve), DEGREES, curve.t_c / scale.size)
-        series.append(line(model, degrees, t_c, color, dashes))
-    for event, times in (computed.ends or {}).items():
+    series = [_over_angle(model, curve, "t_c", scale, models) for model, curve in curves.items()]
+    for event, times in (computed.of_shown("ends") or {}).items():
         color = ENDS.get(event, DIM)
-        label = EVENT_LABELS.get(event, event)
         thin = {"color": color, "type": [4, 4], "width": 1.8}
         # No line is drawn across the jump of a candidate.
         before = np.flatnonzero(np.abs(np.diff(times)) > _APART * largest) + 1
         degrees, times = with_gaps(before, DEGREES, times / scale.size)
-        series.append(line(label, degrees, times, color, lineStyle=thin, z=1))
-    quantity = RESULTS["t_c"]
+        series.append(line(EVENT_LABELS.get(event, event), degrees, times, color, lineStyle=thin, z=1))
     top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
-    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **top)
-    shown = computed.state.shown
-    label = f"{quantity.meaning} over the angle of attack; dashed, when each event alone would end the cut of {shown}"
-    return frame(angle_axis(), y_axis, series), [angle_handle(computed.state)], label
+    more = f"; dashed, when each event alone would end the cut of {computed.state.shown}"
+    return _over_angles(computed, "t_c", scale, series, more, **top)
+
+
+def _over_angle(model: str, curve: Impact, result: str, scale: Scale, models: Collection[str], **marks: Any) -> Option:
+    """A result of a model, with gaps where V(α) jumps."""
+    degrees, values = with_gaps(gaps(curve), DEGREES, getattr(curve, result) / scale.size)
+    return line(model, degrees, values, *styles(models)[model], **marks)
+
+
+def _over_angles(
+    computed: Computed, result: str, scale: Scale, series: list[Option], more: str, **axis_options: Any
+) -> Drawing:
+    """Curves of a result, with the handle at the angle of the case."""
+    quantity = RESULTS[result]
+    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **axis_options)
+    label = f"{quantity.meaning} over the angle of attack{more}"
+    return frame(angle_axis(), y_axis, series), [handle("alpha", computed.state.case)], label
 
 
 def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[str, Any]:
@@ -130,7 +136,7 @@ _NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "labe
 
 def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     """The data that the cut's element draws, in lengths that read well."""
-    motion = computed.cut
+    motion = computed.of_shown("cut")
     if motion is None:
         return (_NOTHING,)
     p = motion.p
@@ -152,11 +158,11 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     return (content,)
 
 
-def histories(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def histories(computed: Computed, models: Collection[str]) -> Drawing:
     """x, y, ẋ and ẏ of the tip over time in four panels, each with a handle at the time that is shown."""
-    motion = computed.cut
+    motion = computed.of_shown("cut")
     if motion is None:
-        return {"series": []}, [], "not computed yet"
+        return _NOT_YET
     time = readable_scale("time", motion.p.units, motion.t_c)
     body = motion.states if isinstance(motion.states, Body) else None
     turns = body is not None and not np.allclose(body.x, motion.x_tip, rtol=1e-9, atol=0)
@@ -208,9 +214,10 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
     units = computed.state.case.units
     heads = "".join(f"<th scope='col' title='{html.escape(_meaning(name))}'>{_symbol(name)}</th>" for name in _HEADINGS)
+    points, optima = computed.of_all("point"), computed.of_all("best")
     rows = []
     for model in computed.state.models:
-        point, best = computed.points.get(model), computed.best.get(model)
+        point, best = points.get(model), optima.get(model)
         at_angle = ["…"] * 4 if point is None else [
             _read("time", float(point.t_c), units), html.escape(str(point.ended_by)),
             _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), units),
@@ -227,7 +234,7 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
 
 
 def _of_the_cut(computed: Computed) -> str:
-    cut = computed.cut
+    cut = computed.of_shown("cut")
     if cut is None:
         return ""
     depth = _read("length", cut.max_depth, computed.state.case.units)
@@ -242,8 +249,8 @@ def _of_the_cut(computed: Computed) -> str:
 
 def _far_from_tests(computed: Computed) -> str:
     """At their best angles, the models whose erosion is far from what tests find."""
-    state, best = computed.state, dict(computed.in_order(computed.best))
-    volumes = {model: float(optimum.volume) for model, optimum in best.items()}
+    state = computed.state
+    volumes = {model: float(optimum.volume) for model, optimum in computed.of_all("best").items()}
     weights = dict.fromkeys(volumes, state.per_mass)
     return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()))
 
@@ -294,10 +301,10 @@ def _read(dimension: Dimension, value: float, units: System) -> str:
     return f"{value / scale.size:.5g} {unit}".strip().replace(" 10", "·10").replace("-", "−")
 
 
-def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def spins(computed: Computed, models: Collection[str]) -> Drawing:
     """α_max over s = r φ̇₀/v₀ of the checked models; hollow markers where α_max is at a jump of V(α)."""
     series = []
-    for model, best in computed.in_order(computed.spins):
+    for model, best in computed.of_all("spins").items():
         color, dashes = styles(models)[model]
         degrees = np.rad2deg(best.alpha)
         at_jump = best.kind == "jump"
@@ -307,23 +314,20 @@ def spins(computed: Computed, models: Collection[str]) -> tuple[Option, list[Opt
         marks = {"type": "scatter", "name": f"{model}, at a jump", "itemStyle": hollow, "symbolSize": 8}
         if at_jump.any():
             series.append(marks | {"data": points(SPINS[at_jump], degrees[at_jump]), "animation": False})
-    quantity = QUANTITIES["phidot0"]
     x_axis = axis("s = r φ̇₀/v₀  initial spin", min=float(SPINS[0]), max=float(SPINS[-1]), interval=0.3,
                   axisLabel={"formatter": "{value}"})  # fmt: skip
     result = RESULTS["alpha_max"]
     y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15, nameGap=38,
                   axisLabel={"formatter": "{value}°"})  # fmt: skip
-    numbers = computed.state.case.numbers()
-    s = numbers["phidot0"] * numbers["r"] / numbers["v0"]
-    handle = {"x": s, "movable": True, "low": SPIN_SLIDER.low, "high": SPIN_SLIDER.high, "step": SPIN_SLIDER.step,
-              "label": f"{quantity.meaning}, in the plot", "text": f"s = {s:.3g}"}  # fmt: skip
-    return frame(x_axis, y_axis, series), [handle], f"{result.meaning} over the {quantity.meaning}"
+    label = f"{result.meaning} over the {QUANTITIES['phidot0'].meaning}"
+    return frame(x_axis, y_axis, series), [handle("phidot0", computed.state.case)], label
 
 
-def sensitivities(computed: Computed, models: Collection[str]) -> tuple[Option, list[Option], str]:
+def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
     """How far α_max moves [°] when a parameter grows by 1 % of its size, or the spin s by 0.01."""
-    if computed.sensitivities is None:
-        return {"series": []}, [], "not computed yet"
+    rates = computed.of_shown("sensitivities")
+    if rates is None:
+        return _NOT_YET
     model, case = computed.state.shown, computed.state.case
     own = {number.name: number for number in case.own if number.model == model}
     numbers = case.numbers()
@@ -332,7 +336,7 @@ def sensitivities(computed: Computed, models: Collection[str]) -> tuple[Option, 
     symbols = {name: quantity.symbol for name, quantity in QUANTITIES.items() if name != "alpha"}
     symbols |= {name: number.quantity.symbol for name, number in own.items()}
     names = list(reversed(symbols))
-    moves = [float(np.rad2deg(0.01 * sizes[name] * computed.sensitivities[name])) for name in names]
+    moves = [float(np.rad2deg(0.01 * sizes[name] * rates[name])) for name in names]
     bars = [round(move, 6) if np.isfinite(move) else None for move in moves]
     widest = max([abs(bar) for bar in bars if bar is not None], default=0.0)
     x_axis = axis("move of α_max for + 1 %  (spin: s + 0.01)", axisLabel={"formatter": "{value}°"}, splitNumber=3,
