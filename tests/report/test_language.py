@@ -131,11 +131,12 @@ def test_the_german_advice_is_german(tmp_path: Path) -> None:
     assert "Garnet 0.3 mm on aluminium 6061 at 100 m/s" in english
 
 
-@pytest.mark.parametrize("verb", ["advise", "exercise"])
+@pytest.mark.parametrize("verb", ["advise", "exercise", "report"])
 def test_an_unknown_language_is_refused_before_anything_is_computed(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    name = tmp_path / ("a.html" if verb == "advise" else "a.ipynb")
+    name = tmp_path / {"advise": "a.html", "exercise": "a.ipynb", "report": "r"}[verb]
+    assert languages() == ["en", "de"]
     assert _status([verb, "--lang", "fr", "-o", str(name)]) == 2
     assert capsys.readouterr().err == "erosion: Option `--lang` must be one of en, de, but is 'fr'.\n"
     assert not name.exists()
@@ -190,13 +191,6 @@ def test_english_texts_stay_as_they_are() -> None:
     source = text_file("q4").read_text("utf-8")
     assert ENGLISH.template(source) == source
     assert Language("xx", {"# Title": "# Titel"}).template("# Title\n\nRest.\n") == "# Titel\n\nRest.\n"
-
-
-def test_an_unknown_language_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert languages() == ["en", "de"]
-    assert _status(["report", "--lang", "fr", "-o", str(tmp_path / "r")]) == 2
-    assert capsys.readouterr().err == "erosion: Option `--lang` must be one of en, de, but is 'fr'.\n"
-    assert not (tmp_path / "r").exists()
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from erosion.report.text import degrees, formula, math, number, number_tex, quantity, quantity_tex
+from erosion.report.text import degrees, formula, math, number, quantity
 
 
 def test_numbers_read_well() -> None:
@@ -16,10 +16,10 @@ def test_numbers_read_well() -> None:
     assert number(200e3, 7, strip=True) == "200000"
     assert number(200e3, 6, strip=True) == "200000"
     assert number(2.855e-7, 7, strip=True).translate(plain) == "2.855 × 10⁻⁷"
-    assert number_tex(-1.5e9) == r"-1.5000\times 10^{9}"
+    assert number(-1.5e9, tex=True) == r"-1.5000\times 10^{9}"
     assert quantity(6.635e-5, "time", "si", like=6.6e-5).translate(plain) == "66.350 µs"
     assert quantity(6.635e-5, "time", "si").translate(plain) == "6.6350 × 10⁻⁵ s"
-    assert quantity_tex(2e-4, "volume", "inch-pound", 2) == r"2.0\times 10^{-4}\,\text{in}^{3}"
+    assert quantity(2e-4, "volume", "inch-pound", 2, tex=True) == r"2.0\times 10^{-4}\,\text{in}^{3}"
     assert degrees(np.deg2rad(20)) == "20°"
     assert degrees(np.arctan(2) / 2) == "31.717°"
 

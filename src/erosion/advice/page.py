@@ -1,14 +1,12 @@
 """An advice as one page: HTML for the browser and the printer, or a PDF of one sheet."""
 
 import dataclasses
-import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,7 +16,7 @@ from erosion.output.files import require_writable, write_whole
 from erosion.output.language import language
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, FAINT, INK, STYLES
-from erosion.plotting.style import angle_axis, house_style, new_axes, render, save_plot
+from erosion.plotting.style import angle_axis, house_style, new_axes, render
 from erosion.report.frame import render_page
 from erosion.report.text import inline_svg
 from erosion.version import __version__
@@ -55,8 +53,8 @@ def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
     y = _paragraphs(fig, advice.conclusions, y - 0.005, width=99, size=9.5)
     texts = [f"{name}: {text}" for name, text in notes]
     # The curves take what the table and the notes leave of the sheet.
-    below = 0.14 + _table_height(advice) + _paragraphs_height(texts, width=128, size=7.5) + 0.05
-    height = min(max(y - below, 0.12), 0.3)
+    below = _paragraphs(Figure(), texts, _table(Figure(), advice, y), width=128, size=7.5)
+    height = min(max(below - 0.18, 0.12), 0.3)
     ax = fig.add_axes((left + 0.02, y - 0.015 - height, 0.8, height))
     _draw(advice, ax)
     ax.yaxis.label.set_fontsize(8)
@@ -108,24 +106,10 @@ def _paragraphs(
     return y
 
 
-def _paragraphs_height(texts: Sequence[str], *, width: int, size: float) -> float:
-    lines = sum(len(textwrap.wrap(text, width)) for text in texts)
-    return (lines + 0.4 * len(texts)) * 1.45 * size / 72 / _A4[1]
-
-
-def _cells(advice: Advice) -> list[list[list[str]]]:
-    """The lines of each cell of the table, row by row, the headings first."""
-    return [[textwrap.wrap(cell, letters) for cell, (_, letters) in zip(row, _COLUMNS, strict=True)]
-            for row in (advice.headings, *advice.rows())]  # fmt: skip
-
-
-def _table_height(advice: Advice) -> float:
-    return sum(0.004 + 0.0125 * max(map(len, cells)) for cells in _cells(advice))
-
-
 def _table(fig: Figure, advice: Advice, y: float) -> float:
     """Write the table from the height y; the height below it."""
-    for i, cells in enumerate(_cells(advice)):
+    for i, row in enumerate((advice.headings, *advice.rows())):
+        cells = [textwrap.wrap(cell, letters) for cell, (_, letters) in zip(row, _COLUMNS, strict=True)]
         y -= 0.004
         for line in range(max(map(len, cells))):
             y -= 0.0125
@@ -154,7 +138,13 @@ def write_advice(advice: Advice, path: str | Path, lang: str = "en") -> Path:
     require_page_path(path)
     advice = dataclasses.replace(advice, language=language(lang))
     notes = notes_of(advice)
-    content = render(sheet(advice, notes), "pdf") if path.suffix == ".pdf" else _html(advice, notes).encode()
+    if path.suffix == ".pdf":
+        content = render(sheet(advice, notes), "pdf")
+    else:
+        svg = render(plot_advice(advice), "svg").decode()
+        figure = inline_svg("curves", svg, advice.language.text(_DESCRIPTION))
+        fields = {"advice": advice, "notes": notes, "figure": figure}
+        content = render_page("page.html", advice.language, package="erosion.advice", **fields).encode()
     write_whole(path, content)
     return path
 
@@ -164,18 +154,6 @@ def require_page_path(path: Path) -> None:
     if path.suffix not in (".html", ".pdf"):
         raise ValueError(f"{path}: the page's file name must end in .html or .pdf.")
     require_writable(path)
-
-
-def _html(advice: Advice, notes: list[tuple[str, str]]) -> str:
-    return render_page(
-        "page.html", advice.language, package="erosion.advice", advice=advice, notes=notes, figure=_figure(advice)
-    )
-
-
-def _figure(advice: Advice) -> Markup:
-    with tempfile.TemporaryDirectory() as folder:
-        svg = save_plot(plot_advice(advice), Path(folder) / "curves.svg")
-        return inline_svg(svg, advice.language.text(_DESCRIPTION))
 
 
 def notes_of(advice: Advice) -> list[tuple[str, str]]:

@@ -17,13 +17,13 @@ from erosion.impacts.impact import Impact, impact
 from erosion.impacts.maxima import Jump
 from erosion.impacts.simulate import Trajectory, path
 from erosion.models import Linearized
-from erosion.models.base import ClosedForm
+from erosion.models.closed_forms import LinearizedCut
 from erosion.output.tables import Record
 from erosion.parameters.materials import MATERIALS
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.units import System, conversion_factor, unit_name
-from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_family
+from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_best_angles, plot_family
 from erosion.plotting.labels import broken_at, leaps
 from erosion.plotting.style import new_axes
 from erosion.report.text import number
@@ -40,56 +40,75 @@ _RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  #
 
 
 @dataclass(frozen=True)
-class Family:
-    """A model's answers for the values of one parameter; arrays have shape (values,) first.
+class BestAngles:
+    """A model's angles of greatest removal over the values of one parameter; arrays have shape (values,).
 
     Args:
-        name: of the parameter.
-        values: ascending, in the case's units.
-        labels: of the values.
-        shown: which of them are drawn as curves.
-        angles: shape (angles,) [rad].
-        volumes: V, shape (values, angles).
-        alpha, volume: of the maximum.
-        kind, ended_by: of the maximum, as in `Optimum`.
-        jumps: of each V(α).
-        reach: Ω = r ω/v₀.
+        values: ascending.
+        alpha: of the greatest removal [rad], NaN where nothing is removed.
+        volume: there.
+        kind, ended_by: there, as in `Optimum`.
     """
 
-    name: str
     values: np.ndarray
-    labels: tuple[str, ...]
-    shown: np.ndarray
-    angles: np.ndarray
-    volumes: np.ndarray
     alpha: np.ndarray
     volume: np.ndarray
     kind: np.ndarray
     ended_by: np.ndarray
-    jumps: tuple[tuple[Jump, ...], ...]
-    reach: np.ndarray
+
+    @property
+    def jumps(self) -> int:
+        """How many of the maxima are at a jump of V(α)."""
+        return int(np.sum(self.kind == "jump"))
+
+    @property
+    def leaps(self) -> int:
+        """Between how many neighbouring values another maximum becomes the greatest."""
+        return leaps(np.rad2deg(self.alpha)).size
 
     @property
     def rows(self) -> list[Record]:
         """The row of a table for each value."""
-        columns = ("label", "value", "alpha", "volume", "kind", "ended_by")
-        answers = zip(self.labels, self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)
-        return [dict(zip(columns, row, strict=True)) for row in answers]
+        columns = ("value", "alpha", "volume", "kind", "ended_by")
+        maxima = zip(self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)
+        return [dict(zip(columns, maximum, strict=True)) for maximum in maxima]
+
+    def series(self, label: str, over: np.ndarray | None = None, *, line: bool = False) -> AngleSeries:
+        """The angles over the values, or over other numbers of each value, for a figure."""
+        return AngleSeries(label, self.values if over is None else over, self.alpha, self.kind == "jump", line)
+
+    def numbers(self) -> Record:
+        """For numbers.json."""
+        columns = {"alpha_max": self.alpha, "volume_max": self.volume, "kind": self.kind, "ended_by": self.ended_by}
+        return {name: column.tolist() for name, column in columns.items()}
+
+
+@dataclass(frozen=True)
+class Family(BestAngles):
+    """A model's answers for the values of one parameter.
+
+    Args:
+        name: of the parameter.
+        labels: of the values.
+        shown: which of them are drawn as curves, shape (values,).
+        angles: shape (angles,) [rad].
+        volumes: V, shape (values, angles).
+        steps: the jumps of each V(α).
+        reach: Ω = r ω/v₀, shape (values,).
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    shown: np.ndarray
+    angles: np.ndarray
+    volumes: np.ndarray
+    steps: tuple[tuple[Jump, ...], ...]
+    reach: np.ndarray
 
     @property
     def named(self) -> bool:
         """Whether the labels are names, such as copper or 2R, instead of values."""
         return any("=" not in label for label in self.labels)
-
-    @property
-    def least(self) -> float:
-        """The least V_max."""
-        return float(self.volume.min())
-
-    @property
-    def greatest(self) -> float:
-        """The greatest V_max."""
-        return float(self.volume.max())
 
     @property
     def spread(self) -> float:
@@ -101,20 +120,17 @@ class Family:
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
-    def best_angles(self, label: str, over: np.ndarray | None = None) -> AngleSeries:
-        """α_max over the values, or over other numbers of each value, for a figure."""
-        return AngleSeries(label, self.values if over is None else over, self.alpha, self.kind == "jump", line=False)
-
-    def curves(self) -> list[ShapeCurve]:
-        """V(α) of the values shown."""
-        return [
+    def figure(self, units: System) -> Figure:
+        """V(α) for every value that is shown, with a line that joins the maxima."""
+        curves = [
             ShapeCurve(
                 self.labels[i],
-                *broken_at(self.jumps[i], self.angles, self.volumes[i]),
+                *broken_at(self.steps[i], self.angles, self.volumes[i]),
                 (float(self.alpha[i]), float(self.volume[i])),
             )
             for i in np.flatnonzero(self.shown)
         ]
+        return panel(plot_family, curves, height=4.2, units=units, joined=True)
 
 
 Families = Mapping[str, Family]
@@ -133,31 +149,18 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     grid = dataclasses.replace(p, **{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
     hits = impact(model, grid, derivatives=2, rtol=RTOL)
     reach = np.asarray(cases.r * cases.rate / cases.v0)
-    families, begin = {}, 0
-    for name, values in varied.items():
-        rows_of_family = slice(begin, begin + len(values))
-        begin += len(values)
-        order = np.argsort(list(values))
+    families = {}
+    for name in varied:
+        at = np.array(sorted((i for i, row in enumerate(rows) if row[0] == name), key=lambda i: rows[i][1]))
+        values = columns[name][at]
+        # A figure shows all values, but of the force ratios every third and the case's own.
+        shown = np.isin(values, [*_RATIOS[::3], float(p.k)]) if name == "k" else np.ones(values.size, bool)
         families[name] = Family(
-            name=name,
-            values=np.array(list(values))[order],
-            labels=tuple(list(values.values())[i] for i in order),
-            shown=_shown(name, p, np.array(list(values))[order]),
-            angles=angles,
-            volumes=hits.volume[rows_of_family][order],
-            alpha=best.alpha[rows_of_family][order],
-            volume=best.volume[rows_of_family][order],
-            kind=best.kind[rows_of_family][order],
-            ended_by=best.ended_by[rows_of_family][order],
-            jumps=tuple(best.jumps[rows_of_family][i] for i in order),
-            reach=reach[rows_of_family][order],
-        )
+            values, best.alpha[at], best.volume[at], best.kind[at], best.ended_by[at], name,
+            labels=tuple(varied[name][value] for value in values.tolist()), shown=shown, angles=angles,
+            volumes=hits.volume[at], steps=tuple(best.jumps[i] for i in at), reach=reach[at],
+        )  # fmt: skip
     return families
-
-
-def _shown(name: str, p: Parameters, values: np.ndarray) -> np.ndarray:
-    """A mask of the values that a figure shows: all values, but of the force ratios every third and the case's own."""
-    return np.isin(values, [*_RATIOS[::3], float(p.k)]) if name == "k" else np.ones(values.size, bool)
 
 
 def _with_unit(name: str, p: Parameters, values: tuple[float, ...]) -> dict[float, str]:
@@ -196,75 +199,19 @@ TORQUES = {"rotating": "torque r Fₓ", "rotating-full-torque": "torque of both 
 """The titles of the models of a body that turns, by name."""
 
 _SPINS = np.round(np.linspace(-0.9, 0.9, 37), 3)  # s = r φ̇₀/v₀, in steps of 0.05
-_TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)
 
 
 @dataclass(frozen=True)
-class Spins:
-    """Results of a model over angle and spin; arrays have shape (spins,).
-
-    Args:
-        map: the dataset of `regimes`.
-        s: r φ̇₀/v₀.
-        alpha: of the greatest removal [rad], NaN where nothing is removed.
-        volume: there.
-        kind, ended_by: there, as in `Optimum`.
-    """
+class Spins(BestAngles):
+    """A model's best angles over the spin s = r φ̇₀/v₀, and the dataset of `regimes`, `map`."""
 
     map: xr.Dataset
-    s: np.ndarray
-    alpha: np.ndarray
-    volume: np.ndarray
-    kind: np.ndarray
-    ended_by: np.ndarray
-
-    @property
-    def rows(self) -> list[Record]:
-        """The maxima at the spins that the page lists in a table."""
-        columns = ("s", "alpha", "kind", "ended_by")
-        maxima = zip(self.s, self.alpha, self.kind, self.ended_by, strict=True)
-        return [dict(zip(columns, maximum, strict=True)) for maximum in maxima if maximum[0] in _TOLD]
-
-    def at(self, i: int) -> Record:
-        """The spin and the greatest volume of a row."""
-        return {"s": float(self.s[i]), "volume": float(self.volume[i])}
-
-    @property
-    def jumps(self) -> int:
-        """How many of the maxima are at a jump of V(α)."""
-        return int(np.sum(self.kind == "jump"))
-
-    @property
-    def leaps(self) -> int:
-        """At how many spins another maximum becomes the greatest."""
-        return leaps(np.rad2deg(self.alpha)).size
-
-    def best_angles(self, label: str) -> AngleSeries:
-        """For a figure."""
-        return AngleSeries(label, self.s, self.alpha, self.kind == "jump")
-
-    def numbers(self) -> Record:
-        """For numbers.json."""
-        return {
-            "s": self.s.tolist(),
-            "alpha_max": self.alpha.tolist(),
-            "volume_max": self.volume.tolist(),
-            "kind": self.kind.tolist(),
-            "ended_by": self.ended_by.tolist(),
-        }
 
 
-def over_spins(model: str, p: Parameters) -> Spins:
-    """The case with all spins of the sweep instead of its own spin."""
-    dataset = regimes(model, p, phidot0=_SPINS * float(p.v0 / p.r))
-    return Spins(
-        map=dataset,
-        s=_SPINS,
-        alpha=dataset.alpha_max.values,
-        volume=dataset.volume_max.values,
-        kind=in_words(dataset.alpha_max_kind),
-        ended_by=in_words(dataset.alpha_max_ended_by),
-    )
+def _spins(case: "ReportCase", model: str) -> Spins:
+    found = regimes(model, case.p, phidot0=_SPINS * float(case.p.v0 / case.p.r))
+    kind, ended_by = in_words(found.alpha_max_kind), in_words(found.alpha_max_ended_by)
+    return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, found)
 
 
 Need = tuple[str, str]
@@ -295,49 +242,38 @@ def question(key: str) -> str:
     return f"{'Additional question' if key[0] == 'a' else 'Question'} {key[1:]}"
 
 
-@dataclass(frozen=True)
 class ReportCase:
     """One set of parameters. Results that several questions need are computed once.
 
     Questions 1 to 8 are asked of the linearized model, whose solution is known exactly.
     Results about models that are given by name come from the engine, also if a closed form exists.
+
+    Args:
+        p: all scalars.
+        name: what to call the case.
+        per_mass: how a volume becomes erosion per mass of abrasive.
     """
 
-    p: Parameters
-    name: str
-    per_mass: PerMass = field(default_factory=PerMass)
-
-    @property
-    def units(self) -> System:
-        """The unit system of every number."""
-        return self.p.units
-
-    @functools.cached_property
-    def model(self) -> Linearized:
-        """The model of questions 1 to 8."""
-        return Linearized()
-
-    @functools.cached_property
-    def closed(self) -> ClosedForm:
-        """Its exact solution."""
-        closed = self.model.closed_form()
-        assert closed is not None, "the linearized model is solved in closed form"
-        return closed
+    def __init__(self, p: Parameters, name: str, per_mass: PerMass | None = None) -> None:
+        self.p, self.name, self.per_mass, self.units = p, name, per_mass or PerMass(), p.units
+        self.alpha, self.omega = float(p.alpha), float(p.rate)
+        self.cusp = float(np.arctan(p.k / 2))  # [rad]: cuts rebound up to this angle and stop above it
+        self.model, self.closed = Linearized(), LinearizedCut()
+        self._results: dict[Need, Future[Any]] = {}
+        # α in (0, 90°] [rad] for curves of the engine; fewer than `angles`, because each angle is integrated. The last
+        # is short of 90° by less than any curve shows, for at 90° itself nothing is cut.
+        end = 90 - 1e-7
+        self.looks = np.deg2rad([0.02, 0.1, 0.25, *np.linspace(0, 90, 181)[1:-1], end])
+        # The same for closed forms, closer together where curves bend at the cusp.
+        even = np.deg2rad([*np.linspace(0, 90, 361)[1:-1], end])
+        below = self.cusp * np.linspace(0, 1, 101)[1:]
+        above = self.cusp + (np.pi / 2 - self.cusp) * np.geomspace(1e-6, 1, 81)[:-1]
+        self.angles = np.unique(np.concatenate([even, below, above]))
 
     @functools.cached_property
     def trajectory(self) -> Trajectory:
-        """Its numerical solution."""
+        """The numerical solution of the linearized model."""
         return path(self.model, self.p)
-
-    @functools.cached_property
-    def alpha(self) -> float:
-        """The angle of attack [rad]."""
-        return float(self.p.alpha)
-
-    @functools.cached_property
-    def omega(self) -> float:
-        """ω = √(k c/m) [1/s]."""
-        return float(self.p.rate)
 
     @functools.cached_property
     def t_c(self) -> float:
@@ -357,11 +293,6 @@ class ReportCase:
     def ended_by(self) -> str:
         """How the cut ends: "rebound", "stop" or "no-cut"."""
         return str(self.closed.ended_by(self.p))
-
-    @functools.cached_property
-    def _results(self) -> dict[tuple[str, str], Future[Any]]:
-        """Results that are computed or being computed, by their kind and the model's name."""
-        return {}
 
     def prepare(self, pool: Executor, needs: Iterable[Need]) -> None:
         """Compute in the background the results that questions need, in an order in which each uses only earlier ones.
@@ -417,26 +348,6 @@ class ReportCase:
         """The change of α_max for a change of q by its own size: q dα_max/dq [rad]."""
         return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
 
-    @functools.cached_property
-    def looks(self) -> np.ndarray:
-        """α in (0, 90°] [rad] for curves of the engine; fewer than `angles`, because each angle is integrated."""
-        near_zero, even = [0.02, 0.1, 0.25], np.linspace(0, 90, 181)[1:-1]
-        return np.deg2rad([*near_zero, *even, 90 - 1e-7])
-
-    @functools.cached_property
-    def cusp(self) -> float:
-        """arctan(k/2) [rad]: cuts rebound up to this angle and stop above it."""
-        return float(np.arctan(self.p.k / 2))
-
-    @functools.cached_property
-    def angles(self) -> np.ndarray:
-        """α in (0, 90°] [rad], ascending, closer together where curves bend at the cusp."""
-        # The last is short of 90° by less than any curve shows, for at 90° itself nothing is cut.
-        even = np.deg2rad(np.append(np.linspace(0, 90, 361)[1:-1], 90 - 1e-7))
-        below = self.cusp * np.linspace(0, 1, 101)[1:]
-        above = self.cusp + (np.pi / 2 - self.cusp) * np.geomspace(1e-6, 1, 81)[:-1]
-        return np.unique(np.concatenate([even, below, above]))
-
     def over_angles(self) -> Parameters:
         """The case at every one of `angles`."""
         return self.p.replace(alpha=self.angles)
@@ -452,7 +363,7 @@ _COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
     "optimum": lambda case, model: alpha_max(model, case.p),
     "sensitivities": lambda case, model: case.optimum(model).sensitivities,
     "hits": _hits,
-    "spins": lambda case, model: over_spins(model, case.p),
+    "spins": _spins,
     "families": lambda case, model: families_of(model, case.p, case.looks),
 }
 
@@ -464,20 +375,20 @@ def panel(plot: Callable[..., Any], *content: Any, width: float = 5.4, height: f
     return fig
 
 
-def family_figure(case: ReportCase, family: Family) -> Figure:
-    """V(α) for every value, with a line that joins the maxima."""
-    return panel(plot_family, family.curves(), height=4.2, units=case.units, joined=True)
-
-
 def family_numbers(case: ReportCase, family: Family, model: str) -> Record:
     """For numbers.json."""
     return {
         "values": family.values.tolist(),
         "labels": [label.strip() for label in family.labels],
-        "alpha_max": family.alpha.tolist(),
-        "volume_max": family.volume.tolist(),
-        "kind": family.kind.tolist(),
-        "ended_by": family.ended_by.tolist(),
+        **family.numbers(),
         "spread": family.spread,
         "sensitivity": case.sensitivity(model, family.name),
     }
+
+
+def best_angle_over_k(family: Family, units: System, label: str, law: str, height: float) -> Figure:
+    """The best angles over the force ratio, beside those of the linearized model."""
+    ratios = np.geomspace(family.values[0], family.values[-1], 200)
+    exact = (law, ratios, np.arctan(ratios) / 2)
+    xlabel = QUANTITIES["k"].label(units)
+    return panel(plot_best_angles, [family.series(label)], height=height, xlabel=xlabel, log=True, exact=exact)

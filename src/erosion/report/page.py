@@ -7,14 +7,13 @@ import re
 import traceback
 import types
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import jinja2
 import jinja2.ext
 from markupsafe import Markup
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text as Label
 from matplotlib.ticker import Formatter
@@ -28,23 +27,12 @@ from erosion.output.tables import Record, to_csv, to_json
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.scales import Scale, readable_scale, table_scale
-from erosion.parameters.units import Dimension, System, shown, unit_name
+from erosion.parameters.units import System, shown, unit_name
 from erosion.plotting.style import house_style, save_figure
 from erosion.report.case import Answer, ReportCase, question
 from erosion.report.frame import render_page
 from erosion.report.questions import QUESTIONS, text_file
-from erosion.report.text import (
-    blocks,
-    degrees,
-    degrees_tex,
-    inline,
-    inline_svg,
-    number,
-    number_tex,
-    quantity,
-    quantity_tex,
-    to_html,
-)
+from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, to_html
 from erosion.version import __version__
 
 _FOLDER = Path(__file__).parent
@@ -149,30 +137,21 @@ class _KeepNewlines(jinja2.ext.Extension):
 
 
 def _filters(units: System, language: Language) -> dict[str, Callable[..., Any]]:
-    def scale(largest: float, dimension: Dimension) -> Scale:
-        return readable_scale(dimension, units, largest)
+    def of_number(function: Callable[..., Any], last: Callable[[Any], Any] = lambda result: result) -> Any:
+        # `float` raises an error for a field that does not exist.
+        return lambda value, *args, **options: last(function(float(value), *args, **options))
 
-    def fixed(value: float, places: int) -> str:
-        return f"{value:.{places}f}"
-
-    of_number: dict[str, Callable[..., Any]] = {"to_degrees": math.degrees, "scale": scale}
-    plain = (number, degrees, fixed, functools.partial(quantity, units=units))
-    for name, function in zip(("number", "degrees", "fixed", "quantity"), plain, strict=True):
-        of_number[name] = _then(language.number, function)
-    tex = (number_tex, degrees_tex, functools.partial(quantity_tex, units=units))
-    for name, function in zip(("number_tex", "degrees_tex", "quantity_tex"), tex, strict=True):
-        of_number[name] = _then(language.number_tex, function)
-    filters = {name: _from_float(function) for name, function in of_number.items()}
-    return {**filters, "unit": lambda dimension: unit_name(dimension, units)}
-
-
-def _then(last: Callable[[str], str], first: Callable[..., str]) -> Callable[..., str]:
-    return lambda *args, **options: last(first(*args, **options))
-
-
-def _from_float(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Read any number first; `float` raises an error for a field that does not exist."""
-    return lambda value, *args, **options: function(float(value), *args, **options)
+    of_units = functools.partial(quantity, units=units)
+    plain: dict[str, Callable[..., str]] = {"number": number, "degrees": degrees, "quantity": of_units}
+    return {
+        **{name: of_number(function, language.number) for name, function in plain.items()},
+        **{f"{name}_tex": of_number(functools.partial(function, tex=True), language.number_tex)
+           for name, function in plain.items()},
+        "fixed": of_number(lambda value, places: f"{value:.{places}f}", language.number),
+        "to_degrees": of_number(math.degrees),
+        "scale": of_number(lambda largest, dimension: readable_scale(dimension, units, largest)),
+        "unit": lambda dimension: unit_name(dimension, units),
+    }  # fmt: skip
 
 
 def _parts(text: str, figures: Mapping[str, Any]) -> Text:
@@ -316,14 +295,30 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, look: Look, progres
                 if is_wide(figure):
                     wide.add(name)
                 svg, _ = save_figure(figure, out / "figures" / name)
-                drawings[name] = inline_svg(svg, description)
+                drawings[name] = inline_svg(name, svg.read_text(encoding="utf-8"), description)
     progress("The page", len(keys), len(keys))
-    record = _record(case, numbers)
+    record = {
+        "erosion": __version__,
+        "case": case.name,
+        "units": case.units,
+        "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
+        "answers": numbers,
+    }
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
     write_whole(out / "numbers.csv", _csv(record).encode())
-    page = out / "index.html"
-    write_whole(page, _page(look, case, texts, drawings, wide).encode())
-    return page
+    page = render_page(
+        look.template,
+        look.language,
+        case_name=case.name,
+        system=_SYSTEMS[case.units],
+        parameters=_parameter_rows(case.p, look.language),
+        texts=texts,
+        question=question,
+        drawings=drawings,
+        wide=wide,
+    )
+    write_whole(out / "index.html", page.encode())
+    return out / "index.html"
 
 
 def chosen_questions(only: Sequence[str] | None) -> list[str]:
@@ -337,22 +332,6 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
     return [key for key in QUESTIONS if key in only]
 
 
-def _page(
-    look: Look, case: ReportCase, texts: Mapping[str, Text], drawings: Mapping[str, Markup], wide: Collection[str]
-) -> str:
-    return render_page(
-        look.template,
-        look.language,
-        case_name=case.name,
-        system=_SYSTEMS[case.units],
-        parameters=_parameter_rows(case.p, look.language),
-        texts=texts,
-        question=question,
-        drawings=drawings,
-        wide=wide,
-    )
-
-
 def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, str, str]]:
     """Symbol, meaning, value, unit; in units in which the values read well."""
     rows = []
@@ -364,16 +343,6 @@ def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, s
         shown = language.number(number(value / scale.size, 7, strip=True))
         rows.append((entry.symbol, language.text(entry.meaning), shown, scale.unit or "–"))
     return rows
-
-
-def _record(case: ReportCase, numbers: Mapping[str, Any]) -> Record:
-    return {
-        "erosion": __version__,
-        "case": case.name,
-        "units": case.units,
-        "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
-        "answers": numbers,
-    }
 
 
 def _csv(record: Mapping[str, Any]) -> str:
@@ -405,7 +374,12 @@ def translate_figure(figure: Figure, language: Language) -> None:
         text.set_text(language.number(_translated(text.get_text(), language)))
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(_Translated(axis.get_major_formatter(), language))
+            _translate_ticks(axis.get_major_formatter(), language)
+
+
+def _translate_ticks(formatter: Formatter, language: Language) -> None:
+    texts = formatter.format_ticks
+    setattr(formatter, "format_ticks", lambda values: [language.number(text) for text in texts(values)])  # noqa: B010
 
 
 def is_wide(figure: Figure) -> bool:
@@ -442,27 +416,3 @@ def _translated(label: str, language: Language) -> str:
     meaning, end, unit = rest.partition("  ")
     name = symbol if re.fullmatch(r"\W*\w\W*|\$.*\$|\S{1,3}|.* = .*", symbol) else language.text(symbol)
     return name + gap + (language.text(meaning) if not meaning.startswith("[") else meaning) + end + unit
-
-
-class _Translated(Formatter):
-    """A formatter whose numbers have the separators of a language.
-
-    Args:
-        inner: the formatter that makes the texts.
-        language: their language.
-    """
-
-    def __init__(self, inner: Formatter, language: Language) -> None:
-        self._inner, self._language = inner, language
-
-    def __call__(self, x: Any, pos: int | None = None) -> str:
-        return self._language.number(self._inner(x, pos))
-
-    def set_axis(self, axis: Any) -> None:
-        self._inner.set_axis(cast(Axis, axis))
-
-    def set_locs(self, locs: Any) -> None:
-        self._inner.set_locs(locs)
-
-    def get_offset(self) -> str:
-        return self._inner.get_offset()

@@ -3,12 +3,11 @@
 import math as maths
 import re
 from collections.abc import Mapping
-from pathlib import Path
 
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
-from erosion.parameters.scales import readable_scale, superscript
+from erosion.parameters.scales import Scale, readable_scale, superscript
 from erosion.parameters.units import Dimension, System, unit_name
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 
@@ -24,14 +23,14 @@ THEMES: Mapping[str, Mapping[str, str]] = {
 _VARIABLES = {THEMES["light"][name]: name for name in (*PALETTE, "ink", "faint", "dim")}
 
 
-def inline_svg(path: Path, description: str) -> Markup:
-    """A saved figure as `<svg>`: it fills its box, has the page's colours, and its ids are unique on the page.
+def inline_svg(name: str, text: str, description: str) -> Markup:
+    """A figure as `<svg>`: it fills its box, has the page's colours, and its ids are unique on the page.
 
     Args:
-        path: the SVG file; ids begin with the file's name and so are unique on the page.
+        name: of the figure; ids begin with it.
+        text: of the SVG file.
         description: a description for readers who cannot see the figure.
     """
-    name, text = path.stem, path.read_text(encoding="utf-8")
     text = text[text.index("<svg") :].strip().replace("fill: #ffffff", "fill: none")
     for color, variable in _VARIABLES.items():
         text = re.sub(color, f"var(--{variable})", text, flags=re.IGNORECASE)
@@ -61,24 +60,21 @@ def _parts(value: float, digits: int, strip: bool) -> tuple[str, int | None]:
     return text, None if plain else power
 
 
-def number(value: float, digits: int = 5, *, strip: bool = False) -> str:
+def number(value: float, digits: int = 5, *, strip: bool = False, tex: bool = False) -> str:
     """A number to `digits` significant digits: "1.8164 × 10⁻⁴", "−752.44".
 
     Args:
         value: any float.
         digits: significant digits.
         strip: leave out zeros at the end, for numbers that are given and not computed.
+        tex: in LaTeX.
     """
     text, power = _parts(value, digits, strip)
+    if tex:
+        return text if power is None else rf"{text}\times 10^{{{power}}}"
     if power is not None:
         text += f"{_NO_BREAK}×{_NO_BREAK}10{superscript(power)}"
     return text.replace("-", _MINUS)
-
-
-def number_tex(value: float, digits: int = 5, *, strip: bool = False) -> str:
-    """The same in LaTeX."""
-    text, power = _parts(value, digits, strip)
-    return text if power is None else rf"{text}\times 10^{{{power}}}"
 
 
 # "1{,}5" is one number.
@@ -89,7 +85,15 @@ _CORRECTIONS = (
 )
 
 
-def quantity(value: float, dimension: Dimension, units: System, digits: int = 5, *, like: float | None = None) -> str:
+def quantity(
+    value: float,
+    dimension: Dimension,
+    units: System,
+    digits: int = 5,
+    *,
+    like: float | None = None,
+    tex: bool = False,
+) -> str:
     """A number with its unit: "1.8164 × 10⁻⁴ in³".
 
     Args:
@@ -98,41 +102,22 @@ def quantity(value: float, dimension: Dimension, units: System, digits: int = 5,
         units: the unit system.
         digits: significant digits.
         like: the magnitude that chooses a handier unit, such as "66.353 µs" or "2.9766 mm³".
+        tex: in LaTeX, with the unit upright.
     """
-    value, unit = _in_unit(value, dimension, units, like)
-    return number(value, digits) + (_NO_BREAK + unit if unit else "")
-
-
-def quantity_tex(
-    value: float, dimension: Dimension, units: System, digits: int = 5, *, like: float | None = None
-) -> str:
-    """The same in LaTeX."""
-    value, unit = _in_unit(value, dimension, units, like)
-    return with_unit_tex(number_tex(value, digits), unit)
-
-
-def with_unit_tex(tex: str, unit: str) -> str:
-    """Some LaTeX followed by a unit, set upright."""
-    for raised, power in (("⁻¹", "-1"), ("²", "2"), ("³", "3")):
-        unit = unit.replace(raised, rf"}}^{{{power}}}\text{{")
-    return rf"{tex}\,\text{{{unit}}}".replace(r"\text{}", "") if unit else tex
-
-
-def _in_unit(value: float, dimension: Dimension, units: System, like: float | None) -> tuple[float, str]:
     scale = None if like is None else readable_scale(dimension, units, abs(like))
     if scale is None or scale.unit.startswith("10"):
-        return value, unit_name(dimension, units)
-    return value / scale.size, scale.unit
+        scale = Scale(1.0, unit_name(dimension, units))
+    text, unit = number(value / scale.size, digits, tex=tex), scale.unit
+    if not tex:
+        return text + (_NO_BREAK + unit if unit else "")
+    for raised, power in (("⁻¹", "-1"), ("²", "2"), ("³", "3")):
+        unit = unit.replace(raised, rf"}}^{{{power}}}\text{{")
+    return rf"{text}\,\text{{{unit}}}".replace(r"\text{}", "") if unit else text
 
 
-def degrees(angle: float, digits: int = 5) -> str:
+def degrees(angle: float, digits: int = 5, *, tex: bool = False) -> str:
     """An angle [rad] in degrees: "31.717°"."""
-    return number(maths.degrees(angle), digits, strip=True) + "°"
-
-
-def degrees_tex(angle: float, digits: int = 5) -> str:
-    """An angle [rad] in degrees, in LaTeX."""
-    return number_tex(maths.degrees(angle), digits, strip=True) + r"{}^\circ"
+    return number(maths.degrees(angle), digits, strip=True, tex=tex) + (r"{}^\circ" if tex else "°")
 
 
 def math(tex: str, *, display: bool = False) -> Markup:
@@ -173,13 +158,13 @@ def to_html(text: str) -> Markup:
 
 def inline(text: str) -> Markup:
     """A line of text with `$formulas$`, `**strong words**` and `` `code` ``."""
-    return Markup(_INLINE.sub(_element, " ".join(text.split("\n"))))
 
+    def element(match: re.Match[str]) -> str:
+        if match["tex"]:
+            return math(match["tex"])
+        return f"<strong>{inline(match['strong'])}</strong>" if match["strong"] else f"<code>{match['code']}</code>"
 
-def _element(match: re.Match[str]) -> str:
-    if match["tex"]:
-        return math(match["tex"])
-    return f"<strong>{inline(match['strong'])}</strong>" if match["strong"] else f"<code>{match['code']}</code>"
+    return Markup(_INLINE.sub(element, " ".join(text.split("\n"))))
 
 
 def _block(block: str) -> Markup:
@@ -196,23 +181,18 @@ def _table(caption: str, head: str, rule: str, *rows: str) -> Markup:
     """A table; its first column names the row. Words are aligned to the left and break into lines."""
     if not _RULE.fullmatch(rule):
         raise ValueError(f"The third line of a table must be of the form |---|--:|, but is {rule!r}.")
-    top = Markup("").join(Markup("<th scope='col'>{}</th>").format(_UNIT.sub(_unbroken, cell)) for cell in _cells(head))
-    body = Markup("").join(
+    cells = [[inline(cell.strip()) for cell in row.strip().strip("|").split("|")] for row in (head, *rows)]
+    first_row = Markup("").join(Markup("<th scope='col'>{}</th>").format(cell) for cell in cells[0])
+    headings = Markup("<tr>{}</tr>").format(first_row)
+    body = [
         Markup("<tr><th scope='row'>{}</th>{}</tr>").format(
-            name, Markup("").join(Markup("<td>{}</td>").format(cell) for cell in cells)
+            name, Markup("").join(Markup("<td>{}</td>").format(cell) for cell in others)
         )
-        for name, *cells in map(_cells, rows)
-    )
+        for name, *others in cells[1:]
+    ]
+    # A unit does not break into lines.
+    headings = Markup(_UNIT.sub(lambda unit: unit[0].replace(" ", _NO_BREAK), headings))
     table = Markup(
-        '<div class="table" tabindex="0"><table><caption>{}</caption><thead><tr>{}</tr></thead>'
-        "<tbody>{}</tbody></table></div>"
-    ).format(inline(caption.removeprefix("Table:").strip()), top, body)
+        '<div class="table" tabindex="0"><table><caption>{}</caption><thead>{}</thead><tbody>{}</tbody></table></div>'
+    ).format(inline(caption.removeprefix("Table:").strip()), headings, Markup("").join(body))
     return table if "-:" in rule else Markup('<div class="wordy">{}</div>').format(table)
-
-
-def _cells(row: str) -> list[Markup]:
-    return [inline(cell.strip()) for cell in row.strip().strip("|").split("|")]
-
-
-def _unbroken(match: re.Match[str]) -> str:
-    return match[0].replace(" ", "\N{NO-BREAK SPACE}")

@@ -9,13 +9,13 @@ from erosion.impacts.impact import impact
 from erosion.impacts.simulate import SimulationError, path
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
-from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters.parameters import Parameters
 from erosion.parameters.scales import readable_scale
 from erosion.parameters.units import Dimension, conversion_factor
-from erosion.plotting.curves import plot_best_angles
-from erosion.plotting.motion import plot_end_times, plot_histories, plot_path, plot_removal_rate, plot_volume
+from erosion.plotting.curves import plot_end_times, plot_volume
+from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate
 from erosion.plotting.style import new_axes, new_figure
-from erosion.report.case import RTOL, Answer, ReportCase, family_figure, family_numbers, panel
+from erosion.report.case import RTOL, Answer, ReportCase, best_angle_over_k, family_numbers, panel
 
 _MODEL = "linearized"
 NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))
@@ -154,7 +154,7 @@ def speeds(case: ReportCase) -> Answer:
     """V(α) for several speeds: α_max is constant and V ∝ v₀². The reason holds for questions 5 to 8."""
     family = case.families(_MODEL)["v0"]
     numbers = family_numbers(case, family, _MODEL) | {"departure_from_square": family.departure(2)}
-    return Answer(numbers, {"speeds": family_figure(case, family)}, {"family": family})
+    return Answer(numbers, {"speeds": family.figure(case.units)}, {"family": family})
 
 
 def sizes_and_masses(case: ReportCase) -> Answer:
@@ -164,14 +164,14 @@ def sizes_and_masses(case: ReportCase) -> Answer:
         "m": family_numbers(case, masses, _MODEL) | {"departure_from_proportion": masses.departure(1)},
         "r": family_numbers(case, sizes, _MODEL) | {"largest_difference": float(np.ptp(sizes.volumes, axis=0).max())},
     }
-    return Answer(numbers, {"masses": family_figure(case, masses)}, {"masses": masses})
+    return Answer(numbers, {"masses": masses.figure(case.units)}, {"masses": masses})
 
 
 def materials(case: ReportCase) -> Answer:
     """All metals of Table 2 and the case's own σ; V ∝ 1/σ."""
     family = case.families(_MODEL)["sigma"]
     numbers = family_numbers(case, family, _MODEL) | {"departure_from_inverse": family.departure(-1)}
-    return Answer(numbers, {"materials": family_figure(case, family)}, {"family": family})
+    return Answer(numbers, {"materials": family.figure(case.units)}, {"family": family})
 
 
 def guesses(case: ReportCase) -> Answer:
@@ -183,19 +183,10 @@ def guesses(case: ReportCase) -> Answer:
         "psi": family_numbers(case, contacts, _MODEL) | {"departure_from_inverse": contacts.departure(-1)},
         "k": family_numbers(case, ratios, _MODEL) | {"largest_difference_from_law": float(differences.max())},
     }
-    law = np.geomspace(ratios.values[0], ratios.values[-1], 200)
-    over_k = panel(
-        plot_best_angles,
-        [ratios.best_angles("computed")],
-        height=3.7,
-        xlabel=QUANTITIES["k"].label(case.units),
-        log=True,
-        exact=("½ arctan k", law, np.arctan(law) / 2),
-    )
     figures = {
-        "contact-heights": family_figure(case, contacts),
-        "force-ratios": family_figure(case, ratios),
-        "best-angle-over-k": over_k,
+        "contact-heights": contacts.figure(case.units),
+        "force-ratios": ratios.figure(case.units),
+        "best-angle-over-k": best_angle_over_k(ratios, case.units, "computed", "½ arctan k", 3.7),
     }
     return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios, "by_law": k / (1 + k**2) / 2})
 

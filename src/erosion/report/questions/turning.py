@@ -11,7 +11,7 @@ from erosion.output.tables import Record
 from erosion.parameters.parameters import QUANTITIES
 from erosion.plotting.curves import plot_best_angles, plot_family, plot_turn
 from erosion.plotting.sweeps import plot_regimes
-from erosion.report.case import TORQUES, Answer, ReportCase, family_figure, family_numbers, panel
+from erosion.report.case import TORQUES, Answer, ReportCase, best_angle_over_k, family_numbers, panel
 
 MODEL = "rotating"
 NEEDS = (
@@ -26,6 +26,7 @@ _LEAST_SEEN = 0.01  # of the greatest volume; a figure shows a jump that is larg
 _TURN_ANGLES = np.deg2rad(np.arange(3.0, 90.0, 4.0))
 _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
 _ON_LINE = 41
+_TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)  # spins that the page lists in a table
 
 
 def body_may_turn(case: ReportCase) -> Answer:
@@ -39,7 +40,7 @@ def body_may_turn(case: ReportCase) -> Answer:
             "ended_by": str(optimum.ended_by),
             "volume_at_case": float(case.hits(model).volume[-1]),
             "jumps": [jump.alpha for jump in optimum.jumps],
-            "over_spin": spin.numbers(),
+            "over_spin": {"s": spin.values.tolist(), **spin.numbers()},
         }
         for model, optimum, spin in zip(TORQUES, best, spins, strict=True)
     ]
@@ -51,18 +52,14 @@ def body_may_turn(case: ReportCase) -> Answer:
         "again": again | {"over_reach": {name: column.tolist() for name, column in over_reach.items()}},
     }
     curves = [case.curve("linearized", "no rotation"), *(case.curve(model, label) for model, label in TORQUES.items())]
-    over_spin = [spin.best_angles(label) for spin, label in zip(spins, TORQUES.values(), strict=True)]
-    changed = [
-        families[name].best_angles(f"{QUANTITIES[name].symbol} changed", families[name].reach) for name in _IN_REACH
-    ]
-    ratios = families["k"]
-    law = np.geomspace(ratios.values[0], ratios.values[-1], 200)
+    over_spin = [spin.series(label, line=True) for spin, label in zip(spins, TORQUES.values(), strict=True)]
+    changed = [families[name].series(f"{QUANTITIES[name].symbol} changed", families[name].reach) for name in _IN_REACH]
     figures = {
         "rotation": panel(plot_family, curves, units=case.units, columns=2),
         "best-angle-over-spin": panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
         "regimes": plot_regimes(spins[0].map),
         "turn": panel(plot_turn, *(np.array(turn[name]) for name in ("alpha", "turn", "ended_by")), height=3.6),
-        "rotating-speeds": family_figure(case, families["v0"]),
+        "rotating-speeds": families["v0"].figure(case.units),
         "best-angle-over-reach": panel(
             plot_best_angles,
             changed,
@@ -72,13 +69,8 @@ def body_may_turn(case: ReportCase) -> Answer:
             exact=("any of them changed", over_reach["reach"], over_reach["alpha_max"]),
             columns=3,
         ),
-        "rotating-best-angle-over-k": panel(
-            plot_best_angles,
-            [ratios.best_angles("with rotation")],
-            height=3.9,
-            xlabel=QUANTITIES["k"].label(case.units),
-            log=True,
-            exact=("without: ½ arctan k", law, np.arctan(law) / 2),
+        "rotating-best-angle-over-k": best_angle_over_k(
+            families["k"], case.units, "with rotation", "without: ½ arctan k", 3.9
         ),
     }
     at_both = ((turn["at_case"], case.alpha), (turn["at_best"], torques[0]["alpha_max"]))
@@ -101,15 +93,15 @@ def body_may_turn(case: ReportCase) -> Answer:
         ),
         "torques": list(TORQUES.values()),
         "spins": spins,
-        "most": spins[0].at(int(spins[0].volume.argmax())),
-        "least": spins[0].at(int(spins[0].volume.argmin())),
-        "spin_rows": list(zip(*(spin.rows for spin in spins), strict=True)),
+        "most": spins[0].rows[int(spins[0].volume.argmax())],
+        "least": spins[0].rows[int(spins[0].volume.argmin())],
+        "spin_rows": [rows for rows in zip(*(spin.rows for spin in spins), strict=True) if rows[0]["value"] in _TOLD],
         "reach": float(case.p.r) * case.omega / float(case.p.v0),
         # The best angles where something is cut, how many are at a jump, and how many values there are.
         "ranges": {
             name: {
                 "angles": family.alpha[family.kind != "none"].tolist(),
-                "jumps": int(np.sum(family.kind == "jump")),
+                "jumps": family.jumps,
                 "size": family.alpha.size,
             }
             for name, family in families.items()
