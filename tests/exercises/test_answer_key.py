@@ -21,61 +21,35 @@ P = erosion.TABLE_1
 
 
 @pytest.mark.parametrize("task", KEY.tasks)
-def test_the_answer_itself_is_right(task: str) -> None:
-    verdict = KEY.check(task, KEY.answer(task))
-    assert verdict.right
-    assert repr(verdict).startswith(f"{task}: right. It is {TASKS[task].asks}: ")
-
-
-@pytest.mark.parametrize("task", KEY.tasks)
-def test_an_answer_just_outside_the_tolerance_is_not(task: str) -> None:
+def test_an_answer_within_the_tolerance_is_right(task: str) -> None:
     tolerance = TASKS[task].tolerance
+    assert repr(KEY.check(task, KEY.answer(task))).startswith(f"{task}: right. It is {TASKS[task].asks}: ")
     assert KEY.check(task, KEY.answer(task) * (1 + 0.99 * tolerance)).right
     assert not KEY.check(task, KEY.answer(task) * (1 + 1.01 * tolerance)).right
 
 
-def test_the_sentence_says_how_far_off_an_answer_is() -> None:
-    t_c = KEY.answer("t_c")
-    assert str(KEY.check("t_c", 0.987 * t_c)) == (
-        "t_c: 1.3 % below the answer. Look for the end between two steps, not at one."
-    )
-    assert (
-        str(KEY.check("t_c", 1.25 * t_c)) == "t_c: 25 % above the answer. It is to be the time at which the cut ends."
-    )
-
-
 @pytest.mark.parametrize(
-    ("factor", "slip"),
+    ("task", "ratio", "sentence"),
     [
-        (180 / math.pi, "It is right in degrees; give radians."),
-        (-1.0, "Only the sign is wrong."),
-        (2.0, "It is twice the answer."),
+        ("t_c", 0.987, "1.3 % below the answer. Look for the end between two steps, not at one."),
+        ("t_c", 1.25, "25 % above the answer. It is to be the time at which the cut ends."),
+        ("alpha_max", 180 / math.pi, "It is right in degrees; give radians."),
+        ("alpha_max", -1.0, "Only the sign is wrong."),
+        ("alpha_max", 2.0, "It is twice the answer."),
+        # Only angles can be in degrees.
+        ("volume", 180 / math.pi, "It is 57.3 times the answer. It is to be the removed volume."),
+        ("volume", 0.55, "45 % below the answer. It is to be the removed volume."),
+        ("volume", 1e-4, "The answer is 10000 times as large. It is to be the removed volume."),
+        ("volume", -3e3, "The sign is wrong. It is 3000 times the answer. It is to be the removed volume."),
+        ("volume", 0.0, "The answer is not 0. It is to be the removed volume."),
+        ("volume", 1e308, "It is 1e+300 times the answer. It is to be the removed volume."),
     ],
 )
-def test_common_slips_are_named(factor: float, slip: str) -> None:
-    verdict = KEY.check("alpha_max", factor * KEY.answer("alpha_max"))
+def test_the_sentence_says_how_far_off_an_answer_is(task: str, ratio: float, sentence: str) -> None:
+    verdict = KEY.check(task, ratio * KEY.answer(task))
     assert not verdict.right
-    assert verdict.sentence == f"alpha_max: {slip}"
-
-
-@pytest.mark.parametrize(
-    ("ratio", "sentence"),
-    [
-        (1.9, "90 % above the answer."),
-        (0.55, "45 % below the answer."),
-        (57.3, "It is 57.3 times the answer."),
-        (1e6, "It is 1000000 times the answer."),
-        (0.2, "The answer is 5 times as large."),
-        (1e-4, "The answer is 10000 times as large."),
-        (-1.1, "The sign is wrong. 10 % above the answer."),
-        (-3e3, "The sign is wrong. It is 3000 times the answer."),
-        (-0.01, "The sign is wrong. The answer is 100 times as large."),
-        (0.0, "The answer is not 0."),
-    ],
-)
-def test_an_answer_far_off_is_so_by_a_factor_and_a_sign(ratio: float, sentence: str) -> None:
-    said = str(KEY.check("volume", ratio * KEY.answer("volume")))
-    assert said == f"volume: {sentence} It is to be the removed volume."
+    assert str(verdict) == f"{task}: {sentence}"
+    assert str(KEY.check(task, ...)) == f"{task}: still to do."
 
 
 IN_SI = erosion.AnswerKey(P.to("si"))
@@ -101,54 +75,24 @@ def test_an_answer_in_other_units_is_recognized(
     assert str(key.check(task, key.answer(task) * factor)) == f"{task}: It is right in {other}; give {unit}."
 
 
-def test_only_angles_can_be_in_degrees() -> None:
-    assert "degrees" not in KEY.check("volume", math.degrees(KEY.answer("volume"))).sentence
-
-
 @pytest.mark.parametrize(
-    "answer", [math.nan, math.inf, None, "0.5", [1.0, 2.0], 1j, range(10**12), pint.Quantity(15.1, "us")]
-)
-def test_what_is_no_number_is_refused(answer: Any) -> None:
-    with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is "):
-        KEY.check("t_c", answer)
-
-
-@pytest.mark.parametrize("answer", [np.ma.masked_array([1.0], [True]), [[1], [1, 2]], 100_000 * "a", 10**4000])
-def test_what_is_no_number_is_told_in_short(answer: Any) -> None:
+    "answer",
+    [math.nan, math.inf, None, "0.5", [1.0, 2.0], 1j, range(10**12), pint.Quantity(4.9e-5, "s"),
+     np.ma.masked_array([1.0], [True]), [[1], [1, 2]], 100_000 * "a", 10**4000],
+)  # fmt: skip
+def test_what_is_no_number_is_refused_in_one_short_sentence(answer: Any) -> None:
     with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is (?s:.){1,200}$"):
         KEY.check("t_c", answer)
+    with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number"):
+        jax.jit(lambda traced: 1.0 * KEY.check("t_c", traced).right)(1e-5)
 
 
-@pytest.mark.parametrize("unit", ["s", "ms", "lb"])
-def test_a_number_with_a_unit_is_refused_and_not_read_without_it(unit: str) -> None:
-    quantity = pint.UnitRegistry().Quantity(KEY.answer("t_c"), unit)
-    with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number, but is <Quantity"):
-        KEY.check("t_c", quantity)
-
-
-def test_a_long_name_of_a_task_or_a_language_is_told_in_short() -> None:
+def test_an_unknown_task_or_language_is_told_in_short() -> None:
+    with pytest.raises(ValueError, match=r"^Argument `task` must be one of omega, euler_depth, .* but is 'tc'"):
+        KEY.check("tc", 1.0)
     for ask in (KEY.answer, lambda name: erosion.AnswerKey(erosion.TABLE_1, lang=name)):
         with pytest.raises(ValueError, match=r"must be one of (?s:.){1,250}$"):
             ask(100_000 * "x")
-
-
-def test_what_jax_traces_is_no_number() -> None:
-    for traced in (jax.jit, jax.grad):
-        with pytest.raises(ValueError, match=r"^Argument `answer` must be one finite number"):
-            traced(lambda answer: 1.0 * KEY.check("t_c", answer).right)(1e-5)
-
-
-def test_a_factor_beyond_all_floats_is_a_number() -> None:
-    assert "It is 1e+300 times the answer." in str(KEY.check("t_c", 1e308))
-
-
-def test_a_gap_is_still_to_do() -> None:
-    assert str(KEY.check("t_c", ...)) == "t_c: still to do."
-
-
-def test_an_unknown_task_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^Argument `task` must be one of omega, euler_depth, .* but is 'tc'"):
-        KEY.check("tc", 1.0)
 
 
 def test_a_case_that_cuts_nothing_is_refused() -> None:
@@ -186,11 +130,6 @@ def test_without_a_jump_its_tasks_are_left_out(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(ValueError, match="must be one of"):
         key.answer("jump")
     assert "Where Newton" not in notebook(key, title="a case")
-
-
-def test_a_speed_that_is_too_great_is_an_error_without_a_warning():
-    with pytest.raises(ValueError, match="must be a finite number, but is"):
-        _ = erosion.AnswerKey(erosion.TABLE_1.replace(v0=1e308)).with_spin
 
 
 def test_the_script_of_the_documentation_prints_what_it_says(capsys: pytest.CaptureFixture) -> None:

@@ -23,9 +23,7 @@ P = erosion.TABLE_1
 CASES = {
     "Table 1": P,
     "a stop": P.replace(alpha=np.deg2rad(70)),
-    "small k": P.replace(k=0.3, alpha=np.deg2rad(5)),
     "large k, SI": P.replace(k=8.0, alpha=np.deg2rad(60)).to("si"),
-    "spinning": P.replace(phidot0=2e4),
 }
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.collections import QuadMesh
 
 import erosion
-from erosion.distributions import LogNormal
+from erosion.distributions import LogNormal, Normal
 from erosion.plotting.maps import plot_nozzle_angle, plot_stream
 from erosion.plotting.style import new_axes
 from erosion.plotting.sweeps import plot_sweep
@@ -84,3 +84,14 @@ def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     band = ax.collections[0].get_paths()[0].get_extents()
     assert band.y0 == pytest.approx(2 * (1 - 0.196))
     assert band.y1 == pytest.approx(2 * (1 + 0.196))
+
+
+def test_errors_and_bands_say_that_they_are_by_sampling_alone():
+    result = stream("linearized", P, alpha=Normal(0.5, 0.05), n=256)
+    rows = result.rows()
+    assert "± is the error by sampling these particles alone, all other parameters taken as exact" in rows[0].meaning
+    assert [row.meaning for row in rows if "95 % interval" in row.meaning] == ["its 95 % interval, by sampling alone"]
+    (legend,) = plot_stream(result).legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert sum("sampling alone" in text for text in texts) == 2
+    assert not any(text == "95 % band" for text in texts)
