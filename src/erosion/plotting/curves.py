@@ -3,14 +3,12 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from erosion.correlations import CORRELATIONS
 from erosion.impacts.alpha_max import ASIDE, MEASURES, Optimum
@@ -48,21 +46,14 @@ from erosion.plotting.style import (
 )
 
 
-def star(best: Best | Optimum, color: str = PALETTE["orange"]) -> dict[str, Any]:
-    """The style of the mark in a figure and in its legend; hollow if the curve only approaches the point."""
-    return {
-        "marker": "*",
-        "markersize": 13,
-        "linestyle": "",
-        "color": color if best.attained else "white",
-        "markeredgecolor": INK if best.attained else color,
-        "markeredgewidth": 0.7 if best.attained else 1.2,
-    }
-
-
-def mark_best(ax: Axes, best: Best | Optimum, size: float, color: str = PALETTE["orange"]) -> None:
-    """Draw a star at the optimum, on an axis that shows values divided by `size`."""
-    ax.plot([np.rad2deg(best.alpha)], [best.value / size], zorder=6, clip_on=False, **star(best, color))
+def mark_best(
+    ax: Axes, best: Best | Optimum, size: float, color: str = PALETTE["orange"], label: str | None = None
+) -> None:
+    """Draw a star at the optimum, hollow if the curve only approaches it; the axis shows values divided by `size`."""
+    reached = best.attained
+    ax.plot([np.rad2deg(best.alpha)], [best.value / size], "*", markersize=13, color=color if reached else "white",
+            markeredgecolor=INK if reached else color, markeredgewidth=0.7 if reached else 1.2, zorder=6, clip_on=False,
+            label=label)  # fmt: skip
 
 
 _SHALLOWEST = 1e-4  # rad; a curve over angles from 0 begins here
@@ -131,33 +122,25 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     cuts = any(piece.ended_by != NO_CUT for piece in curve)
     shares = cuts and any(piece.at_contact.any() for piece in curve)
     for piece in curve:
-        if shares:
-            ax.fill_between(np.rad2deg(piece.alpha), 0, piece.at_contact / scale.size, **REMOVED_AT_CONTACT)
-        ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2)
+        ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2,
+                label=end_label(piece.ended_by))  # fmt: skip
+    for piece in curve if shares else ():
+        at_contact = piece.at_contact / scale.size
+        ax.fill_between(np.rad2deg(piece.alpha), 0, at_contact, label=AT_CONTACT, **REMOVED_AT_CONTACT)
     for jump in optimum.jumps:
         ax.plot([np.rad2deg(jump.alpha)] * 2, np.array([jump.below, jump.above]) / scale.size, color=DIM,
-                linestyle=(0, (2, 2)), linewidth=1.2)  # fmt: skip
+                linestyle=(0, (2, 2)), linewidth=1.2, label="jump")  # fmt: skip
+    if np.isfinite(optimum.value) and optimum.kind != "none":
+        label = f"{'least' if optimum.least else 'greatest'}: {describe(optimum)}"
+        mark_best(ax, optimum, scale.size, label=label)
     for candidate in optimum.candidates[1:]:
         ax.plot(np.rad2deg(candidate.alpha), candidate.value / scale.size, _MARKS[candidate.kind], color="white",
-                markeredgecolor=INK, markersize=7, zorder=4)  # fmt: skip
-    ends = dict.fromkeys(piece.ended_by for piece in curve)
-    handles: list[Any] = [Line2D([], [], color=ENDS.get(end, INK), linewidth=2.2, label=end_label(end)) for end in ends]
-    if shares:
-        handles.append(Patch(label=AT_CONTACT, **REMOVED_AT_CONTACT))
-    if optimum.jumps:
-        handles.append(Line2D([], [], color=DIM, linestyle=(0, (2, 2)), linewidth=1.2, label="jump"))
-    if np.isfinite(optimum.value) and optimum.kind != "none":
-        mark_best(ax, optimum, scale.size)
-        label = f"{'least' if optimum.least else 'greatest'}: {describe(optimum)}"
-        handles.append(Line2D([], [], label=label, **star(optimum)))
-    if len(optimum.candidates) > 1:
-        handles.append(
-            Line2D([], [], marker="o", color="white", markeredgecolor=INK, linestyle="", label="other candidates")
-        )
+                markeredgecolor=INK, markersize=7, zorder=4, label="other candidates")  # fmt: skip
     ax.set_ylabel(optimum.objective if measured is None else result_label(measured, scale))
     angle_axis(ax, *(np.rad2deg(end) for end in (optimum.regimes[0].low, optimum.regimes[-1].high)))
     ax.set_ylim(bottom=0, top=1.05 * ax.get_ylim()[1])
-    legend_of_panel(ax, handles, 2)
+    handles, labels = ax.get_legend_handles_labels()
+    legend_of_panel(ax, list(dict(zip(labels, handles, strict=True)).values()), 2)
     return fig
 
 

@@ -56,26 +56,25 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * rows)
     volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
     scale = readable_scale("volume", _units(comparison), float(np.nanmax(comparison.volume_max)))
-    handles, shares = [], []
+    shares = []
     for i, name in enumerate(models):
         color, line = STYLES[i % len(STYLES)]
         results = comparison.isel(model=i)
+        best = _best(results)
         x, y = broken(degrees, volume[i], np.deg2rad(1) * results.dvolume.values)
-        ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8)
+        label = f"{name}: {describe(best)}"
+        ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8, label=label)
         at_contact = results.get("volume_at_contact", 0 * results.volume).values
         # Of a model that never cuts nothing is beside a cut.
         if at_contact.any() and np.any(results.t_c > 0):
             ax.fill_between(degrees, 0, at_contact / scale.size, color=color, **_SHARE)
             shares = [Patch(color=DIM, label=AT_CONTACT, **_SHARE)]
-        best = _best(results)
         if np.isfinite(best.alpha):
             mark_best(ax, best, scale.size, color)
-        label = f"{name}: {describe(best)}"
-        handles.append(Line2D([], [], color=color, linestyle=line, linewidth=1.8, label=label))
     top = 1.06 * float(np.nanmax(comparison.volume_max)) / scale.size
     ax.set(ylabel=result_label("volume", scale), ylim=(0, top))
     angle_axis(ax)
-    legend_of_panel(ax, [*handles, *shares], 1 if len(models) < 4 else 2)
+    legend_of_panel(ax, [*ax.get_legend_handles_labels()[0], *shares], 1 if len(models) < 4 else 2)
     return fig
 
 
