@@ -171,8 +171,15 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
     async def announce() -> None:
         while not Server.instance.started:
             await asyncio.sleep(0.02)
-        _announce(address)
-        _look_for_garbage()
+        print(address.link, flush=True)
+        # For other devices also as a code, where people read it.
+        if address.token and sys.stdout.isatty():
+            segno.make_qr(address.link).terminal(compact=True)
+        # The command line looks for garbage seldom, since a verb ends before there is any. A server does not end, and
+        # the parts of a closed tab refer to one another; what is there at its start, half a million objects of
+        # modules, need not be looked at again.
+        gc.freeze()
+        gc.set_threshold(_ALLOCATIONS)
         # Not earlier: compiling would slow the start of the server.
         all_ready(service.start, service.preparation)
 
@@ -211,23 +218,6 @@ def _prepare_process() -> None:
         warnings.simplefilter("ignore", shown)
     logging.getLogger("nicegui").addFilter(lambda record: not str(record.msg).startswith("Could not cancel"))
     logging.getLogger("uvicorn.error").addFilter(lambda record: not isinstance(record.msg, OSError))
-
-
-def _look_for_garbage() -> None:
-    """Find what a closed tab leaves soon: its parts refer to one another.
-
-    The command line looks for garbage seldom, since a verb ends before there is any. A server does not end; but what is
-    there at its start, half a million objects of modules, need not be looked at again.
-    """
-    gc.freeze()
-    gc.set_threshold(_ALLOCATIONS)
-
-
-def _announce(address: Address) -> None:
-    """Print the link; for other devices also as a code, where people read it."""
-    print(address.link, flush=True)
-    if address.token and sys.stdout.isatty():
-        segno.make_qr(address.link).terminal(compact=True)
 
 
 def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> None:

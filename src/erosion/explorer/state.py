@@ -176,14 +176,6 @@ class PageCase(NamedTuple):
         pairs = zip(self.own, factors, strict=True)
         return PageCase.of(p, tuple(number.with_value(number.value * factor) for number, factor in pairs))
 
-    def at_any_angle(self) -> "PageCase":
-        """One case for all angles: answers over the angle are kept by this case."""
-        return self.replace(alpha=1.0)
-
-    def at_any_spin(self) -> "PageCase":
-        """One case for all angles and spins: answers over the spin are kept by this case."""
-        return self.replace(alpha=1.0, phidot0=0.0)
-
 
 @dataclasses.dataclass(frozen=True)
 class PageState:
@@ -218,25 +210,20 @@ class PageState:
     def query(self) -> str:
         """The state as the query of a link, exact to the last bit, without models that are not checked."""
         own = tuple(number for number in self.case.own if number.model in self.models)
-        numbers = {name: repr(number) for name, number in self.case._replace(own=own).numbers().items()}
+        density, fraction = self.per_mass.density, self.per_mass.cutting_fraction
+        # A comma in the name of a model is spelled apart from those of the list; few names of files hold one.
+        models = [model.replace("%", "%25").replace(",", "%2C") for model in self.models]
         fields = {
             "units": self.case.units,
-            **numbers,
-            **self._weights(),
-            "models": ",".join(map(_spelled, self.models)),
+            **{name: repr(number) for name, number in self.case._replace(own=own).numbers().items()},
+            "density": None if density is None else f"{density!r} kg/m^3",
+            "cutting_fraction": None if fraction == 1 else repr(fraction),
+            "models": ",".join(models),
             "shown": self.shown,
+            "instant": None if self.instant == 1 else repr(self.instant),
+            "dark": None if self.dark is None else _TEXTS[self.dark],
         }
-        if self.instant != 1:
-            fields["instant"] = repr(self.instant)
-        if self.dark is not None:
-            fields["dark"] = _TEXTS[self.dark]
-        return urlencode(fields, safe=",")
-
-    def _weights(self) -> dict[str, str]:
-        """The fields of a link on erosion per mass of abrasive."""
-        density, fraction = self.per_mass.density, self.per_mass.cutting_fraction
-        fields = {} if density is None else {"density": f"{density!r} kg/m^3"}
-        return fields if fraction == 1 else fields | {"cutting_fraction": repr(fraction)}
+        return urlencode({name: text for name, text in fields.items() if text is not None}, safe=",")
 
     def reading(self, query: Mapping[str, str], known: Collection[str]) -> "PageState":
         """Change this state as a link asks. Quantities may have units ("alpha=30 deg").
@@ -261,6 +248,12 @@ class PageState:
                 raise ValueError(f"Field `models` names {name!r}, but the page offers no such model.")
         if shown not in checked:
             raise ValueError(f"Field `shown` must be one of the models, but is {shown!r}.")
+        density, fraction = self.per_mass.density, query.get("cutting_fraction", repr(self.per_mass.cutting_fraction))
+        if "density" in query:
+            with about("Field `density`"):
+                density = read_density(query["density"])
+        if not _is_number(fraction):
+            raise ValueError(f"Field `cutting_fraction` must be a number, but is {fraction!r}.")
         instant, dark = query.get("instant", repr(self.instant)), query.get("dark")
         if not _is_number(instant) or not 0 <= float(instant) <= 1:
             raise ValueError(f"Field `instant` must be in [0, 1], a share of the cut's time, but is {instant!r}.")
@@ -268,23 +261,7 @@ class PageState:
             raise ValueError(f"Field `dark` must be 'true' or 'false', but is {dark!r}.")
         models = tuple(name for name in known if name in checked)
         is_dark = self.dark if dark is None else dark == _TEXTS[True]
-        return PageState(case, models, shown, _read_per_mass(query, self.per_mass), float(instant), is_dark)
-
-
-def _read_per_mass(query: Mapping[str, str], usual: PerMass) -> PerMass:
-    """The density and the share of cutting particles in a link's query, the usual ones where it has none."""
-    density, fraction = usual.density, query.get("cutting_fraction", repr(usual.cutting_fraction))
-    if "density" in query:
-        with about("Field `density`"):
-            density = read_density(query["density"])
-    if not _is_number(fraction):
-        raise ValueError(f"Field `cutting_fraction` must be a number, but is {fraction!r}.")
-    return PerMass(density, float(fraction))
-
-
-def _spelled(model: str) -> str:
-    """A model's name in a list with commas; few names of files hold one."""
-    return model.replace("%", "%25").replace(",", "%2C")
+        return PageState(case, models, shown, PerMass(density, float(fraction)), float(instant), is_dark)
 
 
 _COMMA = re.compile(r"\s*[+-]?(?P<whole>\d*),(?P<part>\d+)(?![\d.,])")

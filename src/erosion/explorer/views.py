@@ -23,7 +23,6 @@ from erosion.explorer.controls import (
 )
 from erosion.impacts.alpha_max import Optimum
 from erosion.impacts.impact import Impact
-from erosion.impacts.simulate import Trajectory
 from erosion.models.base import State as Body
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_far_from_tests
@@ -143,17 +142,28 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     time = readable_scale("time", p.units, motion.t_c)
     length = readable_scale("length", p.units, float(np.max(np.abs(motion.x_tip))) or float(p.r))
     phi = motion.phi if isinstance(motion.states, Body) else np.full(motion.t.shape, np.pi / 2)
-    bar = _round_length(float(p.r) / length.size)
+    # 1, 2 or 5 times a power of ten, at most r.
+    longest = float(p.r) / length.size
+    power = 10.0 ** np.floor(np.log10(longest))
+    bar = float(max(factor for factor in (1, 2, 5) if factor * power <= longest * (1 + 1e-9)) * power)
+    turned = f", the body turned by {np.rad2deg(motion.turn):.0f}°" if np.isfinite(motion.turn) and motion.turn else ""
+    end = f"{motion.ended_by} after {motion.t_c / time.size:.4g} {time.unit}{turned}" if motion.t_c else NOTHING
     content = {
         "t": motion.t.tolist(),
         "x": (motion.x_tip / length.size).tolist(),
         "depth": (motion.depth / length.size).tolist(),
         "phi": phi.tolist(),
-        "size": float(p.r) / length.size,
+        "size": longest,
         "unit": time.size,
         "units": time.unit,
-        "bar": {"size": bar, "text": _length(bar, length, p.units)},
-        "label": f"{computed.state.shown}: {_sentence(motion)}",
+        # In the base unit if the unit is a power of ten of it.
+        "bar": {
+            "size": bar,
+            "text": f"{bar * length.size:.6g} {unit_name('length', p.units)}"
+            if length.unit.startswith("10")
+            else f"{bar:g} {length.unit}",
+        },
+        "label": f"{computed.state.shown}: {end}",
     }
     return (content,)
 
@@ -187,33 +197,19 @@ def histories(computed: Computed, models: Collection[str]) -> Drawing:
     return option | {"legend": LEGEND, "tooltip": tooltip}, handles, "position and speed of the tip over time"
 
 
-def _sentence(cut: Trajectory) -> str:
-    if not cut.t_c:
-        return NOTHING
-    time = readable_scale("time", cut.p.units, cut.t_c)
-    turned = f", the body turned by {np.rad2deg(cut.turn):.0f}°" if np.isfinite(cut.turn) and cut.turn else ""
-    return f"{cut.ended_by} after {cut.t_c / time.size:.4g} {time.unit}{turned}"
-
-
-def _length(number: float, scale: Scale, units: System) -> str:
-    """A length in its unit; in the base unit if the unit is a power of ten of the base unit."""
-    base = unit_name("length", units)
-    return f"{number * scale.size:.6g} {base}" if scale.unit.startswith("10") else f"{number:g} {scale.unit}"
-
-
-def _round_length(length: float) -> float:
-    """1, 2 or 5 times a power of ten, at most `length`."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(max(factor for factor in (1, 2, 5) if factor * power <= length * (1 + 1e-9)) * power)
-
-
 _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 
 
 def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
     units = computed.state.case.units
-    heads = "".join(f"<th scope='col' title='{html.escape(_meaning(name))}'>{_symbol(name)}</th>" for name in _HEADINGS)
+    heads = "<th scope='col'>model</th>"
+    for name in _HEADINGS:
+        meaning, symbol = "how the cut ends", "ends by"
+        if name in RESULTS:
+            meaning, (symbol, _, below) = RESULTS[name].meaning, RESULTS[name].symbol.partition("_")
+            symbol += f"<sub>{below}</sub>" if below else ""
+        heads += f"<th scope='col' title='{html.escape(meaning)}'>{symbol}</th>"
     points, optima = computed.of_all("point"), computed.of_all("best")
     rows = []
     for model in computed.state.models:
@@ -222,12 +218,16 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
             _read("time", float(point.t_c), units), html.escape(str(point.ended_by)),
             _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), units),
         ]  # fmt: skip
-        at_best = ["…"] * 2 if best is None else [_where(best), _volume(computed, float(best.volume))]
+        at_best = ["…"] * 2
+        if best is not None:
+            kind = str(best.kind) if best.certified else f"{best.kind}, not certified"
+            where = f"{describe(best)} <small>{html.escape(kind)}</small>"
+            at_best = [where, _volume(computed, float(best.volume))]
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
         cells = "".join(f"<td>{cell}</td>" for cell in (*at_angle, *at_best))
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
-    table = f"<thead><tr><th scope='col'>model</th>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
+    table = f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
     caption = "<caption>Numbers of the checked models</caption>"
     below = _of_the_cut(computed) + _far_from_tests(computed)
     return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
@@ -275,22 +275,6 @@ def _volume(computed: Computed, volume: float) -> str:
         scale = PER_MASS_SCALES[name]
         text += f"<br><small>{float(f'{float(value) / scale.size:.4g}'):,.12g} {scale.unit}</small>"
     return text.replace("-", "−")
-
-
-def _where(best: Optimum) -> str:
-    kind = str(best.kind) if best.certified else f"{best.kind}, not certified"
-    return f"{describe(best)} <small>{html.escape(kind)}</small>"
-
-
-def _symbol(name: str) -> str:
-    if name not in RESULTS:
-        return "ends by"
-    symbol, _, below = RESULTS[name].symbol.partition("_")
-    return f"{symbol}<sub>{below}</sub>" if below else symbol
-
-
-def _meaning(name: str) -> str:
-    return RESULTS[name].meaning if name in RESULTS else "how the cut ends"
 
 
 def _read(dimension: Dimension, value: float, units: System) -> str:
