@@ -97,31 +97,6 @@ def test_a_link_with_a_script_is_text(page: Page, address: str) -> None:
     assert page.evaluate("[window.bad, document.querySelectorAll('img').length]") == [None, 0]
 
 
-def test_a_link_that_could_never_be_read_stops_nobody(page: Page, address: str) -> None:
-    page.goto(f"{address}?v0=1 m/s*9**9**9**9")
-    expect(page.get_by_text("The link cannot be used: Field `v0` must be a speed")).to_be_visible()
-    page.goto(f"{address}?alpha={'9' * 50_000}")
-    expect(page.get_by_text("The address must have at most 16000 characters, but has 50007.")).to_be_visible()
-    page.goto(f"{address}?alpha=30deg")
-    settle(page, "alpha", "30")
-
-
-def test_the_page_says_what_another_unit_system_cannot_hold(page: Page, address: str) -> None:
-    page.goto(f"{address}?m=1e308")
-    settle(page, "m", "1e308")
-    page.get_by_role("button", name="si", exact=True).click()
-    expect(page.get_by_text("Field `m` must be positive and finite, but is inf.")).to_be_visible()
-    expect(page.get_by_role("button", name="inch-pound")).to_have_attribute("aria-pressed", "true")
-    page.goto(f"{address}?v0=1e308")
-    settle(page, "v0", "1e308")
-    page.get_by_role("button", name="Spin").click()
-    page.get_by_text("s = 0.5").click()
-    expect(page.get_by_text("Field `phidot0` must be a finite number, but is inf.").last).to_be_visible()
-    page.goto(f"{address}?units=cgs")
-    expect(page.get_by_text("The link cannot be used: Field `units` must be one of")).to_be_visible()
-    assert "Argument" not in page.inner_text("body")
-
-
 def test_a_page_outlives_its_server(context: BrowserContext) -> None:
     page = context.new_page()
     with served() as (process, address):
