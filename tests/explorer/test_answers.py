@@ -15,9 +15,9 @@ import pytest
 from erosion.explorer import computed as computing
 from erosion.explorer.computed import (
     ANGLES,
+    AnswerKind,
     Answers,
     Computed,
-    Kind,
     LatestWins,
     Preparation,
     SingleEvent,
@@ -59,7 +59,7 @@ def test_a_single_event_is_the_closed_forms_candidate(event: str) -> None:
 
 def fake(**compute: Callable[[str, PageCase], Any]) -> Answers:
     """Answers of these kinds, computed by these functions."""
-    kinds = {name: Kind(lambda _, model, case, of=of: of(model, case)) for name, of in compute.items()}
+    kinds = {name: AnswerKind(lambda _, model, case, of=of: of(model, case)) for name, of in compute.items()}
     return Answers({}, kinds)
 
 

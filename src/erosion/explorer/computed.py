@@ -163,7 +163,7 @@ class SpinCurves(NamedTuple):
     kind: np.ndarray
 
 
-class Kind(NamedTuple):
+class AnswerKind(NamedTuple):
     """One kind of answer.
 
     Args:
@@ -193,16 +193,16 @@ def _spins(answers: "Answers", name: str, case: PageCase) -> SpinCurves:
 
 
 _ANY_ANGLE = {"alpha": 1.0}
-KINDS: Mapping[str, Kind] = {
-    "cut": Kind(lambda answers, name, case: path(answers.model(name, case), case.parameters())),
-    "point": Kind(_point, program="curve"),
-    "curve": Kind(_curve, _ANY_ANGLE),
-    "best": Kind(lambda answers, name, case: alpha_max(answers.model(name, case), case.parameters()), _ANY_ANGLE,
+KINDS: Mapping[str, AnswerKind] = {
+    "cut": AnswerKind(lambda answers, name, case: path(answers.model(name, case), case.parameters())),
+    "point": AnswerKind(_point, program="curve"),
+    "curve": AnswerKind(_curve, _ANY_ANGLE),
+    "best": AnswerKind(lambda answers, name, case: alpha_max(answers.model(name, case), case.parameters()), _ANY_ANGLE,
                  "curve"),
-    "ends": Kind(lambda answers, name, case: end_times(answers.model(name, case),
+    "ends": AnswerKind(lambda answers, name, case: end_times(answers.model(name, case),
                                                        case.parameters().replace(alpha=ANGLES)), _ANY_ANGLE),
-    "sensitivities": Kind(lambda answers, name, case: answers("best", name, case).sensitivities, _ANY_ANGLE),
-    "spins": Kind(_spins, _ANY_ANGLE | {"phidot0": 0.0}, "curve"),
+    "sensitivities": AnswerKind(lambda answers, name, case: answers("best", name, case).sensitivities, _ANY_ANGLE),
+    "spins": AnswerKind(_spins, _ANY_ANGLE | {"phidot0": 0.0}, "curve"),
 }  # fmt: skip
 """The motion of one impact; its end, volume and derivatives; impacts at all `ANGLES`; the angle of greatest removal;
 when each event alone would end the cut, at all `ANGLES`; dα_max/dq for each q; the best angle at all `SPINS`."""
@@ -216,7 +216,7 @@ class Answers:
         kinds: of answers, by name.
     """
 
-    def __init__(self, models: Mapping[str, CuttingModel], kinds: Mapping[str, Kind] = KINDS) -> None:
+    def __init__(self, models: Mapping[str, CuttingModel], kinds: Mapping[str, AnswerKind] = KINDS) -> None:
         self.models, self.kinds = models, kinds
         self._kept: dict[str, dict[tuple[str, PageCase], Any]] = {kind: {} for kind in kinds}
         self._lock = threading.Lock()

@@ -40,7 +40,7 @@ _RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  #
 
 
 @dataclass(frozen=True)
-class BestAngles:
+class BestOverValues:
     """A model's angles of greatest removal over the values of one parameter; arrays have shape (values,).
 
     Args:
@@ -84,7 +84,7 @@ class BestAngles:
 
 
 @dataclass(frozen=True)
-class Family(BestAngles):
+class Family(BestOverValues):
     """A model's answers for the values of one parameter.
 
     Args:
@@ -202,7 +202,7 @@ _SPINS = np.round(np.linspace(-0.9, 0.9, 37), 3)  # s = r φ̇₀/v₀, in steps
 
 
 @dataclass(frozen=True)
-class Spins(BestAngles):
+class Spins(BestOverValues):
     """A model's best angles over the spin s = r φ̇₀/v₀, and the dataset of `regimes`, `map`."""
 
     map: xr.Dataset
