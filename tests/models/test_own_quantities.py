@@ -56,6 +56,70 @@ def test_it_has_units_and_a_label_wherever_results_are_shown() -> None:
     assert swept["work"].attrs == {"long_name": "work of the target on the tip", "symbol": "W", "units": "J"}
 
 
+@pytest.fixture(scope="module")
+def jet() -> erosion.Stream:
+    return erosion.stream(MODEL, CASE, alpha=LAW, n=2**12, best_angle=False, sensitivities=False)
+
+
+CASE = erosion.TABLE_1.replace(k=1.0)
+LAW = erosion.distributions.Uniform(0.2, 0.8)
+
+
+def test_a_stream_has_its_mean_with_a_standard_error(jet: erosion.Stream) -> None:
+    mean = jet.mean_quantities["work"]
+    alpha = (np.arange(2000) + 0.5) / 2000 * 0.6 + 0.2
+    of_law = np.mean(erosion.impact(MODEL, CASE.replace(alpha=alpha)).quantities["work"])
+    assert mean.value == pytest.approx(of_law, abs=4 * mean.error)
+    assert 0 < mean.error < 1e-3 * abs(mean.value)
+    row = next(row for row in jet.rows() if row.name == "mean_work")
+    assert row.meaning.startswith("work of the target on the tip")
+    assert "±" in row.value
+    numbers = jet.to_dict()
+    assert numbers["mean_work"] == mean.value
+    assert numbers["mean_work_error"] == mean.error
+    assert numbers["units"]["mean_work"] == "in*lbf" == jet.to_dataset()["mean_work"].attrs["units"]
+    assert (
+        jet.mean_volume
+        == erosion.stream(
+            erosion.models.Rotating(torque=FullTorque()),
+            CASE,
+            alpha=LAW,
+            n=2**12,
+            best_angle=False,
+            sensitivities=False,
+        ).mean_volume
+    )
+
+
+def test_a_stored_stream_goes_on_with_it(jet: erosion.Stream, tmp_path) -> None:
+    options = {"alpha": LAW, "best_angle": False, "sensitivities": False, "store": tmp_path / "jet.nc"}
+    erosion.stream(MODEL, CASE, n=2**11, **options)
+    whole = erosion.stream(MODEL, CASE, n=2**12, **options)
+    assert whole.mean_quantities["work"].value == pytest.approx(jet.mean_quantities["work"].value, rel=1e-13)
+    assert whole.mean_quantities["work"].error == pytest.approx(jet.mean_quantities["work"].error, rel=1e-6)
+
+
+def test_verify_compares_it() -> None:
+    def error(model: erosion.models.Rotating) -> float:
+        return next(check.error for check in erosion.verify(model).checks if check.name == "own quantities")
+
+    class Mislabelled(Working):
+        @erosion.own_quantity("W", "work of the target on the tip", "length")
+        def work(self, state, p):
+            return Working.work(self, state, p)
+
+    assert error(MODEL) < 1e-9
+    assert error(Mislabelled(torque=FullTorque())) > 0.1  # not the unit that it is said to have
+
+
+def test_a_name_of_another_result_is_refused() -> None:
+    with pytest.raises(ValueError, match="`mass`"):
+
+        @erosion.own_quantity("M", "mass", "mass")
+        def mass(self, state, p):
+            return p.m
+
+
 def test_a_comparison_shows_what_all_models_have() -> None:
     other = Working()
     both = erosion.sweep([MODEL, "rotating"], erosion.TABLE_1, alpha=[0.3])

@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 
 import erosion.impacts.diffrax_steps as flow
 from erosion.models.base import NO_CUT, CuttingModel
+from erosion.models.own_parameters import own_quantities
 from erosion.parameters.parameters import Parameters
 
 _LATEST = 1e3  # [1/ω]; no cut of the cases is longer
@@ -31,11 +32,12 @@ _Function = Callable[[np.ndarray], Sequence[float] | np.ndarray]
 
 
 class ReferenceSolution(NamedTuple):
-    """A cut as another solver computes it: volume [volume], end [s], and the event that ended it."""
+    """A cut as another solver computes it: volume [volume], end [s], the event that ended it, own quantities."""
 
     volume: float
     t_c: float
     ended_by: str
+    own: Mapping[str, float] = {}
 
 
 class _ReferenceMotion(NamedTuple):
@@ -120,29 +122,38 @@ def scipy_solution(name: str, p: Parameters) -> ReferenceSolution:
 
 
 def scipy_solution_of_model(model: CuttingModel, p: Parameters) -> ReferenceSolution:
-    """Any model's cut by scipy, from the model's own methods, the only equations that a plug-in has."""
+    """Any model's cut by scipy, own quantities included, from its own methods: a plug-in has no other equations."""
     cuts, start, sizes, time = flow.begin(model, p)
     if not cuts:
-        return ReferenceSolution(float(start[-1]), 0.0, NO_CUT)
-    structure = flow.layout(model, p)
+        return ReferenceSolution(float(start[-1]), 0.0, NO_CUT, dict.fromkeys(own_quantities(type(model)), 0.0))
+    structure, own = flow.layout(model, p), list(own_quantities(type(model)))
     names = list(model.events(flow.state_of(structure, start), p))
+
+    def own_rates(y: Array) -> Array:
+        state = flow.state_of(structure, y)
+        return time * jnp.asarray([getattr(model, name)(state, p) for name in own])
+
+    largest = np.maximum(*(np.abs(own_rates(y)) for y in (start, sizes)))
+    own_sizes = np.where(largest > 0, largest, 1.0)
 
     @jax.jit
     def rates(y: Array | np.ndarray) -> Array | np.ndarray:
-        state = flow.state_of(structure, y * sizes)
+        y = y[: len(sizes)] * sizes
+        state = flow.state_of(structure, y)
         rate = *jax.tree.leaves(model.derivative(state, p)), model.removal_rate(state, p)
-        return time * jnp.stack(rate) / sizes
+        return jnp.concatenate([time * jnp.stack(rate) / sizes, own_rates(y) / own_sizes])
 
     @jax.jit
     def events(y: Array | np.ndarray) -> Array | np.ndarray:
-        values = model.events(flow.state_of(structure, y * sizes), p)
+        values = model.events(flow.state_of(structure, y[: len(sizes)] * sizes), p)
         return jnp.stack([values[name] for name in names])
 
     def numbers(function: Callable[[np.ndarray], Array | np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
         return lambda state: np.asarray(function(state))
 
-    t, state, event = _by_scipy(numbers(rates), numbers(events), np.asarray(start / sizes))
-    return ReferenceSolution(float(state[-1] * sizes[-1]), float(t * time), names[event])
+    t, state, event = _by_scipy(numbers(rates), numbers(events), np.append(start / sizes, np.zeros(len(own))))
+    removed, *quantities = state[len(sizes) - 1 :] * np.append(sizes[-1], own_sizes)
+    return ReferenceSolution(float(removed), float(t * time), names[event], dict(zip(own, quantities, strict=True)))
 
 
 def _by_scipy(rates: _Function, events: _Function, start: np.ndarray) -> tuple[float, np.ndarray, int]:

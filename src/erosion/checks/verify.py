@@ -37,7 +37,7 @@ from erosion.models import (
     model_name,
 )
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
+from erosion.models.own_parameters import own_parameters, own_quantities, quantities, sizes, values, with_values
 from erosion.ode.step_control import require_xla
 from erosion.output.tables import Record, Result, to_plain
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
@@ -48,6 +48,7 @@ BOUNDS: Mapping[str, tuple[float, str]] = {
     "engines": (1e-9, "V and t_c of the batch against the trajectory"),
     "scipy": (1e-9, "V and t_c against scipy's DOP853"),
     "heyoka": (1e-9, "V and t_c against heyoka's Taylor series"),
+    "own quantities": (1e-9, "those of the model's own, against scipy's DOP853 and in the other unit system"),
     "identities": (1e-10, "momentum, spin and energy at the end; the tip's velocity"),
     "scaling": (1e-9, "V/V* of a similar impact"),
     "units": (1e-9, "the same impact in the other unit system"),
@@ -206,7 +207,9 @@ class Subject:
                 checks["heyoka"] = lambda: self._against(heyoka_solutions(self.name, self.cases))
             checks["scaling"] = self._scaling
         else:
-            checks["scipy"] = lambda: self._against([scipy_solution_of_model(self.model, p) for p in self.cases])
+            checks["scipy"] = lambda: self._against(self._by_scipy)
+        if own_quantities(type(self.model)):
+            checks["own quantities"] = self._own
         checks["identities"] = lambda: map(_identities, self.cuts)
         checks["units"] = self._units
         checks["dV/dα"] = lambda: self._slopes("alpha")[0]
@@ -272,11 +275,29 @@ class Subject:
         similar = self._impact([_similar(p) for p in self.cases])
         return self._compared(similar, similar.p.volume_scale / self.hits.p.volume_scale)
 
-    def _units(self) -> list[_Errors]:
+    @functools.cached_property
+    def _by_scipy(self) -> list[ReferenceSolution]:
+        return [scipy_solution_of_model(self.model, p) for p in self.cases]
+
+    @functools.cached_property
+    def _in_si(self) -> Impact:
         converted = [self.model.to("si", p) for p in self.cases]
         # The same model for all, as all cases are in one unit system.
-        in_si = self._impact([p for _, p in converted], converted[0][0])
-        return self._compared(in_si, conversion_factor("volume", self.cases[0].units, "si"))
+        return self._impact([p for _, p in converted], converted[0][0])
+
+    def _units(self) -> list[_Errors]:
+        return self._compared(self._in_si, conversion_factor("volume", self.cases[0].units, "si"))
+
+    def _own(self) -> np.ndarray:
+        """Errors of own quantities, of the greatest of all cases: one that cancels has no size of its own."""
+        errors = []
+        for name, quantity in own_quantities(type(self.model)).items():
+            computed, units = self.hits.quantities[name], self.cases[0].units
+            in_si = self._in_si.quantities[name] / conversion_factor(quantity.dimension, units, "si")
+            by_scipy = np.array([solution.own[name] for solution in self._by_scipy])
+            size = np.max(np.abs(by_scipy), initial=1e-300)
+            errors += [(computed - by_scipy) / size, (computed - in_si) / size]
+        return np.max(np.abs(errors), axis=0)
 
     def _compared(self, hits: Impact, factor: Broadcast) -> list[_Errors]:
         """Impacts whose volumes are those of the cases times a factor, against the cases."""

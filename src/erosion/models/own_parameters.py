@@ -19,7 +19,7 @@ from jax.core import Tracer
 from erosion.arguments import Number, check_scalars, check_unmasked
 from erosion.output.tables import abbreviate
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
-from erosion.parameters.quantities import Quantity
+from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import Dimension, System, conversion_factor
 
 _Model = TypeVar("_Model", bound=eqx.Module)
@@ -82,7 +82,8 @@ def own_quantity(symbol: str, meaning: str, dimension: Dimension = "1") -> Calla
         def work(self, state, p):
             return …
 
-    `erosion.impact(…).quantities["work"]` and sweeps give its integral; the method is named as a quantity is.
+    `erosion.impact(…).quantities["work"]` and sweeps give its integral, streams its mean; the method is named as a
+    quantity is.
 
     Args:
         symbol: "W".
@@ -92,6 +93,10 @@ def own_quantity(symbol: str, meaning: str, dimension: Dimension = "1") -> Calla
     quantity = _declared(symbol, meaning, dimension)
 
     def declared(method: _Method) -> _Method:
+        if method.__name__ in RESULTS or f"mean_{method.__name__}" in RESULTS:
+            raise ValueError(
+                f"An own quantity must not be called `{method.__name__}`, as something else in results is."
+            )
         vars(method)[_QUANTITY] = quantity
         return method
 

@@ -20,12 +20,12 @@ from erosion.impacts.impact import impact
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.identity import model_in_words, provenance
-from erosion.models.own_parameters import quantities
+from erosion.models.own_parameters import own_quantities, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.output.tables import Record, Result, Row, largest_of, to_plain, with_error
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests
-from erosion.parameters.quantities import RESULTS, result_row
+from erosion.parameters.quantities import RESULTS, Quantity, quantity_row, result_row
 from erosion.parameters.scales import table_scale
 from erosion.parameters.units import conversion_factor
 from erosion.streams.tally import Estimate, Particles, Points, Tally
@@ -213,6 +213,23 @@ class Stream(Result):
         return Estimate.of(self.tally.mean)
 
     @property
+    def mean_quantities(self) -> dict[str, Estimate]:
+        """The quantities of the model's own of a particle, by name; see `erosion.own_quantity`."""
+        return {name: Estimate.of(own.mean) for name, own in self.tally.own.items()}
+
+    @property
+    def _estimates(self) -> dict[str, tuple[Quantity, Estimate]]:
+        """By name what is estimated with a standard error, as far as it is known."""
+        names = ("mean_volume", "mean_mass", "erosion", "erosion_ratio")
+        estimates = {name: (RESULTS[name], estimate) for name in names if (estimate := getattr(self, name)) is not None}
+        own, means = own_quantities(type(self.model)), self.mean_quantities
+        for name, quantity in own.items():
+            meaning = f"{quantity.meaning}, mean of the stream"
+            described = dataclasses.replace(quantity, symbol=f"{quantity.symbol}\u0304", meaning=meaning)
+            estimates[f"mean_{name}"] = described, means[name]
+        return estimates
+
+    @property
     def total_volume(self) -> float:
         """Volume removed by all particles computed [volume]."""
         return float(self.tally.counted @ self.tally.mean)
@@ -306,9 +323,9 @@ class Stream(Result):
         units, parameters = self.particles.p.units, quantities(self.model)
 
         def mean(name: str) -> Row:
-            estimate: Estimate = getattr(self, name)
-            scale = table_scale(RESULTS[name].dimension, units, largest_of(estimate.value))
-            return _with_error(result_row(name, estimate.value, units), estimate, 1 / scale.size)
+            quantity, estimate = self._estimates[name]
+            scale = table_scale(quantity.dimension, units, largest_of(estimate.value))
+            return _with_error(quantity_row(name, quantity, estimate.value, units), estimate, 1 / scale.size)
 
         deviation, total = (result_row(name, getattr(self, name), units) for name in ("deviation", "total_volume"))
         if self.particles.uncertain:
@@ -319,6 +336,7 @@ class Stream(Result):
             *self._per_mass_rows(),
             *self._uncertainty_rows(),
             mean("mean_mass"),
+            *(mean(f"mean_{name}") for name in self.mean_quantities),
             deviation,
             total,
         ]
@@ -403,17 +421,17 @@ class Stream(Result):
 
     def to_dataset(self) -> xr.Dataset:
         """The results with their units, and the tally they come from, as a Dataset."""
-        units, known = self.particles.p.units, {**RESULTS, **QUANTITIES}
+        units, estimates = self.particles.p.units, self._estimates
+        known = {**RESULTS, **QUANTITIES, **{name: quantity for name, (quantity, _) in estimates.items()}}
 
         def number(dims: str | tuple[()], values: Any, name: str, meaning: str = "") -> tuple[Any, ...]:
             return dims, values, known[name].attributes(units) | ({"long_name": meaning} if meaning else {})
 
         variables: dict[str, tuple[Any, ...]] = {"end": ("end", np.array(self.ends, dtype=object))}
-        for name in ("mean_volume", "mean_mass", "erosion", "erosion_ratio"):
-            if (estimate := getattr(self, name)) is not None:
-                variables[name] = number((), estimate.value, name)
-                error = f"standard error of {name} by sampling"
-                variables[f"{name}_error"] = number((), estimate.error, name, error)
+        for name, (_, estimate) in estimates.items():
+            variables[name] = number((), estimate.value, name)
+            error = f"standard error of {name} by sampling"
+            variables[f"{name}_error"] = number((), estimate.error, name, error)
         for name, error in self.parameter_errors.items():
             meaning = f"standard deviation of {name} by uncertain parameters"
             variables[f"{name}_parameter_error"] = number((), error, name, meaning)

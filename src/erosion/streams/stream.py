@@ -22,7 +22,7 @@ from erosion.joint_laws import law_digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.identity import identity
-from erosion.models.own_parameters import require_one_impact
+from erosion.models.own_parameters import own_quantities, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output.files import Trace, require_writable, trace
 from erosion.parameters.parameters import Parameters, validate
@@ -86,8 +86,8 @@ def stream(
             x > 0; the ranges of own parameters are not known.
 
     Returns:
-        Mean and total volume, erosion per mass, shares of the outcomes, quantiles, Sobol's
-        sensitivity indices, and the best angle, with standard errors.
+        Mean and total volume, means of the quantities of the model's own, erosion per mass, shares of the outcomes,
+        quantiles, Sobol's sensitivity indices, and the best angle, with standard errors.
 
     Raises:
         ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`)
@@ -160,9 +160,12 @@ def prepare_stream(
         for name, law in particles.all_laws.items()
     )
     points = f"{options.points} {options.seed}, {options.rtol}"
-    described = identity({"stream": model}, p, distributions=laws_in_words, points=points)
+    own = own_quantities(type(model))
+    # A store without the means of own quantities cannot go on.
+    means = {"own_quantities": ", ".join(own)} if own else {}
+    described = identity({"stream": model}, p, distributions=laws_in_words, points=points, **means)
     since = trace(path)
-    begun = None if since is None else Tally.from_dataset(read_netcdf(path, described))
+    begun = None if since is None else Tally.from_dataset(read_netcdf(path, described), own)
     require_writable(path)
     return StreamJob(particles, options, described, begun, since)
 
@@ -261,7 +264,8 @@ def _tally(particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol
     mass = np.broadcast_to(np.asarray(p.m), hits.shape)
     ended_by = np.where(hits, results.ended_by, MISS)
     scale = float(particles.typical[1].volume_scale)
-    return Tally.of(np.where(hits, results.volume, 0.0), mass, ended_by, ends, scale)
+    own = {name: np.where(hits, values, 0.0) for name, values in results.quantities.items()}
+    return Tally.of(np.where(hits, results.volume, 0.0), mass, ended_by, ends, scale, own)
 
 
 def _sensitivities(particles: Particles, seed: int, rtol: float) -> dict[str, tuple[Estimate, Estimate]] | None:

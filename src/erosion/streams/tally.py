@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -186,6 +186,32 @@ _DIMENSIONS = {
 
 
 @dataclasses.dataclass(frozen=True)
+class Mean:
+    """The mean of a number over the particles of each replicate for which it is known.
+
+    Args:
+        counted: number of these particles, shape (replicates,).
+        mean: of their numbers, shape (replicates,).
+    """
+
+    counted: np.ndarray
+    mean: np.ndarray
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "Mean":
+        """Of particles, shape (replicates, n); NaN is not known."""
+        known = np.isfinite(values)
+        counted = known.sum(axis=1)
+        return cls(counted, np.where(known, values, 0.0).sum(axis=1) / np.maximum(counted, 1))
+
+    def __add__(self, other: "Mean") -> "Mean":
+        """Of the particles of both."""
+        counted = self.counted + other.counted
+        share = other.counted / np.maximum(counted, 1)
+        return Mean(counted, self.mean + (other.mean - self.mean) * share)
+
+
+@dataclasses.dataclass(frozen=True)
 class Tally:
     """Sums over particles, in independent replicates.
 
@@ -199,6 +225,7 @@ class Tally:
         ends: number of particles by how their cut ended, shape (replicates, ends).
         bins: number of particles by the logarithm of their volume, shape (bins,); the first bin
             holds those that remove nothing.
+        own: means of the quantities of the model's own, by name.
     """
 
     scale: float
@@ -209,12 +236,19 @@ class Tally:
     mass: np.ndarray
     ends: np.ndarray
     bins: np.ndarray
+    own: Mapping[str, Mean] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def of(
-        cls, volume: np.ndarray, mass: np.ndarray, ended_by: np.ndarray, ends: Sequence[str], scale: float
+        cls,
+        volume: np.ndarray,
+        mass: np.ndarray,
+        ended_by: np.ndarray,
+        ends: Sequence[str],
+        scale: float,
+        own: Mapping[str, np.ndarray] | None = None,
     ) -> "Tally":
-        """The tally of particles; volumes [volume], masses [mass] and outcomes have the shape (replicates, n)."""
+        """The tally of particles; volumes [volume], masses [mass], outcomes and own quantities: (replicates, n)."""
         computed = np.isfinite(volume)
         counted = computed.sum(axis=1)
         volume = np.where(computed, volume, 0.0)
@@ -228,6 +262,7 @@ class Tally:
             mass=np.where(computed, mass, 0.0).sum(axis=1),
             ends=np.stack([(ended_by == end).sum(axis=1) for end in ends], axis=1),
             bins=_count(volume[computed] / scale),
+            own={name: Mean.of(values) for name, values in (own or {}).items()},
         )
 
     def __add__(self, other: "Tally") -> "Tally":
@@ -244,18 +279,23 @@ class Tally:
             mass=self.mass + other.mass,
             ends=self.ends + other.ends,
             bins=self.bins + other.bins,
+            own={name: mean + other.own[name] for name, mean in self.own.items()},
         )
 
     def to_dataset(self) -> xr.Dataset:
         """The tally as a Dataset; `from_dataset` restores it to the last bit."""
         variables = {name: (dims, getattr(self, name)) for name, dims in _DIMENSIONS.items()}
+        for name, mean in self.own.items():
+            variables |= {f"replicate_{part}_{name}": (("replicate",), values) for part, values in vars(mean).items()}
         return xr.Dataset(variables, attrs={"scale": self.scale, "drawn": self.drawn})
 
     @classmethod
-    def from_dataset(cls, dataset: xr.Dataset) -> "Tally":
-        """The tally of a Dataset with the variables and attributes of `to_dataset`."""
+    def from_dataset(cls, dataset: xr.Dataset, own: Iterable[str] = ()) -> "Tally":
+        """The tally of a Dataset with the variables and attributes of `to_dataset`; `own` names own quantities."""
         arrays = {name: dataset[name].values for name in _DIMENSIONS}
-        return cls(scale=float(dataset.attrs["scale"]), drawn=int(dataset.attrs["drawn"]), **arrays)
+        fields = [field.name for field in dataclasses.fields(Mean)]
+        means = {name: Mean(**{part: dataset[f"replicate_{part}_{name}"].values for part in fields}) for name in own}
+        return cls(scale=float(dataset.attrs["scale"]), drawn=int(dataset.attrs["drawn"]), own=means, **arrays)
 
     @property
     def deviation(self) -> float:
