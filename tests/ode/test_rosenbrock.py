@@ -1,5 +1,6 @@
 """The method for stiff motions, against published numbers, scipy's Radau, differences and the explicit method."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -144,9 +145,70 @@ def test_in_jax() -> None:
     np.testing.assert_allclose([value, slope], [end.t, end.along("k3").t], rtol=1e-9)
 
 
+def second_of_differences(problem: ode.Problem, name: str, q: np.ndarray, t1: float) -> np.ndarray:
+    """Of first derivatives of the time, extrapolated."""
+
+    def slope(h: float) -> np.ndarray:
+        up, down = (
+            ode.solve(problem, {name: q * (1 + s * h)}, t1=t1, wrt=name, rtol=1e-10, **STIFF).along(name).t
+            for s in (1, -1)
+        )
+        return (up - down) / (2 * h * q)
+
+    return (4 * slope(1e-3) - slope(2e-3)) / 3
+
+
+@pytest.mark.parametrize(("problem", "name", "q", "t1"), [
+    (EARLY, "k3", 1e4 * np.array([0.7, 1.3]), 1e3),
+    (LATE, "k3", 1e4 * np.array([0.7, 1.3]), 1e11),
+    (OSCILLATOR, "mu", np.linspace(500, 1500, 9), 1e4),
+], ids=["early", "late", "oscillator"])  # fmt: skip
+def test_second_derivatives_are_those_of_differences_or_are_withheld(
+    problem: ode.Problem, name: str, q: np.ndarray, t1: float
+) -> None:
+    """At a fixed time those of the oscillator are 1e12 times as large as at its event, where it jumps."""
+    expected = second_of_differences(problem, name, q, t1)
+    for rtol in (1e-3, 1e-5, 1e-7):
+        end = ode.solve(problem, {name: q}, t1=t1, wrt=name, derivatives=2, rtol=rtol, **STIFF)
+        found = end.along(name, name).t
+        known = np.isfinite(found)
+        np.testing.assert_allclose(found[known], expected[known], rtol=2e-4)  # the estimate is one
+        assert np.all(known) or rtol > 1e-7
+        assert bool(end.warnings) == (not np.all(known))
+
+
+def test_mixed_second_derivatives() -> None:
+    q = {"mu": 1000.0, "x0": 2.0}
+    problem = dataclasses.replace(OSCILLATOR, y0=lambda args: {"x": args["x0"], "v": 0.0})
+    h = 1e-3
+    end = ode.solve(problem, q, t1=1e4, wrt=("mu", "x0"), derivatives=2, rtol=1e-7, **STIFF)
+    shifted = [
+        ode.solve(problem, q | {"mu": 1000.0 * (1 + s * h)}, t1=1e4, wrt="x0", rtol=1e-10, **STIFF).along("x0").t
+        for s in (1, -1)
+    ]
+    np.testing.assert_allclose(end.along("mu", "x0").t, (shifted[0] - shifted[1]) / (2000 * h), rtol=1e-4)
+
+
+def test_a_chain_whose_resets_change_nothing() -> None:
+    """After each of them a number is zero but for rounding."""
+    zeros = {"zero": ode.Event(lambda t, y, args: y["x"], reset=lambda t, y, args: y)}
+    counted = dataclasses.replace(OSCILLATOR, events=zeros)
+    end = ode.solve(counted, {"mu": 1000.0}, t1=3e3, max_events=3, rtol=1e-7, **STIFF)
+    assert end.count == 3
+    np.testing.assert_allclose(end.events.t, [807.08474082, 1614.28530372, 2421.48586662], rtol=1e-7)  # Radau, 1e-12
+
+
+def test_an_event_of_a_number_far_below_its_size_needs_sizes() -> None:
+    decay = ode.Problem(
+        y0={"y": 1.0},
+        vector_field=lambda t, y, args: {"y": -y["y"]},
+        events={"tiny": ode.Event(lambda t, y, args: jnp.log(y["y"]) + 100)},
+    )
+    assert ode.solve(decay, t1=1e4, **STIFF).ended_by == "failed"
+    np.testing.assert_allclose(ode.solve(decay, t1=1e4, sizes=1e-50, **STIFF).t, 100, rtol=1e-8)
+
+
 def test_what_it_does_not_do_is_refused() -> None:
-    with pytest.raises(ValueError, match="second"):
-        ode.solve(EARLY, {"k3": 1e4}, t1=1e3, wrt="k3", derivatives=2, **STIFF)
     kinked = ode.Problem(y0={"x": 1.0}, vector_field=lambda t, y, args: {"x": -jnp.abs(y["x"])})
     with pytest.raises(ValueError, match="smooth=True"):
         ode.solve(kinked, t1=1.0, **STIFF)

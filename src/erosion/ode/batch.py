@@ -20,6 +20,7 @@ _REPEATED = 4  # times at most
 _KEYS = 2**16  # whole numbers of two bytes, which numpy sorts digit by digit
 _BINS = 2**12
 _CROWDED = 1 / 16  # share of the lanes in one bin, above which lanes are ranked instead
+_EXACT = 3e-5  # of its size: an estimated error of a second derivative of a stiff motion, so that none errs by 1e-4
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
 
 
@@ -30,6 +31,7 @@ class _Batch(NamedTuple):
     program: Compiled
     leaves: list[np.ndarray]
     results: LaneEnd
+    errors: np.ndarray  # of the second derivatives that are judged, relative to their sizes, shape (of them, lanes)
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """Integrate some lanes with their tolerances."""
@@ -50,23 +52,37 @@ class _Batch(NamedTuple):
             known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
         return known
 
-    def values(self, lanes: np.ndarray) -> list[np.ndarray]:
-        """How some lanes ended, and then their outputs and times."""
+    @property
+    def judged(self) -> list[np.ndarray]:
+        """The second derivatives whose errors are estimated, and those are told that are small."""
         results = self.results
-        return [part[lanes] for part in (results.outcome, *results.outputs.value, results.time.value)]
+        return [results.time.second, *results.outputs.second] if results.second_sizes else []
 
-    def change(self, lanes: np.ndarray, before: list[np.ndarray]) -> np.ndarray:
-        """The greatest relative change of some lanes' values; 1 where they end otherwise."""
+    def values(self, lanes: np.ndarray) -> list[np.ndarray]:
+        """How some lanes ended, and then their outputs and times, and the second derivatives that are judged."""
+        results = self.results
+        return [part[lanes] for part in (results.outcome, *results.outputs.value, results.time.value, *self.judged)]
+
+    def error(self, lanes: np.ndarray, before: list[np.ndarray], rtol: float, ratio: np.ndarray) -> np.ndarray:
+        """The greatest relative error of some lanes' values, a `ratio` of their change; 1 where they end otherwise.
+
+        Second derivatives may err by more than the tolerance: their errors count as if they might not.
+        """
         (old, *before), (outcome, *found) = before, self.values(lanes)
+        judged, results = len(self.judged), self.results
         with np.errstate(all="ignore"):
-            sizes = [np.abs(new) for new in found]
+            sizes = [np.abs(new) for new in found[: len(found) - judged]]
             # At an event a part of the state may be zero by definition, and nothing is known relative to it.
             is_event = outcome < len(self.layout.event_names)
-            for i, least in enumerate(self.results.least):
+            for i, least in enumerate(results.least):
                 sizes[i] = np.where(is_event, np.inf, np.maximum(sizes[i], least[lanes]))
-            changes = [np.abs(new - one) / size for new, one, size in zip(found, before, sizes, strict=True)]
-            change = functools.reduce(np.maximum, changes)
-        return np.where(outcome == old, np.nan_to_num(change, posinf=1.0), 1.0)
+            sizes += [size[lanes] for size in results.second_sizes]
+            changes = np.abs(np.array(found) - np.array(before)) / np.array(sizes)
+            changes = np.where(outcome == old, np.nan_to_num(changes, posinf=1.0), 1.0) * ratio
+            if judged:
+                self.errors[:, lanes] = changes[-judged:]
+                changes[-judged:] *= rtol / _EXACT
+            return changes.max(0)
 
     @property
     def outputs(self) -> list[np.ndarray]:
@@ -107,11 +123,14 @@ def integrate(
     program, results = _program(layout, order, fixed, 0 if fixed else len(directions))
     places = () if fixed else tuple(np.asarray(direction, float) for direction in directions)
     leaves = [*(np.asarray(number, float) for number in numbers), *places]
-    batch = _Batch(layout, program, leaves, _empty(results, lanes, len(directions)))
+    empty = _empty(results, lanes, len(directions))
+    batch = _Batch(layout, program, leaves, empty, np.zeros((len(empty.second_sizes), lanes)))
     batch.run(np.arange(lanes), np.asarray(rtol))
     if again:
         _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
         _repeat(batch, np.flatnonzero(batch.results.tolerance < rtol), rtol)
+        for second, error in zip(batch.judged, batch.errors, strict=True):
+            second[error > _EXACT] = np.nan
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
     return batch.results
@@ -163,10 +182,9 @@ def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
     greater = tolerances[lanes]
     before = batch.values(lanes)
     batch.run_again(lanes, tolerances)
-    change = batch.change(lanes, before)
+    error = batch.error(lanes, before, rtol, rtol / greater)
     for output, old in zip(batch.outputs, kept, strict=True):
         output[lanes] = old
-    error = change * rtol / greater
     with np.errstate(divide="ignore"):
         batch.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / error, rtol), TIGHTEST)
 
@@ -188,11 +206,13 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
         tolerances[lanes] = following
         batch.run_again(lanes, tolerances)
         lost = batch.layout.has_no_result(results.outcome[lanes]) & ~batch.layout.has_no_result(before[0])
-        change = batch.change(lanes, before)
+        errors = batch.errors[:, lanes[lost]]
+        error = batch.error(lanes, before, rtol, following / used)
+        batch.errors[:, lanes[lost]] = errors
         for output, old_output in zip(outputs, previous, strict=True):
             output[lanes[lost]] = old_output[lost]
         with np.errstate(all="ignore"):
-            wanted = np.maximum(following * rtol / (change * following / used), TIGHTEST)
+            wanted = np.maximum(following * rtol / error, TIGHTEST)
             wanted = np.where(lost, np.sqrt(used * following), wanted)
         again = lost | (wanted < following / 2)
         used, following, lanes = np.where(lost, used, following)[again], wanted[again], lanes[again]

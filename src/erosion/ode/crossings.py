@@ -305,6 +305,10 @@ def decide(
     if stiff:
         near, flat = _STIFF_NEAR * control.trial, _STIFF_FLAT * control.trial
     ended = fits & (jnp.abs(left) <= jnp.where(steep, near, flat))
+    step = jnp.where(locating, control.step, next_step(control, trial.error, good))
+    if stiff:
+        # The derivatives of a long step by its length err by far more than the step.
+        ended = ended & (expected <= _PARTED * step)
     if rough:
         ended = ended & ~past  # beyond the event the rates may be others
     # A lane that locates moves on as well, or it would look at both sides of a dip for ever.
@@ -313,12 +317,11 @@ def decide(
         # A trial that ends a little before the event is tried again with the whole length to it.
         accepted = accepted & ~(steep & (left > 0) & (left < _LAST_STEP * control.trial))
 
-    step = jnp.where(locating, control.step, next_step(control, trial.error, good))
     aim = jnp.where(accepted, left, expected) if stiff else jnp.where(past, expected, left)
     if rough:
         aim = _SHORT_OF_IT * aim
     if stiff:
-        aim = jnp.where(accepted & (aim > _PARTED * step), _NEARER * aim, aim)
+        aim = jnp.where(aim > _PARTED * step, _NEARER * aim, aim)
     length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
     after = counted(control, trial.lowest, good | too_long, accepted if stiff else accepted | ended)._replace(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),

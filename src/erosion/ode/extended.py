@@ -34,8 +34,6 @@ class Extended:
         motion = motion_of(layout)
         self.order, self.rough = order, may_have_kinks(layout)
         is_stiff = self.options.method == "rosenbrock"
-        if is_stiff and order == 2:
-            raise ValueError('The method "rosenbrock" has first derivatives alone, but second ones are needed.')
         if is_stiff and self.rough:
             raise ValueError(
                 'The method "rosenbrock" needs rates without kinks, but these may have some (`abs`, `where`, …): '

@@ -5,7 +5,7 @@ Plain JAX for one lane's numbers. `erosion.lanes` compiles it for many at a time
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,21 +15,22 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Flag, Number, PerImpact, Scalar
 from erosion.ode import crossings, explicit, step_control, stiff
-from erosion.ode.crossings import Ends, Watched
-from erosion.ode.explicit import APART, LEAST, NOISE, SOON, short_step
+from erosion.ode.crossings import Ends
+from erosion.ode.explicit import APART, LEAST, NOISE
 from erosion.ode.extended import Extended
+from erosion.ode.landing import Flight, Lane, all_finite, landed
 from erosion.ode.problem import OTHER_ENDS
-from erosion.ode.reduction import Rows, corrected, is_broken, is_kinked
-from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, NOT_BEGUN, UNFINISHED, Control
+from erosion.ode.reduction import Rows, corrected, is_broken
+from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, NOT_BEGUN, UNFINISHED, Control
 from erosion.ode.variational import (
     Along,
-    AlongFlow,
     AtEvent,
     Augmented,
     Derivatives,
     Direction,
     Layout,
     Motion,
+    OfMotion,
     at_event,
 )
 
@@ -37,37 +38,22 @@ _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; benc
 # By order, where states are wanted, too: at an event they err by the error of its time as well. Measured on the six
 # problems of benchmarks/ode_accuracy.py.
 _SLACK_WHOLE = (1.0, 0.7, 4.0)
-_FIRST_STEP = 0.17  # of the time scale
 _DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
 _GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
 _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
+_COARSER = 30.0  # times the tolerance: tells what second derivatives of a stiff motion err by
+_FIXED = 1e-10  # of its size, by a change of a parameter by its own size: rounding of a second derivative
+_LINEAR = 1e-3  # of that of a power: a second derivative this small is almost zero
+_TINY = 1e-200  # keeps 0/0 away
 _ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
 _MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start is taken this much later
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
-_INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
-_BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
 )
 _ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
-_SHARE = 0.98  # of the way to it is a step, by Newton's method
-
-
-class Lane(NamedTuple):
-    """A lane under way: its control, and the events, state and slopes at the start of its next step.
-
-    An event of the last step is one that counted where that step began: `watched`.
-    `greatest` is the greatest size so far of each row of the motion itself, where the whole state is wanted.
-    """
-
-    control: Control
-    events: list[Ends]
-    state: Rows
-    slope: Rows
-    watched: list[Watched]
-    greatest: Rows
 
 
 class LaneEnd(NamedTuple):
@@ -83,6 +69,8 @@ class LaneEnd(NamedTuple):
         count: number of events on the way, that at the end included.
         at_once: for each event whether it happens at the end.
         least: where the whole state is wanted, a size of each of its elements below which it need not be known.
+        second_sizes: of a stiff motion, sizes of time and outputs relative to which their second derivatives should
+            be known.
     """
 
     outcome: PerImpact
@@ -93,6 +81,7 @@ class LaneEnd(NamedTuple):
     count: PerImpact  # pyright: ignore[reportIncompatibleMethodOverride]
     at_once: Sequence[PerImpact] = ()
     least: Sequence[PerImpact] = ()
+    second_sizes: Sequence[PerImpact] = ()
 
 
 def integrate_lane(
@@ -112,34 +101,23 @@ def integrate_lane(
         return _chain(problem, rtol)
     until = problem.until
     motion, along = _to_its_event(problem, problem.initial, until.value, rtol)
-    end = at_event(along, motion.event, motion.time, _outputs, until)
+    end = _at_its_event(problem, motion, along, _outputs, until)
     return _finish(problem, motion, end, rtol)
+
+
+def _at_its_event(problem: Extended, motion: "Flight", along: Along, outputs: OfMotion, until: Derivatives) -> AtEvent:
+    """The end of a motion with derivatives; those of the time by which it was shifted on its way are added."""
+    if not motion.shift:
+        return at_event(along, motion.event, motion.time, outputs, until)
+    zero = 0.0 * motion.time
+    shift = problem.equations.unpack((zero, *motion.shift))
+    rest = jax.tree.map(lambda given, gone: given - gone, until, shift)
+    end = at_event(along, motion.event, motion.time, outputs, rest)
+    return end._replace(time=jax.tree.map(jnp.add, end.time, shift))
 
 
 def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:
     return motion.outputs(at)
-
-
-class _Motion(NamedTuple):
-    """A motion to its first event.
-
-    Args:
-        control: at its end.
-        members: state and integrals at the event, with derivatives at a fixed time.
-        event: its index; below 0 if there is none.
-        time: since the motion began.
-        count: events so far, of all motions of a chain.
-        at_once: for each event whether it happens there.
-        greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
-    """
-
-    control: Control
-    members: tuple[Augmented, ...]
-    event: Scalar
-    time: Scalar
-    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
-    at_once: Sequence[Flag]
-    greatest: Rows
 
 
 def _to_its_event(
@@ -147,8 +125,8 @@ def _to_its_event(
     initial: Rows,
     until: Scalar | None,
     rtol: Scalar,
-    before: _Motion | None = None,
-) -> tuple[_Motion, Along]:
+    before: Flight | None = None,
+) -> tuple[Flight, Along]:
     """Integrate from a state to the first event; with how it and what is wanted there depend on the event's time.
 
     Args:
@@ -168,7 +146,7 @@ def _to_its_event(
     begins = _begins(problem, events, scale)
     if before is not None:
         begins = begins | (before.count > 0)
-    control = step_control.begin(scale, begins, jnp.isfinite(zero), _FIRST_STEP)
+    control = step_control.begin(scale, begins, jnp.isfinite(zero), FIRST_STEP)
     if not problem.options.waits:
         # Where an event function is zero at the start it rises, or the lane ends there.
         events = [Ends(jnp.maximum(event.value, 0.0), event.rate) for event in events]
@@ -180,17 +158,19 @@ def _to_its_event(
             trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
         )
     if problem.rodas is not None:
-        first = jnp.minimum(control.trial, stiff.first_step(problem, initial, slope))
+        first = jnp.minimum(control.trial, stiff.first_step(problem, initial, slope, scale))
         control = control._replace(trial=first, step=first)
     watched = crossings.watch(problem.directions, events, scale) if problem.options.waits else []
-    greatest = _greatest(problem, [0.0 * row for row in initial], initial)
-    lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest)
+    largest = [0.0 * row for row in initial] if before is None or problem.rodas is None else before.greatest
+    greatest = _greatest(problem, largest, initial)
+    shift = stiff.no_shift(problem)
+    lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift)
     lane = lax.while_loop(
         lambda lane: step_control.goes_on(lane.control),
         lambda lane: _try_step(problem, rtol, until, lane),
         lane,
     )
-    return (_landed if problem.rodas is None else _landed_stiff)(problem, lane, until)
+    return landed(problem, lane, until)
 
 
 def _greatest(problem: Extended, before: Rows, state: Rows) -> Rows:
@@ -208,93 +188,6 @@ def _own(problem: Extended) -> list[Number]:
     return [*problem.numbers[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
 
 
-def _landed(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[_Motion, Along]:
-    """The motion where its last step found its end."""
-    control, options = lane.control, problem.options
-    scale = problem.scale_near(control.step, _FIRST_STEP)
-    left, state, moves = _to_the_end(problem, lane, scale)
-    slope, events = problem.rate_and_events(state)
-    if options.waits:
-        # An event function may bend more than the motion: one more short step before Newton's last.
-        more = sum(jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events))
-        more = jnp.where(
-            moves & (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + SOON * scale),
-            more,
-            0.0,
-        )
-        state, left = short_step(problem, state, slope, more), left + more
-        slope, events = problem.rate_and_events(state)
-        events = [
-            crossings.silenced(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
-            for i, (event, watched) in enumerate(zip(events, lane.watched, strict=True))
-        ]
-    ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
-    event, remaining = crossings.first_fall(control, events)
-    if options.waits and until is not None:
-        event, remaining = crossings.last_moment(event, remaining, events, scale)
-    remaining = jnp.where(ended, remaining, 0.0)
-    rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
-    rest = jnp.where(moves, 0.0, remaining) if problem.rough else None
-    along = AlongFlow(problem.equations, problem.members(rows), rest)
-    at_once = _at_once(problem, ended, event, remaining, events, scale)
-    return _motion(lane, along.members, event, control.time + left + remaining, at_once), along
-
-
-def _landed_stiff(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[_Motion, Along]:
-    """The same by the method for stiff motions: the length of the last step is what Newton's method finds."""
-    control, options = lane.control, problem.options
-    scale = problem.scale_near(control.step, _FIRST_STEP)
-    watched = crossings.watch(problem.directions, lane.events, scale) if options.waits else []
-    ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
-    length = stiff.length_of(control.left, scale)
-
-    def events_after(length: Scalar) -> list[Ends]:
-        events = stiff.events_after(problem, lane.state, lane.slope, length)
-        return (
-            [
-                crossings.silenced(crossings.turned(event, each.turn), each.counts | (control.event == i))
-                for i, (event, each) in enumerate(zip(events, watched, strict=True))
-            ]
-            if options.waits
-            else events
-        )
-
-    more = sum(
-        jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events_after(length))
-    )
-    near = ended & (jnp.abs(more) < stiff.NEAR * length)
-    length = length + jnp.where(near, more, 0.0)
-    events = events_after(length)
-    event, remaining = crossings.first_fall(control, events)
-    if options.waits and until is not None:
-        event, remaining = crossings.last_moment(event, remaining, events, scale)
-    remaining = jnp.where(ended, remaining, 0.0)
-    length = length + remaining
-    along = stiff.last_step(problem, lane.state, lane.slope, length)
-    stepped = control.left > 0
-    along = along._replace(rows=[jnp.where(stepped, new, old) for new, old in zip(along.rows, lane.state, strict=True)])
-    at_once = _at_once(problem, ended, event, remaining, events, scale)
-    time = control.time + jnp.where(stepped, length, 0.0)
-    return _motion(lane, problem.members(along.rows), event, time, at_once), along
-
-
-def _at_once(
-    problem: Extended, ended: Flag, event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar
-) -> list[Flag]:
-    """For each event whether it happens at the end."""
-    happened = ended & (event >= 0)
-    near = crossings.at_once(events, remaining, scale) if problem.options.clock else [jnp.asarray(False)] * len(events)
-    return [happened & (there | (event == i)) for i, there in enumerate(near)]
-
-
-def _motion(
-    lane: Lane, members: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]
-) -> _Motion:
-    happened = (lane.control.mode == ENDED) & (event >= 0)
-    count = lax.convert_element_type(happened, np.int32)
-    return _Motion(lane.control, members, event, time, count, at_once, lane.greatest)
-
-
 def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
     """Rate and events at the start; where √0 makes a rate 0·∞, its limit."""
     slope, events = problem.rate_and_events(initial)
@@ -307,11 +200,7 @@ def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, li
         rates, ends = problem.rate_and_events(later)
         return rates, [Ends(event.value, end.rate) for event, end in zip(events, ends, strict=True)]
 
-    return lax.cond(_all_finite(slope), lambda: (slope, events), limit)
-
-
-def _all_finite(rows: Rows) -> Flag:
-    return functools.reduce(jnp.logical_and, map(jnp.isfinite, rows))
+    return lax.cond(all_finite(slope), lambda: (slope, events), limit)
 
 
 def _begins(problem: Extended, events: Sequence[Ends], time: Scalar) -> Flag:
@@ -327,7 +216,7 @@ def _begins(problem: Extended, events: Sequence[Ends], time: Scalar) -> Flag:
 
 def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane) -> Lane:
     """Try one step, and decide what follows."""
-    scale = problem.scale_near(lane.control.step, _FIRST_STEP)
+    scale = problem.scale_near(lane.control.step, FIRST_STEP)
     h = lane.control.trial
     (state, slope, stages), events, within, error = _tried(problem, rtol, lane, scale)
     for event in events:
@@ -364,14 +253,17 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
             time=jnp.where(last, lane.control.time, control.time), left=jnp.where(last, h, control.left)
         )
         moved = moved & jnp.logical_not(last)
-    after, before = (events, state, slope, watched, _greatest(problem, lane.greatest, state)), tuple(lane[1:])
+    greatest, shift = _greatest(problem, lane.greatest, state), lane.shift
+    if shift:
+        state, slope, shift = stiff.shifted(problem, greatest, state, slope, shift, stages, rtol)
+    after, before = (events, state, slope, watched, greatest, shift), tuple(lane[1:])
     kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, before)
     return Lane(control, *kept)
 
 
 def _tried(
     problem: Extended, rtol: Scalar, lane: Lane, scale: Scalar
-) -> tuple[tuple[Rows, Rows, list[Rows]], list[Ends], list[tuple[float, list[Scalar]]], Scalar]:
+) -> tuple[tuple[Rows, Rows, Any], list[Ends], list[tuple[float, list[Scalar]]], Scalar]:
     """State, slope and all slopes of a trial; the events at its end and within; its error over the tolerance."""
     h, before = lane.control.trial, lane.state
     if problem.rodas is None:
@@ -383,11 +275,9 @@ def _tried(
         return (state, slope, stages), events, within, error
     state, found = problem.rodas.step(before, lane.slope, h)
     slope, events = problem.rate_and_events(state)
-    stages = [[*ks, k] for ks, k in zip(found.rates, slope, strict=True)]
-    least = [LEAST * size for size in lane.greatest]
     apart = jnp.maximum(APART, NOISE / rtol) if problem.layout.problem.typical is None else 1.0
-    error = stiff.error_of(problem, least, apart, (before, state), found, h, rtol)
-    return (state, slope, stages), events, problem.rodas.within(before, state, found), error
+    error = stiff.error_of(problem, lane.greatest, apart, (before, state), found, h, rtol)
+    return (state, slope, found), events, problem.rodas.within(before, state, found), error
 
 
 def _within(problem: Extended, control: Control, until: Scalar | None) -> Control:
@@ -396,7 +286,7 @@ def _within(problem: Extended, control: Control, until: Scalar | None) -> Contro
     return crossings.stop_at(control._replace(trial=jnp.minimum(control.trial, problem.clock.max_step)), until)
 
 
-def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> LaneEnd:
+def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar) -> LaneEnd:
     """The results where a lane ended, or at its start where it does not begin; NaN where one of them is not finite."""
     control, equations, event = motion.control, problem.equations, motion.event
     begun = event != NOT_BEGUN if problem.options.begins else jnp.asarray(True)
@@ -409,6 +299,8 @@ def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> L
     results = Derivatives(*(None if of_time is None else [of_time, of_outputs] for of_time, of_outputs in both))
     numbers, structure = jax.tree.flatten(results)
     ended = control.mode == ENDED
+    if problem.rodas is not None:
+        ended = ended & (end.amplification < stiff.BLURRED / TIGHTEST)
     finite = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), ended)
     # What an unfinished lane has reached is told, where nothing else says so.
     reached = finite | (control.mode == UNFINISHED) if problem.options.clock else finite
@@ -428,6 +320,12 @@ def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> L
         factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
     if problem.rough:
         factor = jnp.minimum(factor, _ROUGH_FACTOR)
+    least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
+    second_sizes: list[Scalar] = []
+    if problem.rodas is not None and problem.order == 2:
+        # What cancels in them is not foreseen: a cheaper integration tells.
+        factor = jnp.where(factor < 1, factor, _COARSER)
+        second_sizes = _second_sizes(problem, time, outputs, least)
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
         tolerance=jnp.where(finite, jnp.maximum(factor * rtol, jnp.minimum(TIGHTEST, rtol)), rtol),
@@ -436,8 +334,27 @@ def _finish(problem: Extended, motion: _Motion, end: AtEvent, rtol: Scalar) -> L
         trials=lax.convert_element_type(control.trials, np.int32),
         count=lax.convert_element_type(motion.count, np.int32) if problem.options.clock else None,
         at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once] if problem.options.clock else [],
-        least=[LEAST * size for size in problem.sizes_of_state(motion.greatest)],
+        least=least,
+        second_sizes=second_sizes,
     )
+
+
+def _second_sizes(problem: Extended, time: Derivatives, outputs: Derivatives, least: Sequence[Scalar]) -> list[Scalar]:
+    """Sizes of time and outputs relative to which their second derivatives should be known.
+
+    A power of a parameter, q^n, has n²/q² times its value, and near a zero of a second derivative nothing is known
+    relative to itself. Nor is anything where a value is fixed by its event, but for rounding.
+    """
+    one = jax.tree.map(jnp.ones_like, outputs.value)
+    unit = jax.tree.leaves(problem.equations.per_unit(Derivatives(one, one, one, one)).second)[0]
+    sizes, floors = [], [0.0 * time.value, *least, *[0.0 * time.value] * (len(outputs.value) - len(least))]
+    for value, first, other, second, floor in zip(
+        *([of_time, *of_outputs] for of_time, of_outputs in zip(time, outputs, strict=True)), floors, strict=True
+    ):
+        power = _LINEAR * jnp.abs(first * other) / (jnp.abs(value) + floor + _TINY)
+        rounding = jnp.maximum(_FIXED * jnp.abs(value), _FIXED / LEAST * floor) * unit
+        sizes.append(functools.reduce(jnp.maximum, (jnp.abs(second), power, rounding)))
+    return sizes
 
 
 def _outcome(problem: Extended, finite: Flag, mode: Scalar, event: Scalar) -> Scalar:
@@ -461,7 +378,7 @@ class _Chain(NamedTuple):
     """
 
     goes_on: Flag
-    motion: _Motion
+    motion: Flight
     elapsed: tuple[Scalar, ...]
     amplification: Scalar
 
@@ -479,7 +396,7 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
         before = chain.motion
         rest = end_of(until, equations.unpack(chain.elapsed))
         motion, along = _to_its_event(problem, jax.tree.leaves(before.members), rest.value, rtol, before)
-        end = at_event(along, motion.event, motion.time, lambda at, _: at, rest)
+        end = _at_its_event(problem, motion, along, lambda at, _: at, rest)
         members = equations.pack(end.outputs)
         elapsed = tuple(map(jnp.add, chain.elapsed, equations.pack(end.time)))
         last, count, happens = _in_turn(problem, members[0], motion, before.count)
@@ -507,11 +424,12 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
         return _Chain(goes_on, motion, elapsed, amplification)
 
     zero = 0.0 * problem.time_scale
-    control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), _FIRST_STEP)
+    control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), FIRST_STEP)
     none = 0 * control.mode
     nothing = [jnp.asarray(False)] * len(problem.directions)
     sizes = _greatest(problem, [0.0 * row for row in problem.initial], problem.initial)
-    start = _Motion(control, problem.members(problem.initial), none - 1, zero, none, nothing, sizes)
+    shift = stiff.no_shift(problem)
+    start = Flight(control, problem.members(problem.initial), none - 1, zero, none, nothing, sizes, shift)
     elapsed = tuple(zero for _ in problem.members(problem.initial))
     chain = lax.while_loop(lambda chain: chain.goes_on, flown, _Chain(jnp.asarray(True), start, elapsed, zero + 1.0))
     outputs = equations.of(_outputs, chain.motion.members)
@@ -519,7 +437,7 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
     return _finish(problem, chain.motion, end, rtol)
 
 
-def _in_turn(problem: Extended, at: Augmented, motion: _Motion, count: Scalar) -> tuple[Scalar, Scalar, list[Flag]]:
+def _in_turn(problem: Extended, at: Augmented, motion: Flight, count: Scalar) -> tuple[Scalar, Scalar, list[Flag]]:
     """The last event of those at once, the number of events with them, and which of them happen.
 
     They happen in their order: each after the first where its function falls still after the resets before it.
@@ -544,39 +462,3 @@ def _in_turn(problem: Extended, at: Augmented, motion: _Motion, count: Scalar) -
 
 def _chosen(condition: Flag, this: PyTree, that: PyTree) -> PyTree:
     return jax.tree.map(lambda one, other: jnp.where(condition, one, other), this, that)
-
-
-def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
-    """The time from the last trial to the end, the state there, and whether it may move to the event itself.
-
-    A force such as depth^1.5 is not defined above the surface, and |v| has another slope beyond v = 0. At such an event
-    only the side from which the motion comes counts: Newton's method ends a little before it.
-    """
-    left = lane.control.left
-    state = short_step(problem, lane.state, lane.slope, left)
-    if not problem.rough:
-        return left, state, jnp.asarray(True)
-
-    def remaining(events: list[Ends]) -> Scalar:
-        times = (jnp.where(lane.control.event == i, -end.value / end.rate, 0.0) for i, end in enumerate(events))
-        return sum(times, jnp.zeros(()))
-
-    def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
-        passed, rows, slope, fall = at
-        length = _SHARE * fall
-        rows = short_step(problem, rows, slope, length)
-        slope, events = problem.rate_and_events(rows)
-        return passed + length, rows, slope, remaining(events)
-
-    def inside() -> tuple[Scalar, Rows, Flag]:
-        start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
-        beside = jnp.where(defined, _BESIDE, _INSIDE) * scale
-        passed, rows, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
-        return passed, rows, jnp.asarray(False)
-
-    slope, events = problem.rate_and_events(state)
-    event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
-    defined = _all_finite([*state, *slope, *problem.rate(event)])
-    happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
-    kinked = happens & is_kinked(problem, event, slope, scale)
-    return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)

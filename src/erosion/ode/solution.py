@@ -185,6 +185,20 @@ class Solution(Result):
         return f"{count:,} lane{'s' * (count != 1)}"
 
     @property
+    def warnings(self) -> Sequence[str]:
+        """In how many lanes that have a result a derivative of it is not known."""
+        sentences = []
+        for path, part in self.derivatives.items():
+            lost = np.count_nonzero(np.isfinite(self.t) & np.isnan(part.t))
+            if lost:
+                by = " and ".join(map(_label, dict.fromkeys(path)))
+                sentences.append(
+                    f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
+                    f"{self.title}: they do not exist there, or cancellation leaves too few of their digits."
+                )
+        return sentences
+
+    @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table; a state has no units here."""
         return ("quantity", "", "value")

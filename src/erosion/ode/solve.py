@@ -102,7 +102,8 @@ def solve(
             arithmetic is looked at.
         max_steps: trials of steps after which a lane is "unfinished".
         method: "explicit" ("auto" by default), a Runge-Kutta method of 8th order; or "rosenbrock", Rodas5P of 5th order
-            for stiff motions of up to some ten unknowns without kinks, with first derivatives alone.
+            for stiff motions of up to some twenty unknowns without kinks. Its second derivatives are NaN where
+            they are not known to about 1e-4.
         shared: paths of arrays that each lane has as a whole, such as tables and weights.
 
     Returns:

@@ -124,6 +124,7 @@ ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 NOT_BEGUN, ARRIVED = -1, -2
 """The event of a lane that ends at its start, and of one that has reached the time asked for."""
 
+FIRST_STEP = 0.17  # of the time scale
 _SAFETY = 0.8  # of the step that would just do
 LONGEST = 1e4  # of the time scale, where nothing else bounds a lane; later is "unfinished"
 _REJECTED = 256  # trials, and eight more for each accepted: then the error must be rounding

@@ -1,0 +1,226 @@
+"""Where the motion of a lane ends: at its event, by Newton's method from the last step, or at a time."""
+
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from erosion.arguments import Flag, Scalar
+from erosion.ode import crossings, stiff
+from erosion.ode.crossings import Ends, Watched
+from erosion.ode.explicit import SOON, short_step
+from erosion.ode.extended import Extended
+from erosion.ode.reduction import Rows, is_kinked
+from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, Control
+from erosion.ode.variational import Along, AlongFlow, Augmented
+
+_INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
+_BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
+_SHARE = 0.98  # of the way to it is a step, by Newton's method
+
+
+class Lane(NamedTuple):
+    """A lane under way: its control, and the events, state and slopes at the start of its next step.
+
+    An event of the last step is one that counted where that step began: `watched`.
+    `greatest` is the greatest size so far of each row of the motion itself, where the whole state is wanted.
+    """
+
+    control: Control
+    events: list[Ends]
+    state: Rows
+    slope: Rows
+    watched: list[Watched]
+    greatest: Rows
+    shift: Rows
+
+
+class Flight(NamedTuple):
+    """A motion to its first event.
+
+    Args:
+        control: at its end.
+        members: state and integrals at the event, with derivatives at a fixed time.
+        event: its index; below 0 if there is none.
+        time: since the motion began.
+        count: events so far, of all motions of a chain.
+        at_once: for each event whether it happens there.
+        greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
+    """
+
+    control: Control
+    members: tuple[Augmented, ...]
+    event: Scalar
+    time: Scalar
+    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    at_once: Sequence[Flag]
+    greatest: Rows
+    shift: Rows
+
+
+def landed(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+    """The motion to where its last step found its end; with how what is wanted there depends on the event's time."""
+    return (_by_a_short_step if problem.rodas is None else _by_the_last_step)(problem, lane, until)
+
+
+def _by_a_short_step(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+    """The motion where its last step found its end."""
+    control, options = lane.control, problem.options
+    scale = problem.scale_near(control.step, FIRST_STEP)
+    left, state, moves = _to_the_end(problem, lane, scale)
+    slope, events = problem.rate_and_events(state)
+    if options.waits:
+        # An event function may bend more than the motion: one more short step before Newton's last.
+        more = sum(jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events))
+        more = jnp.where(
+            moves & (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + SOON * scale),
+            more,
+            0.0,
+        )
+        state, left = short_step(problem, state, slope, more), left + more
+        slope, events = problem.rate_and_events(state)
+        events = [
+            crossings.silenced(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
+            for i, (event, watched) in enumerate(zip(events, lane.watched, strict=True))
+        ]
+    ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
+    event, remaining = crossings.first_fall(control, events)
+    if options.waits and until is not None:
+        event, remaining = crossings.last_moment(event, remaining, events, scale)
+    remaining = jnp.where(ended, remaining, 0.0)
+    rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
+    rest = jnp.where(moves, 0.0, remaining) if problem.rough else None
+    along = AlongFlow(problem.equations, problem.members(rows), rest)
+    at_once = _at_once(problem, ended, event, remaining, events, scale)
+    return _motion(lane, along.members, event, control.time + left + remaining, at_once), along
+
+
+class _Landing(NamedTuple):
+    """The last step of a stiff motion on its way to the event.
+
+    Args:
+        rounds: of Newton's method so far.
+        length: of the step.
+        event, remaining: which event is first, and how much longer the step must be, where `events` were looked at.
+        events: event functions after the step, turned so that they fall to their events.
+        step: rows after the step, and their derivatives by its length.
+    """
+
+    rounds: Scalar
+    length: Scalar
+    event: Scalar
+    remaining: Scalar
+    events: list[Ends]
+    step: tuple[Rows, Rows, Rows]
+
+
+def _by_the_last_step(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+    """The same by the method for stiff motions: the length of the last step is what Newton's method finds.
+
+    The step is written once, in a loop: it is most of a program for many unknowns.
+    """
+    control, options = lane.control, problem.options
+    scale = problem.scale_near(control.step, FIRST_STEP)
+    watched = crossings.watch(problem.directions, lane.events, scale) if options.waits else []
+    ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
+
+    def nearer(landing: _Landing) -> _Landing:
+        along = stiff.last_step(problem, lane.state, lane.slope, lane.greatest, landing.length)
+        events = along.events
+        if options.waits:
+            events = [
+                crossings.silenced(crossings.turned(event, each.turn), each.counts | (control.event == i))
+                for i, (event, each) in enumerate(zip(events, watched, strict=True))
+            ]
+        more = sum(
+            (jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events)),
+            jnp.zeros(()),
+        )
+        near = ended & (jnp.abs(more) < stiff.NEAR * landing.length)
+        event, remaining = crossings.first_fall(control, events)
+        if options.waits and until is not None:
+            event, remaining = crossings.last_moment(event, remaining, events, scale)
+        found = event, jnp.where(ended, remaining, 0.0), events
+        # The first round finds the place of the event that was seen, the second which is the first there.
+        looks = landing.rounds == 1
+        event, remaining, events = jax.tree.map(
+            functools.partial(jnp.where, looks), found, (landing.event, landing.remaining, landing.events)
+        )
+        moves = jnp.where(landing.rounds == 0, jnp.where(near, more, 0.0), jnp.where(looks, remaining, 0.0))
+        step = along.rows, along.rates, along.curves
+        return _Landing(landing.rounds + 1, landing.length + moves, event, remaining, events, step)
+
+    length = stiff.length_of(control.left, scale)
+    nothing = [0.0 * row for row in lane.state]
+    landing = _Landing(
+        0 * control.mode, length, control.event, 0.0 * length, lane.events,
+        (nothing, nothing, nothing[: problem.width]),
+    )  # fmt: skip
+    landing = lax.while_loop(lambda landing: landing.rounds < 3, nearer, landing)
+    stepped = control.left > 0
+    rows, rates, curves = landing.step
+    rows: Rows = [jnp.where(stepped, new, old) for new, old in zip(rows, lane.state, strict=True)]
+    along = stiff.LastStep(problem, rows, rates, curves, lane.greatest)
+    at_once = _at_once(problem, ended, landing.event, landing.remaining, landing.events, scale)
+    time = control.time + jnp.where(stepped, landing.length, 0.0)
+    return _motion(lane, problem.members(rows), landing.event, time, at_once), along
+
+
+def _at_once(
+    problem: Extended, ended: Flag, event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar
+) -> list[Flag]:
+    """For each event whether it happens at the end."""
+    happened = ended & (event >= 0)
+    near = crossings.at_once(events, remaining, scale) if problem.options.clock else [jnp.asarray(False)] * len(events)
+    return [happened & (there | (event == i)) for i, there in enumerate(near)]
+
+
+def _motion(lane: Lane, members: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]) -> Flight:
+    happened = (lane.control.mode == ENDED) & (event >= 0)
+    count = lax.convert_element_type(happened, np.int32)
+    return Flight(lane.control, members, event, time, count, at_once, lane.greatest, lane.shift)
+
+
+def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
+    """The time from the last trial to the end, the state there, and whether it may move to the event itself.
+
+    A force such as depth^1.5 is not defined above the surface, and |v| has another slope beyond v = 0. At such an event
+    only the side from which the motion comes counts: Newton's method ends a little before it.
+    """
+    left = lane.control.left
+    state = short_step(problem, lane.state, lane.slope, left)
+    if not problem.rough:
+        return left, state, jnp.asarray(True)
+
+    def remaining(events: list[Ends]) -> Scalar:
+        times = (jnp.where(lane.control.event == i, -end.value / end.rate, 0.0) for i, end in enumerate(events))
+        return sum(times, jnp.zeros(()))
+
+    def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
+        passed, rows, slope, fall = at
+        length = _SHARE * fall
+        rows = short_step(problem, rows, slope, length)
+        slope, events = problem.rate_and_events(rows)
+        return passed + length, rows, slope, remaining(events)
+
+    def inside() -> tuple[Scalar, Rows, Flag]:
+        start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
+        beside = jnp.where(defined, _BESIDE, _INSIDE) * scale
+        passed, rows, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
+        return passed, rows, jnp.asarray(False)
+
+    slope, events = problem.rate_and_events(state)
+    event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
+    defined = all_finite([*state, *slope, *problem.rate(event)])
+    happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
+    kinked = happens & is_kinked(problem, event, slope, scale)
+    return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
+
+
+def all_finite(rows: Rows) -> Flag:
+    """Whether each of them is."""
+    return functools.reduce(jnp.logical_and, map(jnp.isfinite, rows))
