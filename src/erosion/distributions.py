@@ -429,9 +429,10 @@ def _numbers(
             f"must have rows that count alike, but in {path} {weight!r} may be a weight; if it is none, remove it from "
             "the file, or else repeat rows by it"
         )
-    columns: dict[str, list[float]] = {head.name: [] for head in heads if head is not None}
-    for i, head in enumerate(heads):
-        for line, cells in rows if head else ():
+    understood = {i: head for i, head in enumerate(heads) if head is not None}
+    columns: dict[str, list[float]] = {head.name: [] for head in understood.values()}
+    for i, head in understood.items():
+        for line, cells in rows:
             name, dimension, text = head.name, dimensions[head.name], f"{cells[i]} {head.unit}"
             try:
                 if (dimension == "angle" or (head.alias and dimension != "1")) and not has_unit(text):

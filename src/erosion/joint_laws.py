@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked, refuse
-from erosion.distributions import MOST_OUTSIDE, Distribution, Samples, read_columns, shares_within
+from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, read_columns, shares_within
 from erosion.output.files import digest
 from erosion.parameters.headings import unused_note
 from erosion.parameters.quantities import Quantity
@@ -149,9 +149,13 @@ class Rows(JointLaw):
         checksum = hashlib.sha256(b"".join(values.tobytes() for values in self.columns.values())).hexdigest()[:8]
         return f"Rows({self.source}: {', '.join(self.columns)}; {self._count:,} rows, {checksum})"
 
-    @functools.cached_property
+    @property
     def marginals(self) -> Mapping[str, Distribution]:
         """The values of each column."""
+        return self._sorted
+
+    @functools.cached_property
+    def _sorted(self) -> dict[str, Samples]:
         return {name: Samples(values, self.source) for name, values in self.columns.items()}
 
     @property
@@ -253,7 +257,8 @@ def law_digest(law: Any) -> str:
     Args:
         law: a `Distribution`, or a law of somebody's own with `ppf` and `cdf`.
     """
-    if type(law).__module__ == Distribution.__module__:  # its class says the rest
+    # Of a law of the package its class says the rest.
+    if type(law).__module__ == Distribution.__module__ and not isinstance(law, OfScipy):
         return digest(b"".join([type(law).__name__.encode(), *_numbers_of(law, ())]))
     joint = _joint_of(law)
     dimension = 1 if joint is None else joint.dimension

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from erosion.arguments import refuse
 from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, coefficients
 from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, particle_of, share_in_words
 from erosion.fits.calibration import Calibration
@@ -108,10 +109,11 @@ def _particle(
 ) -> tuple[ExportedParticle, str, Parameters]:
     """The particle that is exported, the comment on where it comes from, and its case."""
     if isinstance(model, Calibration):
-        if p is not None:
-            raise ValueError("Argument `p` must be left out for a calibration, which has a case of its own.")
-        if cutting_fraction != 1:
-            raise ValueError("Argument `cutting_fraction` must be left out for a calibration, which has its own.")
+        refuse(
+            "Argument ",
+            (p is not None, "`p` must be left out for a calibration, which has a case of its own."),
+            (cutting_fraction != 1, "`cutting_fraction` must be left out for a calibration, which has its own."),
+        )
         case = exported_case(model)
         particle = particle_of(model.model, case, particle_density)
         particle = dataclasses.replace(particle, cutting_fraction=model.cutting_fraction)

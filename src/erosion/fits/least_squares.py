@@ -9,6 +9,7 @@ the wrong valley. So the misfit is computed at many starts, and descents begin a
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
@@ -398,19 +399,15 @@ def descend(
         None where impacts fail.
     """
     moving = np.arange(len(theta)) != held
-    last: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
 
-    def evaluate(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # scipy asks for residuals and Jacobian of the same point in two calls.
-        nonlocal last
-        if last is None or last[0] != part.tobytes():
-            whole = theta.copy()
-            whole[moving] = part
-            last = part.tobytes(), problem.residuals(whole)
-        return last[1]
+    @functools.lru_cache(maxsize=1)  # scipy asks for residuals and Jacobian of the same point in two calls
+    def evaluate(part: bytes) -> tuple[np.ndarray, np.ndarray]:
+        whole = theta.copy()
+        whole[moving] = np.frombuffer(part)
+        return problem.residuals(whole)
 
     part = theta[moving]
-    residuals, jacobian = evaluate(part)
+    residuals, jacobian = evaluate(part.tobytes())
     if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(jacobian))):
         return None
     if not moving.any():
@@ -420,9 +417,9 @@ def descend(
     length = 0.1 * np.sqrt(ftol * float(problem.cost(residuals))) / steepness
     with np.errstate(over="ignore"):
         result = optimize.least_squares(
-            lambda part: evaluate(part)[0],
+            lambda part: evaluate(part.tobytes())[0],
             part,
-            jac=lambda part: evaluate(part)[1][:, moving],  # pyright: ignore[reportArgumentType]
+            jac=lambda part: evaluate(part.tobytes())[1][:, moving],  # pyright: ignore[reportArgumentType]
             bounds=(problem.lower[moving], problem.upper[moving]),
             loss=problem.loss,
             f_scale=problem.noise,

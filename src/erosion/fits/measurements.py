@@ -128,7 +128,7 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         HeaderError: for a repeated or missing column, one that is not understood, or a unit that does not fit.
     """
     heads, unused = read_heads(cells, _KNOWN, ignore=ignore, also=_ALSO)
-    names = [None if head is None else head.name for head in heads]
+    names = ["" if head is None else head.name for head in heads]
     removals = [name for name in names if name in REMOVALS]
     if "angle" not in names:
         raise HeaderError(None, "has no column `angle [deg]`")
@@ -138,10 +138,10 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
     at = names.index(removals[0])
     removal = _column(at, heads[at], REMOVALS[removals[0]], units)
-    dimensions = {name: known.dimensions for name, known in _KNOWN.items()} | {"uncertainty": (removal.dimension,)}
-    return Header([
-        removal if i == at else head and _column(i, head, dimensions[head.name], units) for i, head in enumerate(heads)
-    ], unused)  # fmt: skip
+    expected = {name: known.dimensions for name, known in _KNOWN.items()} | {"uncertainty": [removal.dimension]}
+    columns = [removal if i == at else head and _column(i, head, expected[head.name], units)
+               for i, head in enumerate(heads)]  # fmt: skip
+    return Header(columns, unused)
 
 
 def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:

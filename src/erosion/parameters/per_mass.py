@@ -73,10 +73,11 @@ class PerMass:
                 continue
             if not isinstance(given, Real):
                 raise TypeError(f"Argument `{name}` must be a number, but is {shown(given)}.")
-            if not least <= given <= greatest:
-                wish = f"at least {least:g}{unit}" if 0 < given < least else wish
+            number = float(given)
+            if not least <= number <= greatest:
+                wish = f"at least {least:g}{unit}" if 0 < number < least else wish
                 raise ValueError(f"Argument `{name}` must be {wish}, but is {given!r}.")
-            object.__setattr__(self, name, float(given))
+            object.__setattr__(self, name, number)
 
     @classmethod
     def on(cls, name: str, cutting_fraction: float = 1.0) -> "PerMass":

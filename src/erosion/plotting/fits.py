@@ -330,7 +330,7 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     angle_axis(axes[-1])
     axes[0].set_title(f"what one more row is expected to say: {', '.join(answer.names)}", fontsize=8.5, loc="left")
     fig.align_ylabels(axes)
-    _legend(fig, axes[:1], 4)
+    _legend(fig, [axes[0]], 4)
     return fig
 
 
