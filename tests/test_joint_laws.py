@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from erosion.advice.advise import advise
-from erosion.distributions import LogNormal, Normal, Samples, Uniform
+from erosion.distributions import LogNormal, Normal, Samples, Uniform, as_law
 from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import SHARE, Correlated, LawSet, Ranges, Rows, law_digest, read_rows
 from erosion.parameters.parameters import TABLE_1
@@ -158,6 +158,7 @@ def test_a_law_is_known_by_its_draws_and_numbers() -> None:
     changed = values.copy()
     changed[2501] = np.nextafter(changed[2501], np.inf)
     different = [
+        as_law(stats.norm(1, 0.1)), as_law(stats.norm(1, 0.2)),
         typed(), typed(middle="u + 1e-12"), typed(formula="self.mean - middle(u)"), typed(below="float(x >= 0.5)"),
         Normal(1, 0.1), Normal(1, 0.1 + 1e-16), Samples(values), Samples(changed),
         Rows({"v0": values, "r": values})["v0"], Rows({"v0": changed, "r": values})["v0"],

@@ -1,6 +1,7 @@
 """Fits to synthetic data: the truth is found, and what cannot be found is said."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,17 +24,21 @@ def exact(degrees: np.ndarray = DEGREES, **changes) -> np.ndarray:
 
 EXACT = exact()
 NOISE = 0.03 * EXACT.max()
-UNCERTAIN = {"uncertainty [in^3]": np.full(DEGREES.size, NOISE)}
 
 
 def synthetic(seed: int, volume: np.ndarray = EXACT) -> dict[str, np.ndarray]:
-    """Table 1 measured with errors of 3 % of the greatest volume, of unknown size."""
-    errors = 0.03 * volume.max() * np.random.default_rng(seed).standard_normal(volume.size)
-    return {"angle [deg]": DEGREES, "volume [in^3]": volume + errors}
+    """Table 1 measured with errors of 3 % of the greatest volume."""
+    error = np.full(volume.size, 0.03 * volume.max())
+    noisy = volume + error * np.random.default_rng(seed).standard_normal(volume.size)
+    return {"angle [deg]": DEGREES, "volume [in^3]": noisy, "uncertainty [in^3]": error}
 
 
-def fitted(free=("k", "psi"), data=None, model="linearized", **options) -> Calibration:
-    data = synthetic(1) | UNCERTAIN if data is None else data
+def without_errors(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: values for name, values in columns.items() if "uncertainty" not in name}
+
+
+def fitted(free=("k", "psi"), data=None, model: Any = "linearized", **options) -> Calibration:
+    data = synthetic(1) if data is None else data
     return calibrate(model, GUESS, data, list(free), **{"starts": 1, **options})
 
 
@@ -52,7 +57,7 @@ def test_a_row_that_alone_determines_a_parameter_cannot_be_left_out():
 
 
 def test_exact_data_give_the_truth_back():
-    result = fitted(data={"angle [deg]": DEGREES, "volume [in^3]": EXACT} | UNCERTAIN, starts=4)
+    result = fitted(data=synthetic(0) | {"volume [in^3]": EXACT}, starts=4)
     # The kernel keeps nine digits.
     assert result.estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
     assert result.chi2 < 1e-9
@@ -99,7 +104,7 @@ def test_an_interval_ends_where_the_misfit_has_risen(fit):
 
 
 def test_left_out_errors_are_those_of_fits_without_the_row(fit):
-    data, alone = synthetic(1) | UNCERTAIN, []
+    data, alone = synthetic(1), []
     for row in range(0, 50, 14):
         other = fitted(data={name: np.delete(values, row) for name, values in data.items()})
         alone.append(data["volume [in^3]"][row] - other.curve(np.deg2rad(DEGREES[row]))[0])
@@ -110,12 +115,13 @@ def test_left_out_errors_are_those_of_fits_without_the_row(fit):
 
 
 def test_noise_is_estimated_where_none_is_given(fit):
-    result = fitted(data=synthetic(1))
+    data = without_errors(synthetic(1))
+    result = fitted(data=data)
     assert result.estimates == pytest.approx(fit.estimates, rel=1e-6)
     spread = np.sqrt(np.sum(result.residuals**2) / 48)
     assert result.standard_errors["k"] == pytest.approx(fit.standard_errors["k"] * spread / NOISE, rel=1e-5)
     # Student's t is wider than the normal distribution: by half at 5 degrees of freedom.
-    small = fitted(data={name: values[:35:5] for name, values in synthetic(1).items()})
+    small = fitted(data={name: values[:35:5] for name, values in data.items()})
     low, high = small.intervals()["psi"]
     error = small.standard_errors["psi"] / small.estimates["psi"]
     assert np.log(high / low) / (2 * error) == pytest.approx(2.571, rel=0.1)
@@ -132,7 +138,7 @@ def test_what_cannot_be_told_apart_and_what_has_no_influence_is_said(fit):
     assert result.intervals()["psi"] == (0.0, np.inf)
     assert result.estimates["psi"] * result.estimates["sigma"] == pytest.approx(fit.estimates["psi"] * 200e3, rel=1e-6)
     assert result.estimates["k"] == pytest.approx(fit.estimates["k"], rel=1e-6)
-    np.testing.assert_allclose(result.profile("sigma", 3).rise, 0, atol=1e-4)
+    np.testing.assert_allclose(result.profile("sigma", 3).rise, 0, atol=1e-3)
     assert "not determined" in result._repr_html_()
     # The curve and its band do not depend on how the product is shared out.
     np.testing.assert_allclose(result.curve(0.5), fit.curve(0.5), rtol=1e-5)
@@ -280,10 +286,9 @@ def test_intervals_end_at_cliffs(turning):
     case = TABLE_1.replace(alpha=np.deg2rad(DEGREES), k=k[:, None], psi=psi[:, None])
     volume = np.asarray(erosion.impact("rotating", case, derivatives=1, wrt=("k", "psi")).volume)
     for seed in (0, 1):
-        error = 0.03 * turning.max()
-        data = synthetic(seed, turning) | {"uncertainty [in^3]": np.full(50, error)}
+        data = synthetic(seed, turning)
         result = fitted(data=data, model="rotating", starts=32)
-        misfit = np.sum(((volume - data["volume [in^3]"]) / error) ** 2, axis=1)
+        misfit = np.sum(((volume - data["volume [in^3]"]) / data["uncertainty [in^3]"]) ** 2, axis=1)
         assert result.chi2 < misfit.min() + 0.05
         inside = k[misfit - result.chi2 < 1.959964**2]
         # As near as the grid is.
@@ -292,7 +297,7 @@ def test_intervals_end_at_cliffs(turning):
 
 def test_a_curve_with_a_jump_is_found_from_afar_and_goes_to_openfoam_with_its_misfit(turning):
     # V(α) of `rotating` jumps at 42.9°, and the misfit jumps as k moves that across a row.
-    data = synthetic(5, turning) | {"uncertainty [in^3]": np.full(50, 0.03 * turning.max())}
+    data = synthetic(5, turning)
     result = fitted(data=data, model="rotating", starts=8)
     for name, truth in (("k", 2.0), ("psi", 0.04)):
         assert abs(result.estimates[name] - truth) < 3 * result.standard_errors[name]
@@ -306,7 +311,7 @@ def test_a_curve_with_a_jump_is_found_from_afar_and_goes_to_openfoam_with_its_mi
 
 
 def test_a_ranking_has_the_right_model_first_and_says_what_is_the_same_and_what_is_open(turning):
-    data = synthetic(6, turning) | {"uncertainty [in^3]": np.full(50, 0.03 * turning.max())}
+    data = synthetic(6, turning)
     names = ["linearized", "finnie", "rotating", "tan-alpha", "velocity-aligned"]
     ranking = rank_models(GUESS, data, ["k", "psi"], models=names, starts=4)
     assert ranking.names[0] == "rotating"
@@ -341,8 +346,7 @@ def test_a_ranking_says_which_own_parameters_are_held(turning):
 def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
     # With k below 2 tan α of all rows, `linearized` is `tan-alpha`: it may not come first for that.
     volume = float(TABLE_1.volume_scale / 2) * np.cos(np.deg2rad(DEGREES)) ** 2
-    data = synthetic(1, volume) | {"uncertainty [in^3]": np.full(50, 0.03 * volume.max())}
-    ranking = rank_models(GUESS, data, ["k", "psi"], models=["linearized", "tan-alpha"], starts=8)
+    ranking = rank_models(GUESS, synthetic(1, volume), ["k", "psi"], models=["linearized", "tan-alpha"], starts=8)
     assert ranking.names == ("tan-alpha", "linearized")
     simple, nested = ranking.fits
     assert nested.undetermined == simple.undetermined == ("k",)
@@ -351,40 +355,25 @@ def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
     assert nested.aicc - simple.aicc == pytest.approx((4 + 12 / 47) - (2 + 4 / 48))
 
 
-def test_finnies_shape_goes_to_cfd_codes_without_loss(fit):
-    coefficients = to_openfoam(fit)
-    # V = (V*/k) F(α; 3k), so that p is a third of σ, in Pa.
-    assert pytest.approx(3 * fit.estimates["k"], rel=1e-6) == coefficients.K
-    assert coefficients.psi == fit.estimates["psi"]
-    assert coefficients.p == pytest.approx(200e3 / 3 * 6894.757293168, rel=1e-6)
-    assert coefficients.misfit < 1e-6
-    table, dense = to_fluent(fit), np.deg2rad(np.linspace(1, 90, 179))
-    greatest = fit.curve(np.arctan(fit.estimates["k"]) / 2)[0]
-    # The table's own maximum and misfit are taken on a grid of ¼°.
-    misfit = np.abs(np.interp(dense, table.angle, table.f) - fit.curve(dense)[0] / greatest).max()
-    assert misfit == pytest.approx(table.misfit, abs=2e-4)
-    assert to_fluent(fit, points=30).misfit < table.misfit < to_fluent(fit, points=8).misfit
-    # C = V_max/(m V²), per density of the target.
-    si = fit.p.to("si")
-    assert table.factor == pytest.approx(greatest * 0.0254**3 / float(si.m * si.v0**2), rel=1e-4)
-    for options, message in (
-        ({"points": 31}, "`points` must be from 2 to 30, but is 31"),
-        ({"p": fit.p}, "`p` must be left out for a calibration, which has a case of its own"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            to_fluent(fit, **options)
+def test_a_fit_goes_to_cfd_codes_as_its_model_and_case_do(fit):
+    for export in (to_openfoam, to_fluent):
+        own, of_case = export(fit).text(), export(fit.model, fit.p).text()
+        assert re.sub(r"(//|#).*\n", "", own) == re.sub(r"(//|#).*\n", "", of_case)
+        assert "linearized, fitted to 50 rows of data" in own
+        with pytest.raises(ValueError, match="`p` must be left out for a calibration, which has a case of its own"):
+            export(fit, fit.p)
 
 
-def test_results_speak(fit):
-    assert "linearized: fitted to 50 rows of data" in str(fit)
-    assert fit.erosion_unit == fit.to_dict()["erosion_unit"] == "in^3"
-    assert [row.name for row in fit.rows()] == ["k", "psi", "rms", "leave_one_out", "chi2", "aicc"]
-    for ask, message in (
-        (lambda: fit.intervals(95.0), r"`level` must be in \(0, 1\)"),
-        (lambda: fit.profile("r"), "Argument `name` must be one of k, psi, but is 'r'"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            ask()
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda fit: fit.intervals(95.0), r"`level` must be in \(0, 1\)"),
+        (lambda fit: fit.profile("r"), "Argument `name` must be one of k, psi, but is 'r'"),
+    ],
+)
+def test_what_a_fit_has_not_is_refused(fit, ask, message):
+    with pytest.raises(ValueError, match=message):
+        ask(fit)
 
 
 @pytest.mark.parametrize(

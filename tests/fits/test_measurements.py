@@ -58,11 +58,11 @@ def test_units_say_what_was_measured(table, column, dimension, factor):
 @pytest.mark.slow
 def test_a_million_rows_are_read_and_the_last_one_is_checked(table):
     rows = "".join(f"{1 + i % 89},{i % 97}.25e-6,1e-6\n" for i in range(10**6))
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(MeasurementError, match="line 1000002, column 1"):
         read_measurements(table(HEAD + rows + "90.5,1,1\n"), "si")
     # 1 s on an idle machine; the checks of types in tests and a busy machine cost some.
-    assert time.perf_counter() - begin < 20
+    assert time.process_time() - begin < 20
 
 
 def test_columns_of_other_names_are_not_read(table):

@@ -8,7 +8,7 @@ import xarray as xr
 from scipy import stats
 
 import erosion
-from erosion.distributions import LogUniform, Normal, Uniform
+from erosion.distributions import Normal, Uniform
 from erosion.fits import ConvergenceWarning, Posterior, SamplingError, tempering
 from erosion.fits.calibration import make_forward
 from erosion.fits.forward import Forward
@@ -66,34 +66,17 @@ def test_with_k_fixed_the_posterior_is_the_closed_one():
     assert drawn.log_evidence_error < 0.05
 
 
-def test_psi_with_an_unknown_noise_has_the_integral_of_both():
-    data = measured(10, known=False)
-    priors = {"psi": Uniform(0.01, 0.2), "noise": LogUniform(1e-6, 1e-4)}
-    drawn = posterior("psi", data=data, priors=priors, draws=1000, seed=3)
-    psi, noise = np.linspace(0.03, 0.05, 400), np.geomspace(1e-6, 1e-4, 401)
-    residuals = data["volume [in^3]"] - volumes(data["angle [deg]"]) * 0.04 / psi[:, None]
-    chi2 = np.sum(residuals**2, axis=1)[:, None] / noise**2
-    density = np.exp(-0.5 * chi2 - 10 * np.log(noise) - 5 * np.log(2 * np.pi) - 90)
-    total = density.sum()
-    cell = (psi[1] - psi[0]) / 0.19 * np.log(noise[1] / noise[0]) / np.log(100)
-    mean = (density * psi[:, None]).sum() / total
-    deviation = np.sqrt((density * (psi[:, None] - mean) ** 2).sum() / total)
-    assert drawn.means["psi"] == pytest.approx(mean, abs=0.08 * deviation)
-    assert drawn.deviations["psi"] == pytest.approx(deviation, rel=0.08)
-    log_noise = (density.sum(axis=0) * np.log(noise)).sum() / total
-    assert np.log(drawn.samples["noise"]).mean() == pytest.approx(log_noise, abs=0.03)
-    assert drawn.log_evidence == pytest.approx(np.log(total * cell) + 90, abs=0.15)
-
-
-def test_draws_are_labelled_arrays_over_chains(result):
-    psi = result.samples["psi"]
+def test_draws_are_labelled_arrays_and_numbers_for_programs(result):
+    psi, numbers = result.samples["psi"], result.to_dict(0.9)
     assert dict(psi.sizes) == {"chain": 4, "draw": 200}
     assert result.samples["k"].attrs["long_name"] == "force ratio"
-    assert result.warnings == ()
-    assert result.p.k == 3.0
-    low, high = result.intervals()["k"]
+    assert (result.warnings, numbers["converged"], numbers["draws"]) == ((), True, 800)
+    low, high = numbers["intervals"]["k"]
     assert low < 2.0 < high
-    assert result.correlation[0, 1] == pytest.approx(np.corrcoef(np.ravel(result.samples["k"]), np.ravel(psi))[0, 1])
+    assert numbers["correlation"][0][1] == pytest.approx(
+        np.corrcoef(np.ravel(result.samples["k"]), np.ravel(psi))[0, 1]
+    )
+    assert numbers["priors"][1] == {"parameter": "psi", "law": "loguniform(0.0004, 4), the default"}
 
 
 def test_the_same_seed_gives_the_same_draws(result):
@@ -134,16 +117,6 @@ def test_a_file_has_arvizs_layout(result, tmp_path):
         result.save(tmp_path / "draws.csv")
 
 
-def test_a_program_reads_numbers(result):
-    numbers = result.to_dict(0.9)
-    assert numbers["intervals"] == {name: list(ends) for name, ends in result.intervals(0.9).items()}
-    assert numbers["priors"][1] == {"parameter": "psi", "law": "loguniform(0.0004, 4), the default"}
-    assert numbers["quality"][0]["rhat"] == pytest.approx(result.rhat["k"])
-    parts = [numbers[name] for name in ("model", "erosion_unit", "draws", "converged")]
-    assert parts == ["linearized", "in^3", 800, True]
-    assert "prior: loguniform(0.03, 300), the default" in str(result)
-
-
 def erosion_at(model, p, alpha):
     return erosion.impact(model, p.replace(alpha=alpha)).volume
 
@@ -152,7 +125,8 @@ def test_curves_and_best_angles_are_those_of_the_draws(result):
     angles = np.deg2rad([[10.0, 30.0]])
     curves = result.predict(angles, count=50)
     assert curves.shape == (50, 1, 2)
-    np.testing.assert_allclose(curves[:, 0, 1], erosion_at(*result.cases(50), angles[0, 1]), rtol=1e-5)
+    model, p = result.cases(50)
+    np.testing.assert_allclose(curves[:, 0, 1], erosion_at(model, p, angles[0, 1]), rtol=1e-5)
     noisy = result.predict(angles, count=800, noise=True) - result.predict(angles, count=800)
     assert noisy.std() == pytest.approx(result.data.uncertainty[0], rel=0.1)
     assert result.derive(lambda model, p: erosion_at(model, p, 0.3), count=50).shape == (50,)

@@ -25,17 +25,3 @@ def test_ranks_of_the_truth_are_uniform(model, known, sets, least):
     # Exceeded once in a thousand times by right posteriors.
     assert (deviation(result) < 1.95).all()
     assert (result.covered.sum(axis=0) >= least).all()
-
-
-def test_draws_that_are_biased_or_too_narrow_fail_these_bounds():
-    truth, draws = np.random.default_rng(0).standard_normal((2, 40, 400))
-    truth = truth[:, :1]
-
-    def of(shifted: np.ndarray) -> Ranks:
-        low, high = np.quantile(shifted, [0.05, 0.95], axis=1)
-        covered = (low <= truth[:, 0]) & (truth[:, 0] <= high)
-        return Ranks(("k",), np.mean(shifted < truth, axis=1)[:, None], covered[:, None])
-
-    right, biased, narrow = of(draws), of(draws + 0.8), of(0.5 * draws)
-    assert deviation(right)[0] < 1.95 < deviation(biased)[0]
-    assert narrow.covered.sum() < 30 <= right.covered.sum()
