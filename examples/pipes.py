@@ -14,7 +14,7 @@ from jax import Array
 
 from erosion.correlations import DNV_MATERIALS, DNVMaterial, dnv_2015, dnv_brittle
 from erosion.correlations.families import DNV_RANGES
-from erosion.correlations.ranges import Range, Values, of_table, require_jax, warn_outside
+from erosion.correlations.ranges import Range, Values, of_table, warn_outside
 
 _MM_PER_TONNE = 1e6  # 1 m/kg in mm/t
 _YEAR = 365.25 * 24 * 3600.0  # s
@@ -174,7 +174,6 @@ def choke_gallery(
 
 
 def _target(material: str | DNVMaterial, flow: Flow) -> DNVMaterial:
-    require_jax(flow.v0)
     warn_outside("DNV RP-O501", _RANGES, v0=flow.v0, diameter=flow.diameter)
     return of_table(DNV_MATERIALS, material, DNVMaterial)
 

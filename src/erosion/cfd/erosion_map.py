@@ -40,7 +40,6 @@ from erosion.parameters.units import conversion_factor
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
-_NAMED = 3  # rows that are too far are named, the others counted
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,14 +132,13 @@ class MapJob:
         task, table, surface, options = self.task, self.impacts, self.surface, self.task.options
         ends = end_names(task.model)
         tally = FaceTally(1 if surface is None else surface.faces, options.realisations)
-        nearness = None if surface is None else Nearness(surface, self._limit)
-        far: list[str] = []
+        nearness = Nearness(surface, self._limit)
 
         def add(portion: Portion) -> None:
             tally.add(portion)
             progress("map", tally.rows, table.rows or 0)
 
-        self._compute(self._portions(nearness, far), add)
+        self._compute(self._portions(nearness), add)
         self._require_hits(tally)
         if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
@@ -152,8 +150,8 @@ class MapJob:
             surface="" if surface is None else surface.title,
             surface_unit="" if surface is None else surface.unit or "taken in m",
             options=options.in_words(),
-            far_rows="" if nearness is None else nearness.far_in_words(far),
-            warnings=" ".join([*table.warnings, *([] if nearness is None else nearness.warnings())]),
+            far_rows=nearness.far_in_words(),
+            warnings=" ".join([*table.warnings, *nearness.warnings()]),
         )
         has_range = isinstance(task.model, Correlated)
         return to_dataset(tally, options, surface, table.duration, ends, attributes, has_range=has_range)
@@ -193,13 +191,8 @@ class MapJob:
         limit, units = self.task.options.limit, self.task.options.p.units
         return None if limit is None else limit * conversion_factor("length", units, "si")
 
-    def _portions(self, nearness: Nearness | None, far: list[str]) -> Iterator[Hits]:
-        """All rows in portions of a fixed number, the last one of what is left.
-
-        Args:
-            nearness: takes note of all rows; None without a surface.
-            far: gets the first rows that are too far.
-        """
+    def _portions(self, nearness: Nearness) -> Iterator[Hits]:
+        """All rows, of which `nearness` takes note, in portions of a fixed number, the last one of what is left."""
         options = self.task.options
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
         blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.realisations)
@@ -207,9 +200,7 @@ class MapJob:
             held, count, is_first = list[Hits](), 0, True
             for block in blocks:
                 hits = incidence.hits(block)
-                far += incidence.too_far(block, hits, _NAMED - len(far))
-                if nearness is not None:
-                    nearness.add(hits)
+                nearness.add(block, hits)
                 begin = 0
                 while begin < hits.rows:
                     part = hits.part(slice(begin, begin + rows - count))
@@ -218,22 +209,17 @@ class MapJob:
                     if count == rows:
                         portion = Hits.joined(held)
                         if is_first:
-                            self._require_right_place(nearness)
+                            nearness.require(self.impacts.title)
                             self._require_right_way(np.bincount(portion.fate, minlength=1 + len(LEFT_OUT)))
                         yield portion
                         held, count, is_first = [], 0, False
-            self._require_right_place(nearness)
+            nearness.require(self.impacts.title)
             if held:
                 yield Hits.joined(held)
         finally:
             # A reader may read ahead in a thread, which must end before the process does.
             if isinstance(blocks, Generator):
                 blocks.close()
-
-    def _require_right_place(self, nearness: Nearness | None) -> None:
-        """Refuse a surface on which the rows do not lie."""
-        if nearness is not None:
-            nearness.require(self.impacts.title)
 
     def _require_right_way(self, fates: np.ndarray) -> None:
         """Refuse a table in which nearly all rows come from behind."""

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -21,10 +21,11 @@ from erosion.output import tables
 from erosion.parameters.parameters import Parameters, are_angles, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import QUANTITIES, RESULTS
-from erosion.parameters.units import System, ascii_unit, conversion_factor, unit_name
+from erosion.parameters.units import ascii_unit, conversion_factor, unit_name
 from erosion.version import __version__
 
 _RTOL = 1e-12
+_KNOWN = {**QUANTITIES, **RESULTS}
 
 
 class ExportError(ValueError):
@@ -123,20 +124,11 @@ def particle_of(
     share = per_mass_of(model, PerMass(cutting_fraction=cutting_fraction)).cutting_fraction
     if particle_density is None:
         return ExportedParticle(model, in_si, 2 * float(in_si.r), share)
-    density = positive("particle_density", particle_density)
+    density = checked("particle_density", particle_density)
     if density.size != 1:
         raise ValueError(f"Argument `particle_density` must be a scalar, but has shape {density.shape}.")
     volume = float(in_si.m) / float(density[0])
     return ExportedParticle(model, in_si, float(np.cbrt(6 * volume / np.pi)), share)
-
-
-def positive(name: str, values: Any) -> np.ndarray:
-    """Positive numbers, shape (n,), ascending and each once.
-
-    Raises:
-        ValueError: naming the argument, where one is not positive and finite, or there is none.
-    """
-    return _checked(name, values, lambda numbers: (numbers > 0) & np.isfinite(numbers), "must be positive and finite")
 
 
 def in_si(name: str, values: Any, p: Parameters, own: Any) -> np.ndarray:
@@ -147,20 +139,15 @@ def in_si(name: str, values: Any, p: Parameters, own: Any) -> np.ndarray:
     """
     if values is None:
         return np.atleast_1d(np.asarray(own, float))
-    dimension = (QUANTITIES if name in QUANTITIES else RESULTS)[name].dimension
-    return positive(name, values) * conversion_factor(dimension, p.units, "si")
+    return checked(name, values) * conversion_factor(_KNOWN[name].dimension, p.units, "si")
 
 
-def angles(values: Any) -> np.ndarray:
-    """Angles of attack [rad], shape (n,), ascending and each once.
+def checked(name: str, values: Any) -> np.ndarray:
+    """Angles of attack ("alpha") [rad], or other, positive numbers; shape (n,), ascending and each once.
 
     Raises:
-        ValueError: where one is not in (0, π/2], or there is none.
+        ValueError: naming the argument, where one is out of range, or there is none.
     """
-    return _checked("alpha", values, are_angles, "must be in (0, 90°]")
-
-
-def _checked(name: str, values: Any, are_good: Any, condition: str) -> np.ndarray:
     check_unmasked(name, values)
     try:
         numbers = np.atleast_1d(np.asarray(values, float))
@@ -168,11 +155,12 @@ def _checked(name: str, values: Any, are_good: Any, condition: str) -> np.ndarra
         raise ValueError(f"Argument `{name}` must be numbers, but is {values!r}.") from None
     if numbers.ndim != 1 or not numbers.size:
         raise ValueError(f"Argument `{name}` must be a number or a list of them, but has shape {numbers.shape}.")
-    good = are_good(numbers)
+    is_angle = name == "alpha"
+    good = are_angles(numbers) if is_angle else (numbers > 0) & np.isfinite(numbers)
     if not good.all():
         bad = float(numbers[~good][0])
-        shown = f"{np.rad2deg(bad):g}°" if name == "alpha" else f"{bad:g}"
-        raise ValueError(f"Argument `{name}` {condition}, but has {shown}.")
+        condition, shown = ("in (0, 90°]", f"{np.rad2deg(bad):g}°") if is_angle else ("positive and finite", f"{bad:g}")
+        raise ValueError(f"Argument `{name}` must be {condition}, but has {shown}.")
     return np.unique(numbers)
 
 
@@ -222,7 +210,7 @@ def volume_table(
         ValueError: for parameters that are arrays or out of range, and for more than a million rows.
     """
     particle = particle_of(model, p, particle_density, cutting_fraction)
-    alpha = _ANGLES if alpha is None else angles(alpha)
+    alpha = _ANGLES if alpha is None else checked("alpha", alpha)
     speeds = in_si("v0", v0, p, SHARES * particle.speed)
     diameters = in_si("d", d, p, SHARES * particle.diameter)
     require_rows(alpha.size * speeds.size * diameters.size)
@@ -251,17 +239,17 @@ def labelled(
         axes: values by name, in the order of the dimensions.
         arrays: by name, each over all axes.
     """
-    described = provenance(content, p, **model_in_words(particle.model))
-    attributes = {**described, "particle_diameter": particle.diameter * conversion_factor("length", "si", p.units)}
-    known = {**QUANTITIES, **RESULTS}
-
-    def in_units(name: str, values: np.ndarray) -> tuple[np.ndarray, dict[str, str]]:
-        return values * conversion_factor(known[name].dimension, "si", p.units), known[name].attributes(p.units)
-
-    dataset = xr.Dataset(attrs=attributes, coords={name: (name, *in_units(name, v)) for name, v in axes.items()})
-    for name, values in arrays.items():
-        dataset[name] = (tuple(axes), *in_units(name, values))
-    return dataset
+    size = particle.diameter * conversion_factor("length", "si", p.units)
+    attributes = provenance(content, p, **model_in_words(particle.model)) | {"particle_diameter": size}
+    variables = {
+        name: (
+            name if name in axes else tuple(axes),
+            values * conversion_factor(_KNOWN[name].dimension, "si", p.units),
+            _KNOWN[name].attributes(p.units),
+        )
+        for name, values in {**axes, **arrays}.items()
+    }
+    return xr.Dataset({name: variables[name] for name in arrays}, {name: variables[name] for name in axes}, attributes)
 
 
 def to_csv(dataset: xr.Dataset) -> str:
@@ -269,23 +257,21 @@ def to_csv(dataset: xr.Dataset) -> str:
 
     "volume [m^3]" and the like are in the first row. The last axis varies fastest.
     """
-    system, names = dataset.attrs["unit_system"], [str(name) for name in (*dataset.dims, *dataset.data_vars)]
-    return tables.to_csv(dict(_column(name, dataset, system) for name in names))
-
-
-def _column(name: str, dataset: xr.Dataset, system: System) -> tuple[str, list[str]]:
-    """Heading and cells."""
-    values = dataset[name].broadcast_like(dataset[next(iter(dataset.data_vars))]).transpose(*dataset.dims).values
-    heading = _HEADINGS.get(name, name)
-    if "flag_meanings" in dataset[name].attrs:
-        words = dataset[name].attrs["flag_meanings"].split()
-        return heading, [words[int(code)] for code in values.ravel()]
-    dimension = {**QUANTITIES, **RESULTS}[name].dimension
-    unit = ascii_unit(unit_name(dimension, "si"))
-    factor = conversion_factor(dimension, system, "si")
-    if dimension == "angle":
-        unit, factor = "deg", 180 / np.pi
-    return f"{heading} [{'-' if unit == '1' else unit}]", [f"{number:.10g}" for number in values.ravel() * factor]
+    columns, shape = {}, dataset[next(iter(dataset.data_vars))]
+    for name in map(str, (*dataset.dims, *dataset.data_vars)):
+        values, heading = dataset[name].broadcast_like(shape).transpose(*dataset.dims).values, _HEADINGS.get(name, name)
+        if "flag_meanings" in dataset[name].attrs:
+            words = dataset[name].attrs["flag_meanings"].split()
+            columns[heading] = [words[int(code)] for code in values.ravel()]
+            continue
+        dimension = _KNOWN[name].dimension
+        unit = ascii_unit(unit_name(dimension, "si"))
+        factor = conversion_factor(dimension, dataset.attrs["unit_system"], "si")
+        if dimension == "angle":
+            unit, factor = "deg", 180 / np.pi
+        head = f"{heading} [{'-' if unit == '1' else unit}]"
+        columns[head] = [f"{number:.10g}" for number in values.ravel() * factor]
+    return tables.to_csv(columns)
 
 
 ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
@@ -298,8 +284,7 @@ _Erosion = Callable[[Broadcast, Broadcast, Broadcast], np.ndarray]
 """Of angle [rad], speed [m/s] and diameter [m]: the volume removed per mass of particles [m³/kg]."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Reach:
+class Reach(NamedTuple):
     """Speeds [m/s] and diameters [m], ascending; `asked` where a form must hold over all of them."""
 
     speeds: np.ndarray
@@ -346,16 +331,15 @@ class Losses:
     @property
     def statement(self) -> str:
         """A sentence with the numbers."""
-        speeds, diameters = self.reach.speeds, self.reach.diameters
-        if self.reach.asked:
+        speeds, diameters, asked = self.reach
+        if asked:
             over = f"{_range(speeds)} m/s" + (f" and {_range(1e6 * diameters)} um" if diameters.size > 1 else "")
             return f"Over {over} the form is off by up to {self.worst:.2%} of the maximum there."
         own_speed, own_size = np.argmin(np.abs(speeds - self.speed)), np.argmin(np.abs(diameters - self.diameter))
-        ends = [0, -1]
         return (
             f"The form is made at {self.speed:.6g} m/s. At half and at twice this speed it is off by up to "
-            f"{self.misfit[own_size, ends].max():.2%} of the maximum there, at half and at twice the diameter by up to "
-            f"{self.misfit[ends, own_speed].max():.2%}."
+            f"{self.misfit[own_size, [0, -1]].max():.2%} of the maximum there, at half and at twice the diameter by up "
+            f"to {self.misfit[[0, -1], own_speed].max():.2%}."
         )
 
 
@@ -446,7 +430,7 @@ def restitution(model: CuttingModel | str | Path, p: Parameters, *, alpha: Any =
     """
     require_float64()
     particle = particle_of(model, p)
-    alpha = _REBOUND_ANGLES if alpha is None else angles(alpha)
+    alpha = _REBOUND_ANGLES if alpha is None else checked("alpha", alpha)
     speeds = in_si("v0", v0, p, SHARES * particle.speed)
     shape = (speeds.size, alpha.size)
     require_rows(speeds.size * alpha.size)

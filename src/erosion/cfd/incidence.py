@@ -129,11 +129,6 @@ class Incidence:
             position=np.full((block.rows, 3), np.nan) if block.position is None else np.asarray(block.position, float),
         )
 
-    def too_far(self, block: ImpactBlock, hits: Hits, most: int) -> list[str]:
-        """The first rows of a block that are too far, in words."""
-        rows = np.flatnonzero(hits.fate == TOO_FAR)[: max(most, 0)]
-        return [f"{block.source}: row {block.first + row + 1:,} ({hits.distance[row]:.3g} m)" for row in rows]
-
     def _motion(self, block: ImpactBlock, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Speed [m/s] and angle of attack [rad], which is not positive where the particle does not approach."""
         if block.velocity is None:
@@ -251,6 +246,7 @@ def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 _OF_EXTENT = 0.01
 """Of the impacts' extent, the farthest that a surface of the right size may be off: its own width says nothing then."""
+_NAMED = 3  # rows that are too far are named, the others counted
 _SAMPLE = 256  # rows that are compared with the surface in other sizes, at most
 _CLEAR = 0.25  # share of rows by which another size must fit better, so that the surface is refused
 _SAME = 0.02  # share of rows below which two sizes fit alike
@@ -270,23 +266,31 @@ class Nearness:
     """How the rows that were read so far lie on the surface.
 
     Args:
-        surface: the surface.
+        surface: the surface; without one rows have no distance, and nothing is said.
         limit: greatest distance of a row from its face [m]; None for `limit_of`.
     """
 
-    def __init__(self, surface: Surface, limit: float | None) -> None:
-        self._surface, self._limit = surface, limit
+    def __init__(self, surface: Surface | None, limit: float | None) -> None:
+        self._given, self._limit = surface, limit
+        self._first: list[str] = []  # rows that are too far
         self._rows, self._far, self._least, self._greatest = 0, 0, math.inf, 0.0
         self._allowed, self._farthest_allowed = 0, 0.0
         self._sample: Hits | None = None  # rows with a position, evenly from all of them
         self._stride = 1
         self._known: tuple[int, Mapping[float, float]] = (0, {})
 
-    def add(self, hits: Hits) -> None:
-        """Take note of some rows."""
+    @property
+    def _surface(self) -> Surface:
+        assert self._given is not None
+        return self._given
+
+    def add(self, block: ImpactBlock, hits: Hits) -> None:
+        """Take note of the rows of a block."""
         compared = hits.part(np.isfinite(hits.distance))
         if not compared.rows:
             return
+        for row in np.flatnonzero(hits.fate == TOO_FAR)[: _NAMED - len(self._first)]:
+            self._first.append(f"{block.source}: row {block.first + row + 1:,} ({hits.distance[row]:.3g} m)")
         distance, far = compared.distance, compared.fate == TOO_FAR
         self._far += int(far.sum())
         self._least = min(self._least, float(distance[far].min(initial=math.inf)))
@@ -334,13 +338,13 @@ class Nearness:
 
     def warnings(self) -> list[str]:
         """What a reader of the map must know of its positions."""
-        surface, said = self._surface, list[str]()
+        surface, said = self._given, list[str]()
         if self._allowed:
             said.append(
                 f"{self._allowed:,} of {self._rows:,} rows lie up to {self._farthest_allowed:.3g} m from their face, "
                 "and are counted only because of the given limit."
             )
-        if not self._rows and surface.unit is None and surface.mesh_face is None:
+        if surface is not None and not self._rows and surface.unit is None and surface.mesh_face is None:
             said.append(f"{surface.title} is taken in metres: it has no unit, and the rows have no positions.")
         if self._rows and (smaller := self._smaller()):
             said.append(self._spot(smaller))
@@ -369,13 +373,13 @@ class Nearness:
             f"would lie as well on one that is {times} × smaller. {unit}"
         )
 
-    def far_in_words(self, rows: Sequence[str]) -> str:
-        """How far the rows are that are left out, of which the first ones are given; empty if there are none."""
+    def far_in_words(self) -> str:
+        """How far the rows are that are left out, and which are the first ones; empty if there are none."""
         if not self._far:
             return ""
         limit = OF_WIDTH * self._surface.width if self._limit is None else self._limit
         more = " and the size of the particle and of the face's curve" if self._limit is None else ""
-        return f"{_between(self._least, self._greatest)} off it, with a limit of {limit:.3g} m{more}: {'; '.join(rows)}"
+        return f"{_between(self._least, self._greatest)} off it, with a limit of {limit:.3g} m{more}: {'; '.join(self._first)}"
 
     def _extent(self) -> float:
         """Of the impacts without strays [m]."""

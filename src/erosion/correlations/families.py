@@ -21,7 +21,6 @@ from erosion.correlations.ranges import (
     Values,
     in_units,
     of_table,
-    require_jax,
     sharpness_factor,
     warn_outside,
 )
@@ -117,9 +116,8 @@ def finnie(
         I. Finnie, Wear 3 (1960) 87-103; OpenFOAM, `ParticleErosion`, which has c = 1; COMSOL, Particle Tracing Module,
         node Erosion, for the target. COMSOL takes a sphere (β = 2/5) where this form has β = ½.
     """
-    require_jax(alpha, v0)
     target = of_table(FINNIE_MATERIALS, material, FinnieMaterial)
-    warn_outside("Finnie", ANGLES_ALONE, alpha=alpha)
+    warn_outside("Finnie", ANGLES_ALONE, alpha=alpha, v0=v0)
     return in_units(_finnie(alpha, v0, force_ratio, target), units, target.density, mass)
 
 
@@ -216,7 +214,6 @@ def oka(
         Constants as the documentation of Ansys Fluent and Altair EDEM quotes them. The speeds and sizes of its tests
         were not at hand: speeds are checked against the greatest of the authors' test rig, 135 m/s.
     """
-    require_jax(alpha, v0)
     target = of_table(OKA_MATERIALS, material, OkaMaterial)
     warn_outside("Oka", OKA_RANGES, alpha=alpha, v0=v0)
     return in_units(_oka(alpha, v0, diameter, target), units, target.density, mass)
@@ -342,7 +339,6 @@ def dnv(
     References:
         DNVGL-RP-O501, Managing sand production and erosion, August 2015, (3.1)-(3.3) and table 3-1.
     """
-    require_jax(alpha, v0)
     target = of_table(DNV_MATERIALS, material, DNVMaterial)
     if edition not in (2007, 2015):
         raise ValueError(f"Argument `edition` must be 2007 or 2015, but is {edition!r}.")
@@ -403,9 +399,8 @@ def ecrc(
         C, n and the exponent of BH also in the COMSOL documentation, Particle Tracing Module, node Erosion.
         The speeds and sizes of its tests were not at hand, so that only the angle is checked.
     """
-    require_jax(alpha, v0)
     factor = sharpness_factor(sharpness)
-    warn_outside("E/CRC", ANGLES_ALONE, alpha=alpha)
+    warn_outside("E/CRC", ANGLES_ALONE, alpha=alpha, v0=v0)
     ratio = _hardness_law(alpha, v0, brinell, factor, (_ECRC, _ECRC_EXPONENT, ecrc_angle))
     return in_units(ratio, units, density, mass)
 
@@ -487,9 +482,8 @@ def mclaury(
         30°: **compare F with the paper before you rely on absolute numbers**.
         The speeds and sizes of its tests were not at hand, so that only the angle is checked.
     """
-    require_jax(alpha, v0)
     factor = sharpness_factor(sharpness)
-    warn_outside("McLaury", ANGLES_ALONE, alpha=alpha)
+    warn_outside("McLaury", ANGLES_ALONE, alpha=alpha, v0=v0)
     ratio = _hardness_law(alpha, v0, brinell, factor, (_MCLAURY, _MCLAURY_EXPONENT, mclaury_angle))
     return in_units(ratio, units, density, mass)
 
@@ -585,9 +579,8 @@ def arabnejad(
         sand of 150 µm. Their speeds were not at hand, so that only the angle is checked. Nor was the paper's table:
         **compare the constants with it before you rely on absolute numbers**.
     """
-    require_jax(alpha, v0)
     target, factor = of_table(ARABNEJAD_MATERIALS, material, ArabnejadMaterial), sharpness_factor(sharpness)
-    warn_outside("Arabnejad", ARABNEJAD_RANGES, alpha=alpha)
+    warn_outside("Arabnejad", ARABNEJAD_RANGES, alpha=alpha, v0=v0)
     return in_units(_arabnejad(alpha, v0, factor, target), units, target.density, mass)
 
 

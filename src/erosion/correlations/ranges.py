@@ -72,12 +72,12 @@ SHARPNESS: Mapping[str, float] = types.MappingProxyType({"sharp": 1.0, "semi-rou
 
 def sharpness_factor(sharpness: str | Values) -> Values:
     """F_s by name, or a number as it is; a ValueError for another name."""
-    if isinstance(sharpness, str):
-        if sharpness not in SHARPNESS:
-            known = ", ".join(SHARPNESS)
-            raise ValueError(f"Argument `sharpness` must be a number or one of {known}, but is {sharpness!r}.")
-        return SHARPNESS[sharpness]
-    return sharpness
+    if not isinstance(sharpness, str):
+        return sharpness
+    if sharpness not in SHARPNESS:
+        known = ", ".join(SHARPNESS)
+        raise ValueError(f"Argument `sharpness` must be a number or one of {known}, but is {sharpness!r}.")
+    return SHARPNESS[sharpness]
 
 
 class OutOfRangeWarning(UserWarning):
@@ -114,18 +114,6 @@ _MEANINGS = {"alpha": "angles", "v0": "speeds", "diameter": "diameters"}
 _ROUNDING = 1e-12
 
 
-def require_jax(*values: object) -> None:
-    """Raise where JAX cannot compute with these values; those that it traces wait for no device.
-
-    Raises:
-        PrecisionError, RuntimeError: see `require_xla`.
-    """
-    if any(isinstance(value, Tracer) for value in values):
-        require_float64()
-    else:
-        require_xla()
-
-
 def warn_outside(title: str, ranges: Mapping[str, Range], **values: Values) -> None:
     """Warn where values are outside of their range, and say by how much; values that JAX traces are not known.
 
@@ -133,7 +121,12 @@ def warn_outside(title: str, ranges: Mapping[str, Range], **values: Values) -> N
         title: of the correlation.
         ranges: by the name of the argument.
         values: by the same names.
+
+    Raises:
+        PrecisionError, RuntimeError: where JAX cannot compute with these values; those that it traces wait for no
+            device. See `require_xla`.
     """
+    (require_float64 if any(isinstance(value, Tracer) for value in values.values()) else require_xla)()
     for name, value in values.items():
         if name not in ranges or isinstance(value, Tracer) or not np.size(value):
             continue
