@@ -1,8 +1,15 @@
-"""Tables and meshes that OpenFOAM v1912 wrote, and copies of them with something wrong."""
+"""Tables and meshes that OpenFOAM v1912 wrote, copies of them with something wrong, and maps of its runs.
 
+A map by `finnie` is OpenFOAM's own field Q, which it summed while it ran. Where OpenFOAM is installed, an exported
+entry runs there.
+"""
+
+import functools
 import gzip
 import math
+import os
 import pickle
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,8 +17,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foamlib import FoamFile
+from foamlib import FoamFieldFile, FoamFile
 
+import erosion
+from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.rows import ImpactsError
 
@@ -29,6 +38,16 @@ def together(impacts, rows=1_000_000):
         for name in names
         if getattr(blocks[0], name) is not None
     }
+
+
+def faces_of(source: Path | str, **options: Any) -> np.ndarray:
+    return together(read_impacts(source, **options))["face"]
+
+
+@functools.cache
+def original(name: str) -> np.ndarray:
+    """The faces of the rows of a run as it is kept here."""
+    return faces_of(RUNS / name)
 
 
 @pytest.fixture
@@ -56,68 +75,51 @@ def test_blocks_keep_the_order_of_the_table_whatever_their_size():
     # Times of a patch increase through its windows, and the numbers of rows start again in each file.
     first = [(Path(block.source).parent.name, Path(block.source).name, block.first) for block in impacts.blocks(1000)]
     assert first == [(window, f"{patch}.post.gz", 0) for window in ("0.01", "0.02") for patch in ("floor", "hump")]
+    # One file, one window and a whole case give the same rows.
+    np.testing.assert_array_equal(faces_of(RUNS / "serial" / TABLES), whole["face"])
+    windows = [faces_of(RUNS / "serial" / TABLES / window) for window in ("0.01", "0.02")]
+    np.testing.assert_array_equal(np.concatenate(windows), whole["face"])
+    assert 0 < len(faces_of(RUNS / "serial" / TABLES / "0.01" / "hump.post.gz")) < len(windows[0])
 
 
-def test_a_case_is_found_from_within_and_has_the_name_that_was_given(run, monkeypatch):
-    monkeypatch.chdir(run.parent)
+def test_a_case_is_found_from_within_or_given(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     assert read_surface("run", "hump").title == "run: hump"
     monkeypatch.chdir(run / TABLES)
-    rows = together(read_impacts("0.01"))
-    np.testing.assert_array_equal(rows["face"], together(read_impacts(RUNS / "parallel" / TABLES / "0.01"))["face"])
-
-
-def test_a_table_apart_from_its_case_needs_the_case(run, tmp_path):
+    np.testing.assert_array_equal(faces_of("0.01"), faces_of(RUNS / "parallel" / TABLES / "0.01"))
     shutil.move(run / TABLES, tmp_path / "apart")
     with pytest.raises(ImpactsError, match="faceProcAddressing is needed of the case, which is not given"):
-        together(read_impacts(tmp_path / "apart"))
-    rows = together(read_impacts(tmp_path / "apart", case=run))
-    np.testing.assert_array_equal(rows["face"], together(read_impacts(RUNS / "parallel"))["face"])
+        faces_of(tmp_path / "apart")
+    np.testing.assert_array_equal(faces_of(tmp_path / "apart", case=run), original("parallel"))
 
 
-def test_what_the_case_says_of_the_run():
-    impacts = read_impacts(RUNS / "serial")
+def test_what_the_case_says_of_the_run(run):
+    impacts, here, copy = (read_impacts(source) for source in (RUNS / "serial", RUNS / "parallel", run))
     assert (impacts.mesh_faces, impacts.rows, impacts.warnings) == (True, None, ())
     assert impacts.duration == pytest.approx(0.02, rel=1e-15)
     assert read_impacts(RUNS / "serial", duration=3.0).duration == 3.0
     # A table can be sent to another process.
-    there = together(pickle.loads(pickle.dumps(read_impacts(RUNS / "parallel"))))
-    np.testing.assert_array_equal(there["face"], together(read_impacts(RUNS / "parallel"))["face"])
-
-
-def test_the_identity_is_of_the_rows_alone(run):
-    original, copy = read_impacts(RUNS / "parallel"), read_impacts(run)
-    assert copy.identity() == original.identity()
-    path = run / TABLES / "0.02" / "floor.post"
-    path.write_text(path.read_text().replace("2650", "2651", 1))
-    assert copy.identity() != original.identity()
-
-
-def test_one_file_one_window_and_a_whole_case_give_the_same_rows():
-    case = together(read_impacts(RUNS / "serial"))
-    folder = together(read_impacts(RUNS / "serial" / TABLES))
-    np.testing.assert_array_equal(folder["velocity"], case["velocity"])
-    windows = [together(read_impacts(RUNS / "serial" / TABLES / window)) for window in ("0.01", "0.02")]
-    np.testing.assert_array_equal(np.concatenate([rows["time"] for rows in windows]), case["time"])
-    file = together(read_impacts(RUNS / "serial" / TABLES / "0.01" / "hump.post.gz"))
-    assert 0 < len(file["time"]) < len(windows[0]["time"])
+    np.testing.assert_array_equal(together(pickle.loads(pickle.dumps(here)))["face"], original("parallel"))
+    # The identity is of the rows alone.
+    assert copy.identity() == here.identity()
+    edit(run / TABLES / "0.02" / "floor.post", ("2650", "2651"))
+    assert copy.identity() != here.identity()
 
 
 def test_a_parallel_run_that_hits_on_one_processor_alone(run):
-    whole = list(read_impacts(run).blocks(1_000_000))
+    # Left of x = 6 cm, where the mesh is cut, all is of processor 0.
+    left = original("parallel")[together(read_impacts(run))["position"][:, 0] < 0.06]
+    assert 100 < len(left) < ROWS
     for path in (run / TABLES).rglob("*.post"):
         head, *lines = path.read_text().splitlines()
         path.write_text("\n".join([head, *(line for line in lines if line.split()[1] == "0")]) + "\n")
-    rows = together(read_impacts(run))
-    # Left of x = 6 cm, where the mesh is cut, all is of processor 0.
-    left = np.concatenate([np.asarray(block.face)[np.asarray(block.position)[:, 0] < 0.06] for block in whole])
-    assert 100 < len(left) < ROWS
-    np.testing.assert_array_equal(rows["face"], left)
+    np.testing.assert_array_equal(faces_of(run), left)
 
 
 def test_a_serial_run_of_a_case_that_is_decomposed_too(run):
     for path in (RUNS / "serial" / TABLES).rglob("*.post.gz"):
         (run / TABLES / path.parent.name / path.stem).write_bytes(gzip.decompress(path.read_bytes()))
-    np.testing.assert_array_equal(together(read_impacts(run))["face"], together(read_impacts(RUNS / "serial"))["face"])
+    np.testing.assert_array_equal(faces_of(run), original("serial"))
 
 
 def test_faces_that_fit_a_serial_and_a_parallel_run_are_refused(run):
@@ -140,34 +142,26 @@ def test_names_of_other_versions(tmp_path):
         "# Time currentProc (positionx positiony positionz) d rho nParticle (Ux Uy Uz) active\n"
         "0.1\t0 (1 2 3) 1e-4 2650 20 (10 -20 30) 1\n0.2\t0  (1 2 4) 2e-4 2650 2.5 (1 2 -3) 1\n"
     )
-    (block,) = read_impacts(tmp_path).blocks(10)
-    np.testing.assert_array_equal(block.velocity, [(10, -20, 30), (1, 2, -3)])
-    np.testing.assert_array_equal(block.position, [(1, 2, 3), (1, 2, 4)])
-    np.testing.assert_array_equal(block.count, [20, 2.5])
-    np.testing.assert_allclose(block.mass, 2650 * math.pi / 6 * np.array([1e-12, 8e-12]), rtol=1e-15)
-    assert block.face is None
-    assert not read_impacts(tmp_path).mesh_faces
+    rows = together(read_impacts(tmp_path))
+    expected = {"velocity": [(10, -20, 30), (1, 2, -3)], "position": [(1, 2, 3), (1, 2, 4)], "count": [20, 2.5],
+                "mass": 2650 * math.pi / 6 * np.array([1e-12, 8e-12])}  # fmt: skip
+    for name, values in expected.items():
+        np.testing.assert_allclose(rows[name], values, rtol=1e-15)
+    assert ("face" in rows, read_impacts(tmp_path).mesh_faces) == (False, False)
 
 
-def test_surfaces_of_the_ascii_and_of_the_binary_mesh_are_the_same():
+def test_patches_of_the_ascii_and_of_the_binary_mesh():
     ascii_mesh, binary_mesh = (read_surface(RUNS / name) for name in ("serial", "parallel"))
     assert ascii_mesh.patches == binary_mesh.patches == ("floor", "hump", "roof", "sides")
-    assert ascii_mesh.mesh_face is not None
-    np.testing.assert_array_equal(ascii_mesh.mesh_face, binary_mesh.mesh_face)
+    np.testing.assert_array_equal(np.asarray(ascii_mesh.mesh_face), np.asarray(binary_mesh.mesh_face))
     np.testing.assert_array_equal(ascii_mesh.centre, binary_mesh.centre)
-
-
-def test_a_patch_has_its_faces_and_points_out_of_the_fluid():
-    hump = read_surface(RUNS / "serial", "hump")
-    assert hump.mesh_face is not None
-    np.testing.assert_array_equal(hump.mesh_face, np.arange(HUMP[0], sum(HUMP)))
+    hump, both = (read_surface(RUNS / "serial", patch) for patch in ("hump", ["hump", "floor"]))
+    np.testing.assert_array_equal(np.asarray(hump.mesh_face), np.arange(HUMP[0], sum(HUMP)))
+    np.testing.assert_array_equal(np.bincount(both.patch), [HUMP[1], FLOOR[1]])
     assert (hump.normal[:, 1] < 0).all()  # the fluid is above
     # The arc through (4, 0), (6, 1.2), (8, 0) cm has the radius (2² + 1.2²) / 2.4; twelve chords are shorter by 0.2 %.
     radius = (2**2 + 1.2**2) / 2.4
-    arc = 2 * radius * math.asin(2 / radius) * 2 * 1e-4
-    assert hump.area.sum() == pytest.approx(arc, rel=3e-3)
-    both = read_surface(RUNS / "serial", ["hump", "floor"])
-    np.testing.assert_array_equal(np.bincount(both.patch), [HUMP[1], FLOOR[1]])
+    assert hump.area.sum() == pytest.approx(2 * radius * math.asin(2 / radius) * 2 * 1e-4, rel=3e-3)
 
 
 @pytest.mark.slow
@@ -181,21 +175,15 @@ def test_the_recipe_makes_the_same_runs_again(tmp_path):
 
 
 def test_a_binary_mesh_with_labels_of_64_bits(run):
-    expected, rows = read_surface(RUNS / "parallel"), together(read_impacts(RUNS / "parallel"))
     head = 'FoamFile {{ version 2.0; format binary; arch "LSB;label=64;scalar=64"; class {}; object x; }}\n'
-
-    def labels(numbers):
-        return f"{len(numbers)}\n(".encode() + np.asarray(numbers, "<i8").tobytes() + b")\n"
-
     mesh = Path("constant") / "polyMesh"
-    faces: Any = FoamFile(run / mesh / "faces")[None]
-    starts, corners = faces
-    content = head.format("faceCompactList").encode() + labels(starts) + labels(corners)
-    (run / mesh / "faces").write_bytes(content)
-    for path in run.glob("processor*/constant/polyMesh/faceProcAddressing"):
-        path.write_bytes(head.format("labelList").encode() + labels(FoamFile(path)[None]))
-    np.testing.assert_array_equal(read_surface(run).centre, expected.centre)
-    np.testing.assert_array_equal(together(read_impacts(run))["face"], rows["face"])
+    lists: dict[Path, Any] = {path: [FoamFile(path)[None]] for path in run.glob(f"processor*/{ADDRESSING}")}
+    for path, labels in {run / mesh / "faces": FoamFile(run / mesh / "faces")[None], **lists}.items():
+        parts = [f"{len(part)}\n(".encode() + np.asarray(part, "<i8").tobytes() + b")\n" for part in labels]
+        kind = "faceCompactList" if path.name == "faces" else "labelList"
+        path.write_bytes(head.format(kind).encode() + b"".join(parts))
+    np.testing.assert_array_equal(read_surface(run).centre, read_surface(RUNS / "parallel").centre)
+    np.testing.assert_array_equal(faces_of(run), original("parallel"))
 
 
 LAST = TABLES / "0.02" / "hump.post"
@@ -399,3 +387,83 @@ def test_a_mesh_that_cannot_be_read_is_refused_by_its_file(run, name):
     (run / "constant" / "polyMesh" / name).write_bytes(b"\0\xff junk {")
     with pytest.raises(ImpactsError, match=rf"{name}: (cannot be read as a file of OpenFOAM|is no list)"):
         read_surface(run, "hump")
+
+
+# p, psi and K of case/constant/kinematicCloudProperties.
+P = erosion.TABLE_1.to("si").replace(sigma=1.5e9, psi=2.0, k=2.4, inertia=0.5)
+
+
+@pytest.mark.parametrize("name", ["serial", "parallel"])
+def test_finnie_is_what_openfoam_summed(name: str) -> None:
+    surface = read_surface(RUNS / name, patch=["hump", "floor"])
+    impacts = read_impacts(RUNS / name)
+    wear = erosion_map("finnie", P, impacts, surface)
+    (field,) = map(FoamFieldFile, (RUNS / name / "0.02").iterdir())
+    q = np.concatenate([np.asarray(field.boundary_field[patch].value) for patch in surface.patches])
+    np.testing.assert_allclose(wear["volume"], q, rtol=1e-9)
+    assert int(wear["total_impacts"]) > 400
+    assert int((wear["impacts"] > 0).sum()) > 30
+    assert not wear["left_out"].any()
+
+
+def test_one_patch_leaves_the_rows_of_others_out() -> None:
+    impacts = read_impacts(RUNS / "serial")
+    hump, both = (
+        erosion_map("finnie", P, impacts, read_surface(RUNS / "serial", patch=patch))
+        for patch in ("hump", ["hump", "floor"])
+    )
+    assert float(hump["total_volume"]) == float(both["patch_volume"].sel(patch="hump"))
+    assert int(hump["left_out"].sel(reason="elsewhere")) == int(both["total_impacts"] - hump["total_impacts"]) > 0
+
+
+def test_both_runs_have_nearly_the_same_wear() -> None:
+    # Their injections draw other random numbers.
+    totals = [
+        erosion_map("rotating", P, read_impacts(RUNS / name), read_surface(RUNS / name, patch="hump"))
+        for name in ("serial", "parallel")
+    ]
+    values = [float(wear["total_volume"]) for wear in totals]
+    errors = [float(wear["total_volume"] * wear["total_relative_error"]) for wear in totals]
+    assert abs(values[0] - values[1]) < 3 * np.hypot(errors[0], errors[1])
+
+
+SOLVER = "icoUncoupledKinematicParcelFoam"
+DIAMETER = 0.25e-3  # m
+SAND = erosion.Parameters(
+    k=2.4, psi=2.0, sigma=1.5e9, r=DIAMETER / 2, b=DIAMETER, m=2650 * np.pi / 6 * DIAMETER**3, v0=25.0, alpha=0.4,
+    inertia=0.4, units="si",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run_of_export(tmp_path_factory) -> Path:
+    """The hump with the entry for `rotating` in the place of the case's own."""
+    folder = tmp_path_factory.mktemp("run") / "case"
+    shutil.copytree(RUNS / "case", folder)
+    control = folder / "system" / "controlDict"
+    control.write_text(control.read_text().replace("FORMAT", "ascii").replace("COMPRESSION", "off"))
+    entry = erosion.to_openfoam("rotating", SAND).text().replace("(walls)", "(hump floor)")
+    cloud = folder / "constant" / "kinematicCloudProperties"
+    text, entries = re.subn(r"    erosion\s*\{.*?\}\n", lambda _: entry, cloud.read_text(), flags=re.S)
+    assert entries == 1
+    cloud.write_text(text)
+    # OpenFOAM believes PWD, and stops where that path has spaces.
+    environment = {"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ, "PWD": str(folder)}
+    for command in ("blockMesh", SOLVER):
+        subprocess.run([command], cwd=folder, env=environment, check=True, capture_output=True, timeout=120)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which(SOLVER) is None, reason="OpenFOAM is not installed")
+@pytest.mark.parametrize("patch", ["hump", "floor"])
+def test_openfoams_field_is_the_map_of_the_model(run_of_export: Path, patch: str) -> None:
+    wear = erosion_map("rotating", SAND, read_impacts(run_of_export), read_surface(run_of_export, patch=patch))
+    field = (run_of_export / "0.02" / "kinematicCloudQ").read_text()
+    numbers = re.search(rf"    {patch}\n.*?List<scalar>\s*\d+\s*\((.*?)\)", field, re.S)
+    assert numbers is not None
+    q = np.array(numbers[1].split(), float)
+    assert q.size == wear.sizes["face"]
+    assert q.sum() > 0
+    # The form is off by less than 0.4 % of the maximum from half to twice the case's speed.
+    assert np.abs(q - wear.volume.values).max() < 4e-3 * q.max()

@@ -66,9 +66,8 @@ def test_all_values_are_one_call_of_each_verb(monkeypatch):
 
 def test_it_has_its_label_and_unit(whole):
     assert whole.friction.attrs == {"long_name": "coefficient of friction", "symbol": "μ", "units": "1"}
-    assert whole.dvolume.attrs["symbol"] == "dV/dμ"
-    assert whole.dvolume.attrs["long_name"] == "derivative of the volume by μ (coefficient of friction)"
-    assert whole.dvolume.attrs["units"] == "in^3"
+    by_friction = "derivative of the volume by μ (coefficient of friction)"
+    assert whole.dvolume.attrs == {"long_name": by_friction, "symbol": "dV/dμ", "units": "in^3"}
     # Of what is an axis, the model's own value means nothing.
     assert "own_parameters" not in whole.attrs
     other = sweep(MODEL.replace(friction=0.3), P, alpha=ANGLES, **ASKED)
@@ -76,19 +75,15 @@ def test_it_has_its_label_and_unit(whole):
     np.testing.assert_array_equal(other.volume, whole.volume.sel(friction=0.3))
 
 
-def test_it_goes_together_with_a_parameter_of_the_case():
+def test_it_goes_together_with_a_parameter_of_the_case_and_has_a_best_angle():
     dataset = sweep(MODEL, P, friction=[0.1, 0.3, 0.3], alpha=ANGLES, paired=("friction", "alpha"), **ASKED)
-    assert dataset.volume.dims == ("pair",)
-    assert dataset.friction.dims == dataset.alpha.dims == ("pair",)
+    assert dataset.volume.dims == dataset.friction.dims == dataset.alpha.dims == ("pair",)
     expected = [alone(friction, alpha).volume for friction, alpha in zip((0.1, 0.3, 0.3), ANGLES, strict=True)]
     np.testing.assert_array_equal(dataset.volume, expected)
-
-
-def test_each_value_has_its_best_angle():
-    dataset = sweep(MODEL, P, friction=[0.0, 0.5], optimum=True, alpha=ANGLES, **ASKED)
-    assert dataset.alpha_max.dims == ("friction",)
+    best = sweep(MODEL, P, friction=[0.0, 0.5], optimum=True, alpha=ANGLES, **ASKED).alpha_max
+    assert best.dims == ("friction",)
     # linearized at k/(1 + μk): ½ arctan.
-    assert dataset.alpha_max.values == pytest.approx(np.arctan([2.0, 1.0]) / 2, abs=1e-9)
+    assert best.values == pytest.approx(np.arctan([2.0, 1.0]) / 2, abs=1e-9)
 
 
 def test_several_models_share_it():
@@ -116,10 +111,9 @@ def test_an_interrupted_sweep_goes_on(tmp_path, store):
     dataset = sweep(MODEL, P, store=path, **chunks, **axes)
     assert_same_bits(dataset.load(), sweep(MODEL, P, **axes))
     assert dataset.friction.attrs["symbol"] == "μ"
-    with pytest.raises(erosion.StoreError, match="of another axes"):
-        sweep(MODEL, P, store=path, **chunks, **{**axes, "friction": [0.1, 0.3]})
-    with pytest.raises(erosion.StoreError, match="of another models"):
-        sweep(MODEL.replace(friction=0.9), P, store=path, **chunks, **axes)
+    for changed, message in (({"friction": [0.1, 0.3]}, "axes"), ({"model": MODEL.replace(friction=0.9)}, "models")):
+        with pytest.raises(erosion.StoreError, match=f"of another {message}"):
+            sweep(**{"model": MODEL, "p": P, "store": path, **chunks, **axes, **changed})
 
 
 def test_a_figure_names_it(whole):

@@ -249,7 +249,8 @@ def labelled(
         )
         for name, values in {**axes, **arrays}.items()
     }
-    return xr.Dataset({name: variables[name] for name in arrays}, {name: variables[name] for name in axes}, attributes)
+    frame = xr.Dataset(coords={name: variables[name] for name in axes}, attrs=attributes)
+    return frame.assign({name: variables[name] for name in arrays})
 
 
 def to_csv(dataset: xr.Dataset) -> str:

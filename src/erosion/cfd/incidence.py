@@ -379,7 +379,8 @@ class Nearness:
             return ""
         limit = OF_WIDTH * self._surface.width if self._limit is None else self._limit
         more = " and the size of the particle and of the face's curve" if self._limit is None else ""
-        return f"{_between(self._least, self._greatest)} off it, with a limit of {limit:.3g} m{more}: {'; '.join(self._first)}"
+        off = f"{_between(self._least, self._greatest)} off it"
+        return f"{off}, with a limit of {limit:.3g} m{more}: {'; '.join(self._first)}"
 
     def _extent(self) -> float:
         """Of the impacts without strays [m]."""
